@@ -126,11 +126,11 @@ def search(
     limits, None for as many as the method takes by itself. Raises ValueError for a method that cannot search this
     objective, ImportError if its package is missing.
     """
-    from placement_env.search.methods import METHODS, search_of
+    from placement_env.search.methods import METHODS, load_search
 
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    return search_of(method)(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
+    return load_search(method)(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
 
 
 def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any]":

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from placement_env.classes import Classes
-    from placement_env.fidelity.combined.error_profiles import Errors
 
 Label = Literal["vehicle", "cyclist", "pedestrian", "heavy"]  # `toolkit.objects.LABELS`
 Combine = Literal["mean", "worst"]
@@ -63,14 +61,6 @@ def check_errors(name: str) -> None:
     find_profile(name)
 
 
-def sensor_errors(names: Sequence[str], combine: Combine) -> Errors:
-    """The error profile, or profiles, that --errors and --errors-by mean. Raise ValueError, which lists what there is,
-    where one is none."""
-    from placement_env.fidelity.combined.error_profiles import errors_of
-
-    return errors_of(tuple(names), combine)
-
-
 def counted_classes(
     names: Sequence[str], weights: Sequence[float] | None, combine: Combine, small_iou: float
 ) -> Classes:
@@ -85,12 +75,6 @@ def counted_classes(
     own = None if small_iou == SMALL_IOU else small_iou
     ious = tuple(own if name in SMALL else None for name in names)
     return Classes(tuple(names), tuple(weights or ()), combine, ious)
-
-
-def check_ray(address: str | None) -> None:
-    """Raise ImportError where a Ray cluster is asked for without Ray."""
-    if address is not None and not find_spec("ray"):
-        raise ImportError("--ray needs Ray: pip install coview[scale]")
 
 
 def sensor_set(text: str) -> list[int | str] | None:

@@ -8,6 +8,7 @@ import numpy as np
 from placement_env import (
     Estimate,
     Objective,
+    Setting,
     Visibility,
     Weights,
     exhaustive,
@@ -42,7 +43,10 @@ def main(frames: int = 6) -> None:
     candidates = paper_candidates(site)
     seen = see(simulate_traffic(site, frames, seed=0), candidates)
     middle = site.area.reshape(2, 2).mean(axis=0)
-    objective = Objective.of(candidates, SeenFromTwoSides(seen, middle), weights=Weights(price=0.02), visibility=seen)
+    objective = Objective(
+        Setting(candidates=candidates, fidelity=SeenFromTwoSides(seen, middle), weights=Weights(price=0.02)),
+        visibility=seen,
+    )
     print(exhaustive.search(objective, budget=3))
     print(greedy.search(objective, budget=3))
 

@@ -3,12 +3,13 @@
 python examples/07_pareto_front.py
 """
 
-from placement_env import Objective, exhaustive
+from placement_env import Objective, Setting, exhaustive
+from toolkit import Run
 
 
 def main(frames: int = 6) -> None:
     """Print the exact front of the six sensors' sets."""
-    objective = Objective("tjunction", frames, scheme="hybrid", fidelity="coverage")
+    objective = Objective(Setting("tjunction", scheme="hybrid", fidelity="coverage"), Run(frames=frames))
     found = exhaustive.search(objective, budget=6)
     print("price    kbit  covered  sensors")
     for score in found.front:

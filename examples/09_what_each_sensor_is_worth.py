@@ -7,6 +7,7 @@ import numpy as np
 
 from placement_env import (
     Objective,
+    Setting,
     estimate_worth,
     exact_worth,
     failures,
@@ -19,7 +20,7 @@ from placement_env import (
 
 def main(site: str = "tjunction") -> None:
     """A built-in site's own sensors with early fusion, by the AP that its detector reached with every set of them."""
-    objective = Objective(site, scheme="early", fidelity="table")
+    objective = Objective(Setting(site, scheme="early", fidelity="table"))
     names, sensors = objective.names, len(objective.candidates)
     everything = np.ones(sensors, bool)
 

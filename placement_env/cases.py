@@ -279,10 +279,10 @@ def _parse_range(text: str) -> tuple[float, ...]:
     return tuple(np.round(np.arange(ends[0], ends[1] + COCO_STEP / 2, COCO_STEP), 2).tolist())
 
 
-def describe_iou(iou: IoUs) -> str:
+def iou_text(iou: IoUs) -> str:
     """Words for a threshold, or several.
 
-    >>> describe_iou(0.7), describe_iou((0.5, 0.55, 0.6))
+    >>> iou_text(0.7), iou_text((0.5, 0.55, 0.6))
     ('0.7', '0.5 to 0.6 (mean of 3 thresholds)')
     """
     if isinstance(iou, float | int):

@@ -8,45 +8,33 @@ the set costs no more than the money there is. Its price is that of its mounts a
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from placement_env.candidates.candidates import extra_prices, fit_together, room_beside
-from placement_env.checks import check_whole
-from placement_env.classes import VEHICLES, Classes, classes_of
-from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of
-from placement_env.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
+from placement_env.cases import USUAL_CASES
+from placement_env.classes import VEHICLES, Classes
+from placement_env.protocol import ByClass, ByFrames, Estimate
 from placement_env.racing import Race, race
-from placement_env.setting import AP_ONLY, Weights
+from placement_env.setting import Setting, Weights
 from placement_env.subsets import index_of
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin, settings_origin
-from toolkit.detection.scheme import Scheme, scheme_codec
-from toolkit.detection.schemes import find_scheme
-from toolkit.objects import Detector
-from toolkit.sensors.error_profiles import PAPER_ERRORS
-from toolkit.sites.files import load_site
+from toolkit.detection.scheme import scheme_codec
+from toolkit.runtime.run import Run
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
-    from placement_env.fidelity.combined.prepared import Counting
-    from placement_env.fidelity.combined.robust import Failing
-    from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.fidelity.preparation import Preparation
     from placement_env.fidelity.visibility import Visibility
-    from placement_env.setting import Rendering
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
-Stages = Callable[[str, int, int | None], None]  # called with a stage, how many are done and of how many
 ROUNDING = 1e-9  # share of a price by which a sum of prices may exceed it
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
@@ -82,144 +70,78 @@ class Scores(NamedTuple):
 
 
 class Objective:
-    """Scores sets of candidate sensors at a site.
+    """Scores sets of candidate sensors for a setting, computed as a run says.
 
-    site: a site or its name; frames: of traffic, drawn from `seed`; scheme: how sensors fuse, an object or a name;
-    codec: of what they send; fidelity: how a set is scored, see `placement_env.protocol`; candidates: None for
-    the site's own sensors, "pool" for its pool, the candidates themselves, or a function that makes them of a site;
-    progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of how many (None: not
-    known); detector: of fidelity "detector", None for the shipped network; iou: at which a detection counts, or
-    several, whose mean AP does; failing: sensors that fail, what is left of a set counts; levels: of traffic, whose
-    worst AP counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
-    processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
-    errors: of the sensors, a profile or its name, or several, whose worst AP counts, known to fidelity "detector"
-    alone; classes: of road users that count, `placement_env.classes.Classes` or names; surrogate, table: files for
-    these fidelities, None for the shipped ones; rendering: how what candidates see is found out, as of `see`.
-
-    `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
+    setting: what is asked, or just a site or its name; run: how it is computed; visibility: what the candidates see,
+    for a setting with a fidelity of one's own: without it each is scored alone to know what it sends. Raises ValueError
+    where the fidelity cannot score the setting so.
     """
 
-    _progress: Stages | None = None  # of one made from parts, as is
-    counting: Counting | None = None
-
     def __init__(
-        self,
-        site: Site | str,
-        frames: int = 200,
-        scheme: Scheme | str = "early",
-        fidelity: FidelityName = "surrogate",
-        weights: Weights = AP_ONLY,
-        *,
-        candidates: Candidates | Literal["pool"] | Callable[[Site], Candidates] | None = None,
-        detector: Detector | None = None,
-        codec: Codec = PAPER,
-        iou: float | Sequence[float] = 0.7,
-        failing: Failing | int = 0,
-        levels: TrafficLevels | int = 1,
-        seed: int = 0,
-        cache: str | Path | None = None,
-        workers: int = 1,
-        ray: str | None = None,
-        progress: Stages | None = None,
-        most_price: float = math.inf,
-        errors: AskedErrors = PAPER_ERRORS,
-        classes: Classes | Iterable[str] = VEHICLES,
-        surrogate: str | Path | None = None,
-        table: str | Path | None = None,
-        rendering: Rendering = "auto",
+        self, setting: Setting | Site | str, run: Run = Run(), *, visibility: Visibility | None = None
     ) -> None:
-        from placement_env.fidelity.combined.prepared import Counting
-        from placement_env.fidelity.preparation import Preparation, check_errors_for, site_candidates
+        self.setting = setting if isinstance(setting, Setting) else Setting(setting)
+        self.run, self.visibility, self._scored = run, visibility, 0
+        self.preparation: Preparation | None = None
+        if isinstance(self.setting.fidelity, str):
+            from placement_env.fidelity.preparation import Preparation
 
-        check_fidelity(fidelity)
-        check_errors_for(errors_of(errors), fidelity)
-        check_whole("frames", frames, least=1)
-        self.counting = Counting.of(iou, failing, levels)
-        site = load_site(site) if isinstance(site, str) else site
-        preparation = Preparation(
-            site=site,
-            candidates=site_candidates(site, candidates),
-            frames=frames,
-            scheme=find_scheme(scheme),
-            iou=self.counting.ious[0],
-            seed=seed,
-            codec=check_codec(codec),
-            cache=cache,
-            workers=workers,
-            ray=ray,
-            detector=detector,
-            errors=errors_of(errors),
-            classes=classes_of(classes),
-            surrogate=surrogate,
-            table=table,
-            rendering=rendering,
-        )
-        self.counting.check(preparation, fidelity)
-        visibility = None if fidelity == "table" else preparation.look(progress)
-        scored_by = self.counting.fidelity(preparation, fidelity)
-        self._progress = progress
-        self._hold(preparation.candidates, scored_by, weights, preparation.scheme, codec, most_price=most_price)
-        self._know(site, visibility, preparation)
+            self.preparation = Preparation(self.setting, run)
+            self.preparation.check()
+            if self.setting.fidelity != "table":
+                self.visibility = self.preparation.visibility
+            self.scored_by = self.preparation.fidelity()
+        else:
+            self.scored_by = self.setting.fidelity
+        self.candidates, self.scheme = self.setting.pool, self.setting.fusion
+        self.codec = scheme_codec(self.scheme, self.setting.codec)
+        self.classes: Classes = getattr(self.scored_by, "classes", VEHICLES)
+        several = len(self.classes.names) if isinstance(self.scored_by, ByClass) else 1
+        self._width = 3 if several == 1 else 3 + several
+        self._known = self._forgotten()
 
     @classmethod
-    def of(
-        cls,
-        candidates: Candidates,
-        fidelity: Fidelity,
-        scheme: Scheme | str = "early",
-        weights: Weights = AP_ONLY,
-        *,
-        site: Site | None = None,
-        visibility: Visibility | None = None,
-        codec: Codec = PAPER,
-        most_price: float = math.inf,
+    def of_moved(
+        cls, preparation: Preparation, candidates: Candidates, visibility: Visibility, weights: Weights
     ) -> Objective:
-        """From parts. visibility: of the candidates, says what each sends; without it each is scored alone for that.
-        scheme and codec: those by which `fidelity` scores."""
-        objective = cls.__new__(cls)
-        objective._hold(candidates, fidelity, weights, find_scheme(scheme), check_codec(codec), most_price=most_price)
-        objective._know(site, visibility, None)
-        return objective
-
-    def _hold(
-        self,
-        candidates: Candidates,
-        scored_by: Fidelity,
-        weights: Weights,
-        scheme: Scheme,
-        codec: Codec,
-        *,
-        most_price: float,
-    ) -> None:
-        if not most_price >= 0:
-            raise ValueError(f"most_price must be 0 or more, got {most_price}: leave it out for any price")
-        self.most_price = float(most_price)
-        self.candidates, self.scored_by, self.weights = candidates, scored_by, weights
-        self.scheme, self.codec, self._scored = scheme, scheme_codec(scheme, codec), 0
-        self.classes: Classes = getattr(scored_by, "classes", VEHICLES)
-        several = len(self.classes.names) if isinstance(scored_by, ByClass) else 1
-        self._width = 3 if several == 1 else 3 + several
-        self._known = self._of_none()
-
-    def _know(self, site: Site | None, visibility: Visibility | None, preparation: Preparation | None) -> None:
-        self.site, self.visibility, self.preparation = site, visibility, preparation
+        """Objective of other candidates in a preparation's traffic, of which it is known what they see."""
+        fidelity = preparation.at(candidates, visibility).fidelity()
+        setting = replace(preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights)
+        return cls(setting, preparation.run, visibility=visibility)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_known": self._of_none(), "_progress": None}
+        return {**self.__dict__, "_known": self._forgotten()}
+
+    @property
+    def site(self) -> Site | None:
+        """The site, None where candidates alone are known."""
+        return self.setting.site if isinstance(self.setting.site, Site) else None
+
+    @property
+    def weights(self) -> Weights:
+        """Costs in the reward."""
+        return self.setting.weights
+
+    @property
+    def most_price(self) -> float:
+        """Most that a set may cost."""
+        return self.setting.most_price
 
     def weighed(self, weights: Weights, *, most_price: float | None = None) -> Objective:
-        """The same objective with other weights, and another most price where one is given; it has its own memory."""
+        """Same objective with other weights, and another `most_price` where given; it has a memory of its own."""
         other = copy(self)
-        other.most_price = self.most_price if most_price is None else float(most_price)
-        other.weights, other._known, other._scored = weights, dict(self._known), 0
+        most = self.most_price if most_price is None else most_price
+        other.setting = replace(self.setting, weights=weights, most_price=most)
+        vars(other.setting)["pool"] = self.candidates
+        other._known, other._scored = dict(self._known), 0
         return other
 
     def forget(self) -> None:
-        """Empty the memory of sets that were scored."""
-        self._known = self._of_none()
+        """Empty the memory of scored sets."""
+        self._known = self._forgotten()
 
-    def _of_none(self) -> dict[bytes, tuple[float, ...]]:
-        """ap, recall, kbit and, of several classes, the AP of each, of the empty set, under its bits."""
+    def _forgotten(self) -> dict[bytes, tuple[float, ...]]:
+        """Memory of the empty set alone: AP, recall, kbit and, of several classes, the AP of each, under its bits."""
         return {bytes(-(-len(self.candidates) // 8)): (0.0,) * self._width}
 
     @property
@@ -229,17 +151,18 @@ class Objective:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Where its scores come from: site, candidates, traffic, fidelity, detector, scheme, codec, version."""
-        made = self.preparation
+        """Origin of its scores: site, candidates, traffic, fidelity, detector, scheme, codec and version."""
+        made, cases = self.preparation, self.setting.cases
         site = {} if self.site is None else {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
-        traffic = {} if made is None else {"frames": made.frames, "seed": made.seed}
-        errors = {} if made is None else {"errors": made.errors.origin}
+        traffic = {} if made is None else {"frames": made.frames, "seed": self.run.seed}
+        counted = {} if made is None and cases == USUAL_CASES else cases.origin
+        errors = {} if made is None else {"errors": cases.errors_origin}
         detector = getattr(self.scored_by, "detector", None)
         return settings_origin(
             self.codec,
             **site,
             **traffic,
-            **({} if self.counting is None else self.counting.origin),
+            **counted,
             **errors,
             candidates=self.candidates.digest(),
             scheme=self.scheme.digest,
@@ -382,5 +305,5 @@ class Objective:
     def _tell(self, scored: int) -> None:
         """Count sets that were scored now, on some frames or all."""
         self._scored += scored
-        if self._progress:
-            self._progress("sets scored", self._scored, None)
+        if self.run.progress:
+            self.run.progress("sets scored", self._scored, None)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
@@ -127,3 +127,14 @@ class Setting:
     def counted(self) -> Classes:
         """The classes that count."""
         return classes_of(self.classes)
+
+    def scored_with(self, fidelity: FidelityName) -> Setting:
+        """Same question for another fidelity, without files and errors that it does not know."""
+        cases = self.cases if fidelity == "detector" else replace(self.cases, errors=USUAL_CASES.errors)
+        return replace(
+            self,
+            fidelity=fidelity,
+            cases=cases,
+            surrogate=self.surrogate if fidelity == "surrogate" else None,
+            table=self.table if fidelity == "table" else None,
+        )

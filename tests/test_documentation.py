@@ -118,7 +118,7 @@ def lookup(dotted):
     parts = dotted.split(".")
     for cut in range(len(parts), 0, -1):
         try:
-            found = import_module(".".join(parts[:cut]))
+            found: object = import_module(".".join(parts[:cut]))
         except ModuleNotFoundError:
             continue
         for part in parts[cut:]:

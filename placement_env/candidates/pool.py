@@ -259,3 +259,12 @@ def _format(values: np.ndarray, decimals: int) -> list[str]:
     """Different numbers with the fewest decimals that tell them apart."""
     texts = [f"{value:.{decimals}f}" for value in values]
     return texts if len(set(texts)) == len(texts) or decimals > 15 else _format(values, decimals + 1)
+
+
+def with_terms(candidates: Candidates, pole_price: float, capacity: float | None) -> Candidates:
+    """Same candidates on mounts with prices in a currency and links of one capacity (None: their own)."""
+    mounts = tuple(
+        replace(mount, price=mount.price * pole_price, capacity=mount.capacity if capacity is None else capacity)
+        for mount in candidates.mounts
+    )
+    return replace(candidates, mounts=mounts)

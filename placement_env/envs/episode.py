@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,9 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_range
 from placement_env.envs.config import ChoosingConfig, EnvConfig
 from placement_env.envs.scenario import Scenario
-from placement_env.fidelity.preparation import check_fidelity_for, site_candidates
+from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
+from placement_env.setting import Setting
 from toolkit.arrays import Bool
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import find_scheme
@@ -49,7 +50,7 @@ class Sites:
     """The sites of an environment and their candidates: one or several of these and their names, of
     which one is drawn for each episode, and those that options name later."""
 
-    def __init__(self, site: Any, candidates: Any) -> None:
+    def __init__(self, site: Any, candidates: Candidates | Setting) -> None:
         several = isinstance(site, Sequence) and not isinstance(site, str)
         self._given: list[Any] = list(site) if several else [site]
         self._known = [_loaded(each) for each in self._given]
@@ -79,7 +80,9 @@ class Sites:
     def candidates(self, index: int) -> Candidates:
         """Those of a site."""
         if index not in self._candidates:
-            self._candidates[index] = site_candidates(self[index], self._asked)
+            asked = self._asked
+            known = asked if isinstance(asked, Candidates) else replace(asked, site=self[index]).pool
+            self._candidates[index] = known
         return self._candidates[index]
 
 
@@ -99,7 +102,7 @@ class Scenarios:
 
     def __init__(self, config: ChoosingConfig) -> None:
         self.config, objective = config, config.objective
-        self.sites = Sites(config.site, objective.candidates if objective else config.candidates)
+        self.sites = Sites(config.site, objective.candidates if objective else config.setting)
         whole = [self.sites.candidates(index) for index in range(len(self.sites))]
         self.slots = max(map(len, whole)) if config.slots is None else config.slots
         self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
@@ -135,25 +138,15 @@ class Scenarios:
         return self._made[key]
 
     def _objective(self, conditions: Conditions) -> Objective:
-        config = self.config
-        return Objective(
-            self.sites[conditions.site], config.frames, conditions.scheme, config.fidelity, config.weights,
-            candidates=self.sites.candidates(conditions.site), detector=config.detector, codec=config.codec,
-            iou=config.iou, seed=config.seed, cache=config.cache, workers=config.workers, ray=config.ray,
-            classes=config.counted, surrogate=config.surrogate, table=config.table,
-            rendering=config.rendering,
-        )  # fmt: skip
+        site, candidates = self.sites[conditions.site], self.sites.candidates(conditions.site)
+        return Objective(self.config.setting_at(site, candidates, conditions.scheme), self.config.run)
 
 
 def check_scored(config: EnvConfig, sites: Sites) -> None:
-    """Raises ValueError where no table, surrogate or detector scores the candidates of a site as asked."""
-    files = {"surrogate": config.surrogate, "table": getattr(config, "table", None)}
+    """Raise ValueError where no table, surrogate or detector scores the candidates of a site as asked."""
     for index in range(len(sites)):
         for scheme in config.schemes:
-            check_fidelity_for(
-                sites[index], sites.candidates(index), scheme, config.fidelity, iou=config.iou,
-                classes=config.counted, detector=config.detector, **files,
-            )  # fmt: skip
+            Preparation(config.setting_at(sites[index], sites.candidates(index), scheme)).check()
 
 
 def draw_conditions(

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box, Space
 
 from placement_env.candidates.candidates import Axes, Candidates, aim_sensor
-from placement_env.envs.config import PoseConfig, gathered
+from placement_env.envs.config import PoseConfig, build_config
 from placement_env.envs.env import PlacementEnv, observation_space
 from placement_env.envs.episode import Conditions, Episode, Sites, check_options, check_scored, draw_conditions
 from placement_env.envs.scenario import Scenario, poses
@@ -79,7 +79,7 @@ class PoseScenarios:
     no surrogate for it."""
 
     def __init__(self, config: PoseConfig) -> None:
-        self.config, self.sites = config, Sites(config.site, config.candidates)
+        self.config, self.sites = config, Sites(config.site, config.setting)
         needed = config.budgets[1] + config.failure_counts[1]
         for index in range(len(self.sites)):
             mounts = len(np.unique(self.sites.candidates(index).mount))
@@ -122,22 +122,15 @@ class PoseScenarios:
         if before is not None:
             still, visibility = (rig.aim == before[0].aim).all(axis=1), before[1]
         seen = see_moved(preparation, candidates, visibility, still)
-        here = preparation.at(candidates, seen)
-        objective = Objective.of(
-            candidates, here.fidelity(self.config.fidelity), here.scheme, self.config.weights,
-            site=here.site, visibility=seen, codec=here.codec,
-        )  # fmt: skip
+        objective = Objective.of_moved(preparation, candidates, seen, self.config.setting.weights)
         return Scenario(objective, self.config.budgets[1])
 
     def _preparation(self, conditions: Conditions) -> Preparation:
-        key, config = (conditions.site, conditions.scheme.digest), self.config
+        key = conditions.site, conditions.scheme.digest
         if key not in self._made:
-            self._made[key] = Preparation(
-                site=self.sites[conditions.site], candidates=self.sites.candidates(conditions.site),
-                frames=config.frames, scheme=conditions.scheme, iou=config.iou, seed=config.seed, codec=config.codec,
-                cache=config.cache, workers=1, ray=None, detector=config.detector, classes=config.counted,
-                surrogate=config.surrogate, rendering=config.rendering,
-            )  # fmt: skip
+            site, candidates = self.sites[conditions.site], self.sites.candidates(conditions.site)
+            setting = self.config.setting_at(site, candidates, conditions.scheme)
+            self._made[key] = Preparation(setting, replace(self.config.run, workers=1, ray=None))
         return self._made[key]
 
 
@@ -253,7 +246,7 @@ class SensorPoseEnv(PlacementEnv):
     """
 
     def __init__(self, config: PoseConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(PoseTask(1, PoseScenarios(gathered(PoseConfig, config, settings))), render_mode)
+        super().__init__(PoseTask(1, PoseScenarios(build_config(PoseConfig, config, settings))), render_mode)
 
 
 def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete, Space
 
-from placement_env.envs.config import SelectConfig, gathered
+from placement_env.envs.config import SelectConfig, build_config
 from placement_env.envs.env import PlacementEnv, observation_space
 from placement_env.envs.episode import Episode, Scenarios
 from placement_env.envs.scenario import Scenario
@@ -145,4 +145,4 @@ class SensorSelectEnv(PlacementEnv):
     """
 
     def __init__(self, config: SelectConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(SelectTask(1, Scenarios(gathered(SelectConfig, config, settings))), render_mode)
+        super().__init__(SelectTask(1, Scenarios(build_config(SelectConfig, config, settings))), render_mode)

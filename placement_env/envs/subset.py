@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import MultiBinary, Space
 
-from placement_env.envs.config import SubsetConfig, gathered
+from placement_env.envs.config import SubsetConfig, build_config
 from placement_env.envs.env import PlacementEnv, observation_space
 from placement_env.envs.episode import Episode, Scenarios
 from placement_env.envs.state import State
@@ -83,4 +83,4 @@ class SensorSubsetEnv(PlacementEnv):
     """
 
     def __init__(self, config: SubsetConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(SubsetTask(1, Scenarios(gathered(SubsetConfig, config, settings))), render_mode)
+        super().__init__(SubsetTask(1, Scenarios(build_config(SubsetConfig, config, settings))), render_mode)

@@ -14,7 +14,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from placement_env.envs.config import PoseConfig, SelectConfig, SubsetConfig, gathered
+from placement_env.envs.config import PoseConfig, SelectConfig, SubsetConfig, build_config
 from placement_env.envs.env import (
     RENDER_MODES,
     PlacementEnv,
@@ -115,7 +115,7 @@ class SensorSelectVectorEnv(PlacementVectorEnv):
         render_mode: str | None = None,
         **settings: Any,
     ) -> None:
-        super().__init__(SelectTask(num_envs, Scenarios(gathered(SelectConfig, config, settings))), render_mode)
+        super().__init__(SelectTask(num_envs, Scenarios(build_config(SelectConfig, config, settings))), render_mode)
 
 
 class SensorSubsetVectorEnv(PlacementVectorEnv):
@@ -129,7 +129,7 @@ class SensorSubsetVectorEnv(PlacementVectorEnv):
         render_mode: str | None = None,
         **settings: Any,
     ) -> None:
-        super().__init__(SubsetTask(num_envs, Scenarios(gathered(SubsetConfig, config, settings))), render_mode)
+        super().__init__(SubsetTask(num_envs, Scenarios(build_config(SubsetConfig, config, settings))), render_mode)
 
 
 class SensorPoseVectorEnv(PlacementVectorEnv):
@@ -138,7 +138,7 @@ class SensorPoseVectorEnv(PlacementVectorEnv):
     def __init__(
         self, num_envs: int = 1, config: PoseConfig | None = None, *, render_mode: str | None = None, **settings: Any
     ) -> None:
-        super().__init__(PoseTask(num_envs, PoseScenarios(gathered(PoseConfig, config, settings))), render_mode)
+        super().__init__(PoseTask(num_envs, PoseScenarios(build_config(PoseConfig, config, settings))), render_mode)
 
 
 def _batched(info: dict[str, Any], rows: np.ndarray) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 from placement_env.fidelity.occlusion import Seen
 from toolkit.runtime.cache import Cache
-from toolkit.runtime.parallel import spread
+from toolkit.runtime.run import Run
 
 Block = tuple[int, int]  # the first of it, and the first after it
 
@@ -26,20 +26,16 @@ class BlockView(Protocol):
         ...
 
 
-def seen_in_blocks(
-    look: BlockView,
-    blocks: Sequence[Block],
-    *,
-    workers: int,
-    ray: str | None,
-    progress: Callable[[int], None] | None,
-    cache: Cache | None,
+def see_blocks(
+    look: BlockView, blocks: Sequence[Block], run: Run, progress: Callable[[int], None] | None = None
 ) -> list[Seen]:
-    """What is seen of each block, kept in the cache by an earlier call or looked at now; workers, ray: see
-    `toolkit.runtime.parallel.spread`; progress: called with where a block ends when it is done."""
-    job = _Job(look, cache)
+    """What is seen of each block, kept in the run's cache by an earlier call or looked at now.
+
+    progress: called with the end of each block that is done.
+    """
+    job = _Job(look, run.memo)
     kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
-    made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
+    made = run.map(job, [block for block in blocks if block not in kept])
     seen = []
     for block in blocks:
         seen.append(kept[block] if block in kept else next(made))

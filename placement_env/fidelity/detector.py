@@ -24,7 +24,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from toolkit.detection.view import Cloud
 from toolkit.objects import LABELS, Detections, Detector, check_known
 from toolkit.runtime.cache import Arrays, Cache, make_key
 from toolkit.runtime.code_digest import code_digest
-from toolkit.runtime.parallel import spread
+from toolkit.runtime.run import Processes
 
 IOUS = (0.7, 0.8, 0.9)
 FALSE_ALARM, IGNORED = -1, -2
@@ -81,7 +81,7 @@ class Detected:
 
     scheme: how sets fuse, an object or a name; codec: of what is sent; iou: at which a detection counts; memo: where
     detections and outcomes are kept, or the path of its file, None for this object's memory; frames: only the first so
-    many; workers, ray: where frames are worked on, see `toolkit.runtime.parallel.spread`; the figures are the same;
+    many; processes: that work on the frames, to the same figures;
     classes: of the objects that count, several combined. Raises ValueError where these do not fit, for a class that the
     detector does not know, and for a detector without `digest` with a memo that others share.
     """
@@ -98,8 +98,7 @@ class Detected:
         iou: float = 0.7,
         memo: Cache | str | Path | None = None,
         frames: int | None = None,
-        workers: int = 1,
-        ray: str | None = None,
+        processes: Processes = Processes(),
         classes: Classes = VEHICLES,
     ) -> None:
         check_iou(iou)
@@ -108,7 +107,7 @@ class Detected:
         self.renders, self.detector, self.iou = renders, detector, iou
         self.scheme, self.codec = find_scheme(scheme), check_codec(codec)
         self.frames = len(_indices(renders.frames, frames))
-        self.workers, self.ray = workers, ray
+        self.processes = processes
         self.ious = tuple(sorted({*IOUS, iou}))
         self._scored: dict[int, np.ndarray] = {}
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
@@ -199,9 +198,11 @@ class Detected:
         }
         missing = {place: [chosen for chosen in sets if kept[chosen][place] is None] for place in range(len(frames))}
         tasks = [(place, frames[place], lacking) for place, lacking in missing.items() if lacking]
-        work = spread(_Scoring(self), tasks, workers=self.workers, ray=self.ray, progress=progress)
+        work = self.processes.map(_Scoring(self), tasks, progress=progress)
         for (place, k, lacking), (found, detections) in zip(tasks, work, strict=True):
-            self.memo.put(detections | {self._outcome_key(c, k): o for c, o in zip(lacking, found, strict=True)})
+            self.memo.put(
+                detections | {self._outcome_key(c, k): cast(Arrays, o) for c, o in zip(lacking, found, strict=True)}
+            )
             for chosen, outcome in zip(lacking, found, strict=True):
                 kept[chosen][place] = outcome
         return {chosen: [Outcome(*arrays) for arrays in row] for chosen, row in kept.items()}
@@ -282,7 +283,7 @@ class _Scoring:
     rules: Detected
 
     def __call__(self, task: tuple[int, int, list[tuple[int, ...]]]) -> tuple[list[Outcome], dict[bytes, Arrays]]:
-        if (self.rules.workers > 1 or self.rules.ray) and "torch" in sys.modules:
+        if not self.rules.processes.alone and "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)  # a process is given to each core already
         _, k, sets = task
         frame = self.rules.frame(k)

@@ -1,270 +1,276 @@
-"""A fidelity by its name: traffic, what each candidate sees of it, renders and detector, prepared when first needed."""
+"""`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
-from placement_env.checks import check_iou
+import numpy as np
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.cases import Cases
 from placement_env.classes import VEHICLES, Classes
-from placement_env.fidelity.combined.error_profiles import Errors, over_profiles, profiles_in, several
-from placement_env.protocol import Fidelity, check_fidelity
-from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, surrogate_name
-from toolkit.detection.schemes import SCHEMES, find_scheme
-from toolkit.objects import Detector, check_known
-from toolkit.sensors.error_profiles import PAPER_ERRORS, only_own_noise
+from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
+from placement_env.fidelity.traffic import FRAMES, scored
+from placement_env.protocol import Fidelity, FidelityName
+from placement_env.setting import Setting
+from toolkit.arrays import Int64
+from toolkit.detection.scheme import surrogate_name
+from toolkit.detection.schemes import SCHEMES
+from toolkit.objects import LABELS, Detector, check_known
+from toolkit.runtime.run import Run
+from toolkit.sensors.error_profiles import ErrorProfile
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
-    from placement_env.candidates.candidates import Candidates
+    from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.hits.hit_model import HitModel
     from placement_env.fidelity.panorama.live import LiveView
     from placement_env.fidelity.traffic import Traffic
     from placement_env.fidelity.visibility import Visibility
-    from placement_env.setting import Rendering
-    from toolkit.runtime.cache import Cache
-
 
 GENERAL = "general"  # the network that no site has trained
 KEPT_DETECTORS = 4  # sites whose shipped detector is held in memory
-KEPT_WITH = ("traffic", "disk_cache", "visibility", "network")  # whatever the IoU threshold and the errors
+BY_LEVELS = ("coverage", "surrogate")  # fidelities that know levels of traffic
 
 
-def site_candidates(
-    site: Site, candidates: Candidates | Literal["pool"] | Callable[[Site], Candidates] | None
-) -> Candidates:
-    """The candidates themselves, the site's pool, what a function makes of the site, or for None its own sensors."""
-    from placement_env.candidates.pool import paper_candidates, pool
-
-    if candidates is None:
-        return paper_candidates(site)
-    if isinstance(candidates, str):
-        if candidates != "pool":
-            raise ValueError(f"candidates must be 'pool', None for the site's own, or Candidates, got {candidates!r}")
-        return pool(site)
-    return candidates(site) if callable(candidates) else candidates
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Preparation:
-    """What the fidelities of one objective are made from; its arguments are those of `Objective`."""
+    """What the fidelities of a setting are made from."""
 
-    site: Site
-    candidates: Candidates
-    frames: int
-    scheme: Scheme
-    iou: float = 0.7
-    seed: int = 0
-    codec: Codec = PAPER
-    cache: str | Path | None = None
-    workers: int = 1
-    ray: str | None = None
-    detector: Detector | None = None
-    errors: Errors = PAPER_ERRORS
-    classes: Classes = VEHICLES
-    surrogate: str | Path | None = None
-    table: str | Path | None = None
-    rendering: Rendering = "auto"
+    setting: Setting
+    run: Run = Run()
+
+    @property
+    def site(self) -> Site:
+        """The site."""
+        return self.setting.place
+
+    @property
+    def candidates(self) -> Candidates:
+        """The candidates."""
+        return self.setting.pool
+
+    @property
+    def classes(self) -> Classes:
+        """Classes that count."""
+        return self.setting.counted
+
+    @property
+    def frames(self) -> int:
+        """Number of frames of traffic."""
+        return self.run.frames_or(FRAMES)
 
     @cached_property
     def traffic(self) -> Traffic:
-        """The frames."""
+        """Simulated frames."""
         from placement_env.fidelity.traffic import simulate_traffic
 
-        return simulate_traffic(self.site, self.frames, self.seed)
+        return simulate_traffic(self.site, self.frames, self.run.seed)
+
+    def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
+        """Frames of each level of traffic, by the number of road users of any class in the site's area."""
+        there = [scored(each.objects, self.site, range(len(LABELS))).sum() for each in self.traffic.snapshots]
+        return Cases(levels=levels).split(np.array(there, np.int64))
 
     @cached_property
-    def disk_cache(self) -> Cache | None:
-        """What was seen, rendered and detected before: one file in the folder `cache`."""
-        from toolkit.runtime.cache import Cache
+    def levels(self) -> tuple[Int64[np.ndarray, " _"], ...]:
+        """Frames of each level that the setting asks for; none where traffic is undivided."""
+        count = self.setting.cases.levels
+        return self.split(count) if count > 1 else ()
 
-        return None if self.cache is None else Cache(Path(self.cache) / "cache.sqlite")
-
-    @property
+    @cached_property
     def visibility(self) -> Visibility:
         """What each candidate sees."""
-        return self.look()
-
-    def look(self, progress: Callable[[str, int, int | None], None] | None = None) -> Visibility:
-        """What each candidate sees, rendered the first time; progress: called with "poses rendered", done, total."""
         from placement_env.fidelity.visibility import see
 
-        if "visibility" not in vars(self):
-            total = len(self.candidates)
-            report = None if progress is None else lambda done: progress("poses rendered", done, total)
-            seen = see(
-                self.traffic,
-                self.candidates,
-                labels=self.classes.labels,
-                workers=self.workers,
-                ray=self.ray,
-                cache=self.disk_cache,
-                progress=report,
-                rendering=self.rendering,
-            )
-            vars(self)["visibility"] = seen
-        return vars(self)["visibility"]
+        return see(
+            self.traffic,
+            self.candidates,
+            labels=self.classes.labels,
+            run=self.run,
+            rendering=self.setting.rendering,
+        )
 
     @cached_property
     def live(self) -> LiveView | None:
-        """What sensors on the candidates' mounts see as they move, None where that is rendered in full: as
-        `rendering` says, and where the range of a candidate ends within the site."""
+        """View of sensors as they move, from panoramas of the mounts; None where rays must be cast.
+
+        That is where the setting's `rendering` says so, or the range of a candidate ends within the site.
+        """
         from placement_env.fidelity.panorama.live import LiveView
         from placement_env.fidelity.panorama.panoramas import far_sighted, worthwhile
 
-        sensors = self.candidates.sensors
-        quick = self.rendering == "panorama" or (self.rendering == "auto" and worthwhile(sensors))
+        sensors, rendering = self.candidates.sensors, self.setting.rendering
+        quick = rendering == "panorama" or (rendering == "auto" and worthwhile(sensors))
         if not (quick and far_sighted(sensors, self.traffic).all()):
             return None
-        return LiveView(self.traffic, self.classes.labels, self.disk_cache)
+        return LiveView(self.traffic, self.classes.labels, self.run.memo)
 
     @cached_property
     def network(self) -> str:
-        """Which shipped network, or surrogate of it, scores the candidates."""
+        """Name of the shipped network, or of its surrogate, that scores the candidates."""
         return network_for(self.site, self.candidates.sensors)
 
     @cached_property
-    def _hit_models(self) -> list[HitModel]:
-        """Those of the surrogate, one of each class, once they have been asked for."""
-        return []
+    def detector(self) -> Detector:
+        """The setting's detector, or the shipped one."""
+        return self.setting.detector or shipped_detector(self.network, self.site)
 
-    @property
-    def hit_models(self) -> list[HitModel]:
-        """Those of the surrogate, one of each class, read once for all preparations made by `at`."""
-        if not self._hit_models:
-            settings: dict[str, Any] = {"classes": self.classes, "path": self.surrogate}
-            self._hit_models.extend(surrogate_models(self.scheme, self.iou, self.network, **settings))
-        return self._hit_models
+    @cached_property
+    def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:
+        return {}
 
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
-        """The same traffic and network for other candidates, of which it is known what they see: scores of sensors that
-        were moved compare with those of where they were."""
-        there = replace(self, candidates=candidates)
+        """Same traffic and network for other candidates, of which it is known what they see.
+
+        Scores of sensors that were moved compare with those of where they were.
+        """
+        there = replace(self, setting=replace(self.setting, candidates=candidates))
         vars(there).update(
             traffic=self.traffic, network=self.network, visibility=visibility, _hit_models=self._hit_models
         )
         return there
 
-    def changed(self, **settings: Any) -> Preparation:
-        """The same with another IoU threshold, or other errors; what was seen is seen once."""
-        other = replace(self, **settings)
-        vars(other).update({name: vars(self)[name] for name in KEPT_WITH if name in vars(self)})
-        return other
+    def check(self, name: FidelityName | None = None) -> None:
+        """Raise ValueError where a fidelity, the setting's own for None, cannot score so; render nothing."""
+        check_scorable(self.setting, name)
+        _check_levels(self.setting, _name(self.setting) if name is None else name)
 
-    @property
-    def at_profiles(self) -> tuple[Preparation, ...]:
-        """The same at each error profile by itself, by one detector; itself where there is one profile."""
-        if several(self.errors) is None:
-            return (self,)
-        kept = (self.traffic, self.disk_cache, self.network)  # made now, for all of them
-        detector = shipped_detector(kept[-1], self.site) if self.detector is None else self.detector
-        return tuple(self.changed(errors=each, detector=detector) for each in profiles_in(self.errors))
+    def fidelity(self, name: FidelityName | None = None) -> Fidelity:
+        """Fidelity of that name, the setting's own for None, over the setting's cases.
 
-    def check(self, name: str) -> None:
-        """Raises ValueError where the fidelity of that name cannot score these candidates so; renders nothing."""
-        check_fidelity_for(
-            self.site, self.candidates, self.scheme, name, iou=self.iou, classes=self.classes,
-            surrogate=self.surrogate, table=self.table, detector=self.detector,
-        )  # fmt: skip
+        Raises ValueError for errors or levels that it does not know.
+        """
+        name = _name(self.setting) if name is None else name
+        cases = self.setting.cases
+        _check_errors(self.setting, name)
+        _check_levels(self.setting, name)
+        profiles = []
+        for errors in cases.profiles:
+            whole = self.at_thresholds(name, errors)
+            levels: tuple[tuple[Fidelity, ...], ...] = (whole,)
+            if cases.levels > 1:
+                levels = tuple(self._in_frames(part).at_thresholds(name, errors) for part in self.levels)
+            profiles.append(ProfileFidelities(whole[0], levels))
+        return over_cases(profiles, cases)
 
-    def fidelity(self, name: str) -> Fidelity:
-        """The fidelity of that name, over the error profiles where there are several. Raises ValueError for errors that
-        it does not know."""
-        check_fidelity(name)
-        check_errors_for(self.errors, name)
-        over = several(self.errors)
-        if over is not None:
-            return over_profiles([each.fidelity(name) for each in self.at_profiles], over)
-        made = {
-            "coverage": self._coverage, "surrogate": self._surrogate, "detector": self._detected, "table": self._table
-        }  # fmt: skip
-        return made[name]()
+    def at_thresholds(self, name: FidelityName, errors: ErrorProfile) -> tuple[Fidelity, ...]:
+        """Fidelity of that name at each IoU threshold, by itself."""
+        ious = self.setting.cases.ious
+        if name == "detector":
+            detected = self.detected(errors)
+            return tuple(detected.at(iou, ious) for iou in ious)
+        make = {"coverage": self._coverage, "surrogate": self._surrogate, "table": self._table}[name]
+        return tuple(map(make, ious))
 
-    def _coverage(self) -> Fidelity:
-        from placement_env.fidelity.coverage import Coverage
-
-        return Coverage(self.visibility, self.scheme, codec=self.codec, classes=self.classes)
-
-    def _surrogate(self) -> Fidelity:
-        from placement_env.fidelity.surrogate import Surrogate
-
-        settings: dict[str, Any] = {"radius": self.site.hybrid_radius, "codec": self.codec, "classes": self.classes}
-        return Surrogate(self.visibility, self.scheme, self.hit_models, **settings)
-
-    def _detected(self) -> Fidelity:
+    def detected(self, errors: ErrorProfile) -> Detected:
+        """Fidelity of the detector at one error profile and the first IoU threshold."""
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
-        (errors,) = profiles_in(self.errors)
-        renders = Renders(self.traffic, self.candidates, self.disk_cache, errors=errors)
-        detector = self.detector
-        if detector is None:
-            detector = shipped_detector(self.network, self.site)
+        setting, run = self.setting, self.run
         return Detected(
-            renders, detector, self.scheme, codec=self.codec, iou=self.iou, memo=self.disk_cache,
-            workers=self.workers, ray=self.ray, classes=self.classes,
-        )  # fmt: skip
+            Renders(self.traffic, self.candidates, run.memo, errors=errors),
+            self.detector,
+            setting.fusion,
+            codec=setting.codec,
+            iou=setting.cases.ious[0],
+            memo=run.memo,
+            processes=run,
+            classes=self.classes,
+        )
 
-    def _table(self) -> Fidelity:
+    def _in_frames(self, frames: Int64[np.ndarray, " _"]) -> Preparation:
+        from placement_env.fidelity.visibility import of_frames
+
+        return self.at(self.candidates, of_frames(self.visibility, frames))
+
+    def _coverage(self, iou: float) -> Fidelity:
+        from placement_env.fidelity.coverage import Coverage
+
+        return Coverage(self.visibility, self.setting.fusion, codec=self.setting.codec, classes=self.classes)
+
+    def _surrogate(self, iou: float) -> Fidelity:
+        from placement_env.fidelity.surrogate import Surrogate
+
+        setting = self.setting
+        if iou not in self._hit_models:
+            self._hit_models[iou] = surrogate_models(setting, iou, self.network)
+        return Surrogate(
+            self.visibility,
+            setting.fusion,
+            self._hit_models[iou],
+            radius=self.site.hybrid_radius,
+            codec=setting.codec,
+            classes=self.classes,
+        )
+
+    def _table(self, iou: float) -> Fidelity:
         from placement_env.fidelity.table import TableFidelity, digest_of, load_table
 
-        table = load_table(self.site.name if self.table is None else self.table)
-        site, origin = self.site, table.origin
+        site, setting = self.site, self.setting
+        table = load_table(site.name if setting.table is None else setting.table)
+        origin = table.origin
         if (origin.place, origin.hybrid_radius) != (digest_of(site, self.candidates.sensors), site.hybrid_radius):
             raise ValueError(
-                f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
-                "not of these candidates or this version of the site: say another --fidelity, or run coview table"
+                f"the table of {site.name!r} is of its own {len(origin.sensors)} sensors where they hang, not of "
+                "these candidates or this version of the site: say another --fidelity, or run coview table"
             )
-        return TableFidelity(table, self.scheme, self.iou, self.codec, classes=self.classes)
+        return TableFidelity(table, setting.fusion, iou, setting.codec, classes=self.classes)
 
 
-def check_fidelity_for(
-    site: Site,
-    candidates: Candidates,
-    scheme: Scheme | str,
-    fidelity: str,
-    *,
-    iou: float = 0.7,
-    classes: Classes = VEHICLES,
-    surrogate: str | Path | None = None,
-    table: str | Path | None = None,
-    detector: Detector | None = None,
-) -> None:
-    """Raises ValueError where there is no table, surrogate or detector that scores these candidates so; renders
-    nothing. surrogate, table: files, None for what is shipped; detector: None for the shipped one."""
-    scheme = find_scheme(scheme)
-    check_iou(iou)
-    if surrogate is not None and fidelity != "surrogate":
-        raise ValueError(f"a file of surrogates is for fidelity surrogate, got {fidelity!r}: leave one of them out")
-    if table is not None and fidelity != "table":
-        raise ValueError(f"a table is for fidelity table, got {fidelity!r}: leave one of them out")
-    if fidelity == "surrogate":
-        network = network_for(site, candidates.sensors)
-        surrogate_models(scheme, iou, network, classes=classes, path=surrogate)
-    if fidelity == "table":
-        Preparation(
-            site=site, candidates=candidates, frames=1, scheme=scheme, iou=iou, classes=classes, table=table
-        ).fidelity("table")
-    if fidelity == "detector" and detector is not None:
-        check_known(detector, classes.names)
-    if fidelity == "detector" and detector is None and classes.names != VEHICLES.names:
+def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> None:
+    """Raise ValueError where no table, surrogate or detector scores the setting's candidates so; render nothing."""
+    name = _name(setting) if fidelity is None else fidelity
+    _check_errors(setting, name)
+    for path, own, what in ((setting.surrogate, "surrogate", "file of surrogates"), (setting.table, "table", "table")):
+        if path is not None and name != own:
+            raise ValueError(f"a {what} is for fidelity {own}, got {name!r}: leave one of them out")
+    sensors, classes = setting.pool.sensors, setting.counted
+    if name == "surrogate":
+        for iou in setting.cases.ious:
+            surrogate_models(setting, iou, network_for(setting.place, sensors))
+    if name == "table":
+        Preparation(setting).fidelity(name)
+    if name == "detector" and setting.detector is not None:
+        check_known(setting.detector, classes.names)
+    if name == "detector" and setting.detector is None and classes.names != VEHICLES.names:
         from models.detector import load_detector
 
-        check_known(load_detector(network_for(site, candidates.sensors), area=site.area), classes.names)
+        check_known(load_detector(network_for(setting.place, sensors), area=setting.place.area), classes.names)
 
 
-def surrogate_models(
-    scheme: Scheme, iou: float, network: str, *, classes: Classes = VEHICLES, path: str | Path | None = None
-) -> tuple[HitModel, ...]:
-    """A model for each class: of a file, None for those that are shipped for a network. Raises ValueError where one is
-    missing, FileNotFoundError where the file is."""
+def _check_errors(setting: Setting, name: FidelityName) -> None:
+    cases = setting.cases
+    if name != "detector" and not cases.noise_only:
+        raise ValueError(
+            f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}: say --fidelity detector"
+        )
+
+
+def _check_levels(setting: Setting, name: FidelityName) -> None:
+    if setting.cases.levels > 1 and name not in BY_LEVELS:
+        raise ValueError(f"levels of traffic are known to fidelity {' and '.join(BY_LEVELS)}, got {name!r}")
+
+
+def _name(setting: Setting) -> FidelityName:
+    if not isinstance(setting.fidelity, str):
+        raise ValueError(f"a preparation makes fidelities by name, got {setting.fidelity!r}: give its name")
+    return setting.fidelity
+
+
+def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitModel, ...]:
+    """Hit model of each class, from the setting's file or those shipped for a network.
+
+    Raises ValueError where one is missing, FileNotFoundError where the file is.
+    """
     from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
 
+    classes, scheme, path = setting.counted, setting.fusion, setting.surrogate
     wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
     if path is None:
         return tuple(shipped_model(surrogate_name(scheme), at, network, label=name) for name, at in wanted)
@@ -272,17 +278,12 @@ def surrogate_models(
     return tuple(chosen_model(models, surrogate_name(scheme), at, name, source=str(path)) for name, at in wanted)
 
 
-def check_errors_for(errors: Errors, fidelity: str) -> None:
-    """Raises ValueError where sensors have errors beyond their own noise and the fidelity scores as if they had not."""
-    if fidelity != "detector" and not all(map(only_own_noise, profiles_in(errors))):
-        raise ValueError(
-            f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: say --fidelity detector"
-        )
-
-
 def shipped_detector(network: str, site: Site) -> Detector:
-    """A shipped network as it detects at a site. The general one was not trained there and would take some hedge for
-    somebody in every frame, so it knows the site empty. It is made once, for whatever preparations there are."""
+    """Shipped network as it detects at a site, made once for all preparations.
+
+    The general one was not trained there and would take some hedge for a vehicle in every frame, so it knows the site
+    empty.
+    """
     from toolkit.sites.files import format_site
 
     return _detector_at(network, _Place(format_site(site), site))
@@ -306,7 +307,7 @@ def _detector_at(network: str, place: _Place) -> Detector:
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:
-    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or `GENERAL`."""
+    """Name of the shipped network for these sensors: the site's, trained with its own sensors, or `GENERAL`."""
     from models.detector import SHIPPED
 
     own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()

@@ -27,6 +27,7 @@ from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, find_scheme
 from toolkit.objects import LABELS, VEHICLE, Detector
 from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
+from toolkit.runtime.run import Processes
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import BUILT_IN
@@ -187,26 +188,21 @@ def make_table(
     frames: int | None = None,
     seed: int = 0,
     commit: str = "",
-    workers: int = 1,
-    ray: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
     classes: Classes = VEHICLES,
+    processes: Processes = Processes(),
 ) -> Table:
     """Score every sensor set in every scheme by detection, for each class, and write the table.
 
     renders: what the sensors measured, such as `Renders.of(CoopDataset(path))`; frames: the first so many; seed: of
-    their noise, written down; progress: called with the frames done and to be done, each once for each scheme; workers,
-    ray: see `toolkit.runtime.parallel.spread`. What was detected is kept beside `out` until the table is whole: started
-    again after a kill, it goes on. The table is the same however it came about.
+    their noise, written down; processes: report each frame once for each scheme. Detections are kept beside `out` until
+    the table is whole: started again after a kill, it goes on. The table is the same however it came about.
     """
     out, subsets = Path(out), all_subsets(len(renders.sensors))
     memo = Cache(out.with_name(out.name + ".detections"))
     columns: list[list[ClassEstimates]] = []
     for done, scheme in enumerate(PAPER_SCHEMES):
-        detected = Detected(
-            renders, detector, scheme, memo=memo, frames=frames, workers=workers, ray=ray, classes=classes
-        )
-        report = _after(progress, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
+        detected = Detected(renders, detector, scheme, memo=memo, frames=frames, processes=processes, classes=classes)
+        report = _after(processes, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
         columns.append(list(detected.class_estimates(subsets, progress=report).values()))
     origin = Origin(
         site=renders.site.name,
@@ -301,5 +297,6 @@ def _without(scheme: Scheme | str, ious: Sequence[float], iou: float, *, of: str
     )
 
 
-def _after(progress: Callable[[int, int], None] | None, before: int, total: int) -> Callable[[int], None] | None:
-    return None if progress is None else lambda done: progress(before + done, total)
+def _after(processes: Processes, before: int, total: int) -> Callable[[int], None] | None:
+    tell = processes.stage("frames scored", total)
+    return None if tell is None else lambda done: tell(before + done)

@@ -9,15 +9,15 @@ them in the mean, since it lifts half of the points on even ground above z = 0 a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.fidelity.blocks import Block, seen_in_blocks
+from placement_env.fidelity.blocks import Block, see_blocks
 from placement_env.fidelity.occlusion import Seen, look_at
 from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
@@ -26,9 +26,10 @@ from toolkit.arrays import Float32, Float64, Int64
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.objects import VEHICLE
 from toolkit.points import count_on_ground, frame_points, is_beyond
-from toolkit.runtime.cache import Cache, make_key
+from toolkit.runtime.cache import make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.files import read_arrays, write_arrays
+from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 
 RENDERINGS: tuple[str, ...] = get_args(Rendering)
@@ -138,10 +139,7 @@ def see(
     candidates: Candidates,
     *,
     labels: Sequence[int] = (VEHICLE,),
-    workers: int = 1,
-    ray: str | None = None,
-    progress: Callable[[int], None] | None = None,
-    cache: Cache | None = None,
+    run: Run = Run(),
     rendering: Rendering = "auto",
 ) -> Visibility:
     """What the candidates see of the traffic.
@@ -150,16 +148,14 @@ def see(
     all that hangs there in what it saw, which is much faster where many candidates share a place and agrees within 3 %
     or 8 points of an object nearly always; "auto" takes panoramas where at least four candidates share a place in the
     mean, as in a pool. A candidate whose range ends within the site is rendered in full all the same;
-    labels: classes (numbers) of the objects that count; workers, ray: see `toolkit.runtime.parallel.spread`; progress:
-    called with how many candidates are done; cache: where the finished blocks of candidates are kept, so that what was
-    broken off goes on there.
+    labels: classes (numbers) of the objects that count; run: its cache keeps the finished blocks of candidates, so that
+    what was broken off goes on there.
     Raises ValueError without candidates and for a rendering that there is not.
     """
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
     labels = tuple(sorted(labels))
     check_rendering(rendering)
-    settings: dict[str, Any] = {"workers": workers, "ray": ray, "progress": progress, "cache": cache}
     sensors = candidates.sensors
     quick = np.zeros(len(sensors), np.bool_)
     if rendering == "panorama" or (rendering == "auto" and worthwhile(sensors)):
@@ -169,7 +165,7 @@ def see(
     points, sent, far = (np.zeros(shape, np.float32) for shape in shapes)
     for look, some in ((look_round, quick), (_look_in_full, ~quick)):
         if some.any():
-            seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, **settings)
+            seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, run)
             points[some], sent[some], far[some] = seen
     return Visibility(points, distances(sensors, boxes), frame, boxes, sent, far, kinds)
 
@@ -195,19 +191,11 @@ def check_rendering(rendering: str) -> None:
         raise ValueError(f"rendering must be one of {', '.join(RENDERINGS)}, got {rendering!r}")
 
 
-def _look_in_full(
-    traffic: Traffic,
-    sensors: Sequence[Sensor],
-    labels: tuple[int, ...],
-    *,
-    workers: int,
-    ray: str | None,
-    progress: Callable[[int], None] | None,
-    cache: Cache | None,
-) -> Seen:
-    """What sensors see, each of their rays cast."""
+def _look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: tuple[int, ...], run: Run) -> Seen:
+    """Cast each ray of the sensors."""
     look = _FullLook(traffic, tuple(sensors), labels)
-    seen = seen_in_blocks(look, _blocks(sensors), workers=workers, ray=ray, progress=progress, cache=cache)
+    report = run.stage("poses rendered", len(sensors))
+    seen = see_blocks(look, _blocks(sensors), run, report)
     return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 

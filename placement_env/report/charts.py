@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from placement_env.fidelity.combined.mean_iou import iou_text
+from placement_env.cases import iou_text
 from placement_env.handover.mounted import RATE, LinkLoad
 from placement_env.report.content import (
     CONFIDENCE,

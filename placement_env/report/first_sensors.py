@@ -15,6 +15,7 @@ from placement_env.handover.mounted import mounted_site
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.search import greedy
+from placement_env.setting import Setting
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool
 from toolkit.sites.site import Site
@@ -78,7 +79,8 @@ def with_first_sensors(site: Site, count: int, *, seed: int = 0) -> FirstSensors
         raise ValueError(
             f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames: place sensors yourself"
         )
-    objective = Objective.of(candidates, HalvedViews(visibility), site=site, visibility=visibility)
+    setting = Setting(site, candidates=candidates, fidelity=HalvedViews(visibility))
+    objective = Objective(setting, visibility=visibility)
     chosen = greedy.search(objective, count).best.subset
     covered = (visibility.points[list(chosen)] >= LEAST).any(axis=0).mean() if chosen else 0.0
     return FirstSensors(mounted_site(site, candidates, chosen), len(candidates), float(covered))

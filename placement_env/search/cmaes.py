@@ -42,7 +42,6 @@ STEP = 0.15  # standard deviation of the first vectors around the start
 INFEASIBLE_COST = 1e6  # cost of a set that may not be built
 Poses = tuple[Sensor, ...]
 PoseScorer = Callable[[Sequence[Poses]], Sequence[Score | None]]  # scores sets of sensors; None: may not be built
-Improve = Callable[[PoseScorer, Candidates, float | None], Result]
 FREE = Weights()
 
 
@@ -56,57 +55,43 @@ def search(
     roam: bool = False,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Greedy's set, then every sensor of it turned, tilted and lifted to where it serves best.
+    """Greedy's set with every sensor turned, tilted and lifted to where it serves best.
 
     `Result.sensors` are the poses and `Result.best` is their score; its subset names the candidates they come from.
     The limits hold for the moved sets, seconds for both; roam, checkpoint: see `improve`. Where greedy search finds
-    that no sensor pays, that is the answer. Raises ValueError for an objective without a site, which cannot tell what a
-    moved sensor sees.
+    that no sensor pays, that is the answer. Poses that were looked at in panoramas are scored by rays in the end; the
+    answer is the start where that is better. Raises ValueError for an objective without a site, which cannot tell what
+    a moved sensor sees, and for several IoU thresholds, failures or levels of traffic.
     """
-    check_continuous(objective, "CMA-ES")
-
-    def evolve(score_poses: PoseScorer, start: Candidates, left: float | None) -> Result:
-        limits: dict[str, Any] = {"seconds": left, "evaluations": evaluations}
-        return improve(score_poses, start, seed=seed, **limits, roam=roam, checkpoint=checkpoint)
-
-    return improved(objective, budget, evolve, seconds=seconds)
-
-
-def check_continuous(objective: Objective, method: str) -> Preparation:
-    """What moved sensors are looked at with. Raises ValueError for an objective that cannot tell what they see, and one
-    of several IoU thresholds or failures."""
-    if objective.preparation is None:
-        raise ValueError(f"{method} moves sensors, so it needs an objective made from a site: Objective(site, ...)")
-    if objective.counting is not None and not objective.counting.plain:
-        raise ValueError(f"{method} knows one IoU threshold and no failures: say --method portfolio or swap")
-    return objective.preparation
-
-
-def improved(objective: Objective, budget: int, improve_from: Improve, *, seconds: float | None = None) -> Result:
-    """Greedy's set, improved. improve_from: called with a scorer of poses, the set, and the seconds that are left.
-    Where poses were looked at in panoramas, the answer is scored by rays in the end; it is the start where that is
-    better."""
     made = objective.preparation
     if made is None:
-        raise ValueError("sensors are moved at a site: make the objective of one, Objective(site, ...)")
+        raise ValueError("CMA-ES moves sensors, so it needs an objective made from a site: Objective(site)")
+    if not objective.setting.cases.plain:
+        raise ValueError("CMA-ES knows one IoU threshold and no failures: say --method portfolio or swap")
     began = time.monotonic()
     first = greedy.search(objective, budget, seconds=seconds)
     if not first.best.subset:
         return first
     start = objective.candidates.select(first.best.subset)
     live = None if objective.fidelity == "detector" else made.live
-    score_poses = pose_scorer(made, objective.fidelity, objective.weights, live=live)
     left = None if seconds is None else max(1e-3, seconds - (time.monotonic() - began))
-    result = improve_from(score_poses, start, left)
+    score_poses = build_pose_scorer(made, objective.weights, live=live)
+    result = improve(
+        score_poses, start, seed=seed, seconds=left, evaluations=evaluations, roam=roam, checkpoint=checkpoint
+    )
     if live is not None and result.sensors:
-        cast_at = pose_scorer(made, objective.fidelity, objective.weights)
-        before, after = cast_at([start.sensors, result.sensors])
-        if after is None or (before is not None and before.reward >= after.reward):
-            result, after = replace(result, sensors=start.sensors), before
-        result = replace(result, best=after or result.best)
+        result = settle_by_rays(build_pose_scorer(made, objective.weights), start, result)
     best = replace(result.best, subset=first.best.subset)
     certificate = replace(result.certificate, value=best.reward)
     return replace(result, best=best, certificate=certificate, seconds=time.monotonic() - began)
+
+
+def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -> Result:
+    """Better of a result and its start by an exact scorer."""
+    before, after = score_poses([start.sensors, result.sensors])
+    if after is None or (before is not None and before.reward >= after.reward):
+        result, after = replace(result, sensors=start.sensors), before
+    return replace(result, best=after or result.best)
 
 
 def improve(
@@ -190,28 +175,25 @@ def improve(
     )
 
 
-def pose_scorer(
-    preparation: Preparation, fidelity: str, weights: Weights = FREE, *, live: LiveView | None = None
-) -> PoseScorer:
-    """Scores sets of sensors by looking through all of them at once, in the traffic of an objective's preparation.
-    live: panoramas to look at, None to render in full.
+def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:
+    """Scorer of sets of sensors by the preparation's fidelity; it looks through all of them at once.
 
-    A set that two sensors of one mount, or a link too small for what its sensor sends, make unbuildable scores None.
+    live: panoramas to look at, None to cast rays. A set that two sensors of one mount, or a link too small for what its
+    sensor sends, make unbuildable scores None.
     """
     from placement_env.fidelity.visibility import see
 
-    mounts = preparation.candidates.mounts
+    mounts, run = preparation.candidates.mounts, preparation.run
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
         sensors = [sensor for chosen in sets for sensor in chosen]
         candidates = as_candidates(sensors, mounts, preparation.candidates.axes)
-        seen = live.see(candidates) if live is not None else see(
-            preparation.traffic, candidates, labels=preparation.classes.labels, workers=preparation.workers,
-            ray=preparation.ray,
-        )  # fmt: skip
-        scored_by = preparation.at(candidates, seen).fidelity(fidelity)
-        parts = (candidates, scored_by, preparation.scheme, weights)
-        objective = Objective.of(*parts, visibility=seen, codec=preparation.codec)
+        if live is not None:
+            seen = live.see(candidates)
+        else:
+            labels = preparation.classes.labels
+            seen = see(preparation.traffic, candidates, labels=labels, run=replace(run, cache=None, progress=None))
+        objective = Objective.of_moved(preparation, candidates, seen, weights)
         ends = np.cumsum([0, *map(len, sets)])
         rows = np.arange(len(sensors))
         subsets = (rows >= ends[:-1, None]) & (rows < ends[1:, None])

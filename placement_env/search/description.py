@@ -13,7 +13,7 @@ from placement_env.search.result import Assessment, ProfileAP
 from toolkit.sensors.sensor import Sensor
 
 
-def described_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list[str]:
+def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list[str]:
     """Names of sensors, with where they were moved to, if they were (degrees)."""
     if not moved:
         return list(names)
@@ -23,7 +23,7 @@ def described_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> lis
     return [text.format(name, *numbers) for name, numbers in zip(names, where, strict=True)]
 
 
-def described_score(score: Score) -> str:
+def describe_score(score: Score) -> str:
     """The figures of a set in one line."""
     each = ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items()) if len(score.class_ap) > 1 else ""
     return (
@@ -32,7 +32,7 @@ def described_score(score: Score) -> str:
     )
 
 
-def described_assessment(assessment: Assessment) -> list[str]:
+def describe_assessment(assessment: Assessment) -> list[str]:
     """What a portfolio's judge says of the answer and of each search's own, a line each."""
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
     sure = "" if assessment.confidence >= assessment.asked else f", short of the {assessment.asked:.0%} asked for"
@@ -44,7 +44,7 @@ def described_assessment(assessment: Assessment) -> list[str]:
         f"{assessment.tolerance:g}{sure}",
     ]
     if assessment.by_errors:
-        lines.append(f"  the {assessment.errors_by} over error profiles: {described_profiles(assessment.by_errors)}")
+        lines.append(f"  the {assessment.errors_by} over error profiles: {describe_profiles(assessment.by_errors)}")
     return lines + [
         f"  {' and '.join(each.searches)}: AP {each.ap:.4f} ({each.low:.4f} to {each.high:.4f}), predicted "
         f"{each.predicted:.4f}, overrated by {each.curse:+.4f}"
@@ -52,18 +52,18 @@ def described_assessment(assessment: Assessment) -> list[str]:
     ]
 
 
-def described_profiles(by_errors: Sequence[ProfileAP]) -> str:
+def describe_profiles(by_errors: Sequence[ProfileAP]) -> str:
     """AP at each error profile by itself."""
     return ", ".join(f"{each.name} AP {each.ap:.4f} ({each.low:.4f} to {each.high:.4f})" for each in by_errors)
 
 
-def described_by_errors(by_errors: Mapping[str, float]) -> list[str]:
+def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
     """A line of the AP at each error profile; none where there are none."""
     said = ", ".join(f"{name} {ap:.4f}" for name, ap in by_errors.items())
     return [f"AP at each error profile: {said}"] if said else []
 
 
-def described_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
+def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
     """How sure a surrogate is of a set, and where it is asked about something else than it was fitted to, a line each;
     none for other fidelities."""
     surrogate = objective.scored_by
@@ -75,7 +75,7 @@ def described_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
     return [*sure, *(f"warning: {doubt}" for doubt in surrogate.doubts(kinds))]
 
 
-def described_empty(objective: Objective) -> str:
+def describe_empty(objective: Objective) -> str:
     """Why a search may have answered with no sensor, and what to change."""
     linked = objective.linked
     if not linked.any():
@@ -91,3 +91,59 @@ def described_empty(objective: Objective) -> str:
     if float(alone.reward.max()) <= 0:
         return "no sensor is worth what it costs: lower --comm and --price"
     return "the search stopped before it had scored a set that may be built: give it more --seconds or --evaluations"
+
+
+def check_present(objective: Objective) -> None:
+    """Raises ValueError where there is nothing to find of a class that counts, so that nothing is said of it."""
+    if missing := absent_classes(objective):
+        raise ValueError(
+            f"there is no {' and no '.join(missing)} to find in these frames: say more --frames or another --seed, or "
+            "leave out the class"
+        )
+
+
+def absent_classes(objective: Objective) -> tuple[str, ...]:
+    """Classes that count and of which there is nothing to find."""
+    classes, seen = objective.classes, objective.visibility
+    if seen is not None:
+        return tuple(
+            n for n, label in zip(classes.names, classes.labels, strict=True) if not (seen.labels == label).any()
+        )
+    figures = objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0]
+    return tuple(name for name, ap in zip(classes.names, figures, strict=True) if np.isnan(ap))
+
+
+def describe_exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
+    """What excludes candidates, how many, and what the least demanding of them would take."""
+    candidates, sent, linked = objective.candidates, objective.sent, objective.linked
+    count, reasons = len(candidates), []
+    if not linked.all():
+        least = int(np.flatnonzero(~linked)[np.argmin(sent[~linked])])
+        reasons.append(
+            f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any of these sends is "
+            f"{sent[least]:.1f} kbit per frame, over a link of {candidates.capacity[least]:g} kbit."
+        )
+    if max_kbit is not None and (sent > max_kbit).any():
+        reasons.append(
+            f"The limit of {max_kbit:g} kbit per sensor and frame excludes {int((sent > max_kbit).sum())} of {count} "
+            f"candidates: the least that any candidate sends is {sent.min():.1f} kbit."
+        )
+    affordable = objective.affordable(candidates.prices)
+    if not affordable.all():
+        reasons.append(
+            f"The sum of {describe_money(objective.most_price, currency)} excludes {int((~affordable).sum())} of "
+            f"{count} candidates: the cheapest of all costs "
+            f"{describe_money(float(candidates.prices.min()), currency)}."
+        )
+    return tuple(reasons)
+
+
+def describe_money(amount: float, currency: str) -> str:
+    """A sum in words.
+
+    >>> describe_money(5500.0, "EUR"), describe_money(1.0, ""), describe_money(2.5, "")
+    ('5,500 EUR', 'the price of 1 ordinary pole', 'the price of 2.5 ordinary poles')
+    """
+    if currency:
+        return f"{round(amount, 2):,.10g} {currency}"
+    return f"the price of {round(amount, 2):g} ordinary {'pole' if amount == 1 else 'poles'}"

@@ -12,7 +12,7 @@ from placement_env.search.exact.exhaustive import LARGEST
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
-    from placement_env.fidelity.combined.prepared import Counting
+    from placement_env.cases import Cases
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ ONE_COUNTED = (
 )  # they know one IoU threshold, and what is left after a failure by themselves
 
 
-def search_of(method: str) -> Callable[..., Any]:
+def load_search(method: str) -> Callable[..., Any]:
     """The search of that name: called with an objective and a budget, it returns a result."""
     found = METHODS[method]
     return getattr(import_module(found.module), found.function)
@@ -70,7 +70,7 @@ def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False)
     return "exhaustive" if fidelity == "table" else "greedy" if verify or fidelity == "detector" else "portfolio"
 
 
-def check_search(method: str, fidelity: str, candidates: Candidates, counting: Counting | None = None) -> None:
+def check_search(method: str, fidelity: str, candidates: Candidates, cases: Cases | None = None) -> None:
     """Raise ValueError where the method cannot search these candidates by this fidelity, so counted; ImportError where
     its package is missing."""
     if method not in METHODS:
@@ -84,7 +84,7 @@ def check_search(method: str, fidelity: str, candidates: Candidates, counting: C
         )
     if method == "raced" and fidelity != "detector":
         raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: say --method greedy")
-    if method in ONE_COUNTED and counting is not None and not counting.plain:
+    if method in ONE_COUNTED and cases is not None and not cases.plain:
         raise ValueError(f"method {method} knows one IoU threshold and no failures: say --method portfolio or swap")
     if method in RENDERED and fidelity == "table":
         raise ValueError(

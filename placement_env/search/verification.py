@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from placement_env.fidelity.combined.error_profiles import ProfileFidelity
+from placement_env.fidelity.over_cases import CasesFidelity
 from placement_env.objective import Objective, Score
 from placement_env.protocol import ByFrames
 from placement_env.racing import Verified, verify
@@ -36,7 +36,7 @@ def verified(
     return verify(lambda s: fast.scores(s).reward, lambda s: accurate.scores(s).reward, sets, best=best)
 
 
-def verified_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
+def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
     """The best by an accurate objective of a result of a fast one and its neighbours, and of how many sets.
 
     Sensors that were moved have no neighbours: they are scored where they stand, as one set.
@@ -53,11 +53,11 @@ def rescored(accurate: Objective, result: Result) -> Score:
     """
     if not result.sensors:
         return accurate.score(result.best.subset)
-    from placement_env.search.cmaes import pose_scorer
+    from placement_env.search.cmaes import build_pose_scorer
 
     if accurate.preparation is None:
-        raise ValueError("moved sensors need an objective made from a site: Objective(site, ...)")
-    (score,) = pose_scorer(accurate.preparation, accurate.fidelity, accurate.weights)([result.sensors])
+        raise ValueError("moved sensors need an objective made from a site: Objective(site)")
+    (score,) = build_pose_scorer(accurate.preparation, accurate.weights)([result.sensors])
     if score is None:
         raise ValueError("the moved sensors may not be built: one sends more than its link carries here")
     return replace(score, subset=result.best.subset)
@@ -67,16 +67,21 @@ def ap_at_profiles(objective: Objective, subset: Sequence[int], moved: Sequence[
     """AP of a set at each error profile by itself, by its name; none where the objective is of one profile. moved: its
     sensors, where they do not stand where its candidates do."""
     scored_by, made = objective.scored_by, objective.preparation
-    if not isinstance(scored_by, ProfileFidelity) or not subset:
+    if not isinstance(scored_by, CasesFidelity) or len(scored_by.cases.names) == 1 or not subset:
         return {}
     if not moved or made is None:
         row = objective.row(subset)[None]
         return {name: float(each.ap[0]) for name, each in scored_by.at_each(row).items()}
-    from placement_env.search.cmaes import pose_scorer
+    from placement_env.search.cmaes import build_pose_scorer
 
-    scores = [pose_scorer(at, objective.fidelity, objective.weights)([tuple(moved)])[0] for at in made.at_profiles]
-    each = zip(scored_by.errors.names, scores, strict=True)
-    return {name: score.ap for name, score in each if score is not None}
+    found = {}
+    for name, profile in zip(scored_by.cases.names, scored_by.cases.profiles, strict=True):
+        there = replace(made, setting=replace(made.setting, cases=replace(scored_by.cases, errors=profile)))
+        vars(there).update(traffic=made.traffic, detector=made.detector)
+        (score,) = build_pose_scorer(there, objective.weights)([tuple(moved)])
+        if score is not None:
+            found[name] = score.ap
+    return found
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndarray, "n C"]:

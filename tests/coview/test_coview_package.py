@@ -10,6 +10,7 @@ import gymnasium as gym
 import pytest
 
 import coview
+from placement_env.setting import Setting
 
 HEAVY = ("torch", "open3d", "numpy", "h5py", "matplotlib", "tyro", "gymnasium", "importlib.metadata")
 
@@ -37,7 +38,7 @@ def test_nothing_heavy_loads_before_it_is_used():
 
 
 def test_a_search_by_its_name():
-    objective = coview.Objective("tjunction", fidelity="table")
+    objective = coview.Objective(Setting("tjunction", fidelity="table"))
     assert coview.search(objective, 2, method="exhaustive").best.subset
     with pytest.raises(ValueError, match=r"method must be one of portfolio, .*, got 'luck'"):
         coview.search(objective, 2, method="luck")

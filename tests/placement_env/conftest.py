@@ -16,7 +16,7 @@ from placement_env.fidelity.visibility import Visibility, see
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.report.planning.judging import Judge
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
@@ -108,7 +108,7 @@ def random_objective(mounts=6, poses=1, *, views=1, objects=60, seed=0, weights=
     candidates = candidates_on(mounts, poses, capacity=capacity, seed=seed)
     seen = rng.random((len(candidates), objects)) < rng.uniform(0.1 * most, most, (len(candidates), 1))
     sent = rng.uniform(100.0, 900.0, len(candidates))
-    return Objective.of(candidates, Seen(seen, sent, views), "early", weights)
+    return Objective(Setting(candidates=candidates, fidelity=Seen(seen, sent, views), scheme="early", weights=weights))
 
 
 @pytest.fixture(scope="session")
@@ -182,7 +182,7 @@ def street():
     axes = Axes(np.array([5.0]), np.zeros(1), np.zeros(1), (NARROW, WIDE), (10.0, 20.0))
     candidates = Candidates(sensors, np.arange(4), mounts, factors, axes)
     site = Site("street", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=mounts)
-    objective = Objective.of(candidates, Known(), "late")
+    objective = Objective(Setting(candidates=candidates, fidelity=Known(), scheme="late"))
     detected = Detected(Street(site, sensors), Reader(), "early")
     return SimpleNamespace(
         site=site, candidates=candidates, objective=objective, detected=detected, judge=Judge(detected, 0)

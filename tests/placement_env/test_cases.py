@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from placement_env.cases import Cases, describe_iou
+from placement_env.cases import Cases, iou_text
 from placement_env.classes import Classes
 from toolkit.sensors.error_profiles import POOR, TYPICAL, ErrorProfile
 
@@ -48,7 +48,7 @@ def test_results_state_what_was_asked():
         "profiles": [POOR.origin, TYPICAL.origin],
         "combine": "worst",
     }
-    assert [describe_iou(each) for each in (0.7, (0.5, 0.6))] == ["0.7", "0.5 to 0.6 (mean of 2 thresholds)"]
+    assert [iou_text(each) for each in (0.7, (0.5, 0.6))] == ["0.7", "0.5 to 0.6 (mean of 2 thresholds)"]
     assert Cases(iou=(0.6, 0.7)).class_ious(Classes(("vehicle", "cyclist")), "cyclist") == 0.5
 
 

@@ -22,11 +22,13 @@ from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
 from placement_env.search.exact.cpsat import worth_of
 from placement_env.search.exact.submodular import is_submodular
+from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections, Objects
 from toolkit.points import has_centre_inside
 from toolkit.runtime.files import read_arrays, write_arrays
+from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
@@ -240,7 +242,9 @@ def test_a_detector_of_vehicles_alone_refuses_other_classes():
     with pytest.raises(ValueError, match="knows vehicle only, not cyclist, pedestrian"):
         Detected(Street(), reader, "early", classes=MEAN)
     with pytest.raises(ValueError, match="knows vehicle only, not pedestrian"):
-        Objective("roundabout", 2, fidelity="detector", candidates="pool", classes=both, detector=cars)
+        Objective(
+            Setting("roundabout", fidelity="detector", candidates="pool", classes=both, detector=cars), Run(frames=2)
+        )
 
 
 @pytest.fixture(scope="module")
@@ -287,7 +291,10 @@ def test_searches_find_the_set_of_the_best_worst_class(make):
     parts, seen = make(9, 1), seen_by(9, seed=3)
     by_classes = {}
     for classes in (VEHICLES, MEAN, WORST):
-        objective = Objective.of(parts.candidates, Coverage(seen, classes=classes), "early", visibility=seen)
+        objective = Objective(
+            Setting(candidates=parts.candidates, fidelity=Coverage(seen, classes=classes), scheme="early"),
+            visibility=seen,
+        )
         sets = all_subsets(9)
         sets = sets[(sets.sum(axis=1) <= 3) & (sets.sum(axis=1) > 0)]
         each = Coverage(seen, classes=MEAN).by_class(sets).ap
@@ -307,8 +314,12 @@ def test_searches_find_the_set_of_the_best_worst_class(make):
         by_classes[classes] = found.best
     assert by_classes[WORST].subset != by_classes[VEHICLES].subset
     assert min(by_classes[WORST].class_ap.values()) > seen_worst(seen, by_classes[VEHICLES].subset)
-    assert is_submodular(Objective.of(parts.candidates, Coverage(seen, classes=MEAN), "early"))
-    assert not is_submodular(Objective.of(parts.candidates, Coverage(seen, classes=WORST), "early"))
+    assert is_submodular(
+        Objective(Setting(candidates=parts.candidates, fidelity=Coverage(seen, classes=MEAN), scheme="early"))
+    )
+    assert not is_submodular(
+        Objective(Setting(candidates=parts.candidates, fidelity=Coverage(seen, classes=WORST), scheme="early"))
+    )
 
 
 def seen_worst(seen, subset):
@@ -327,7 +338,9 @@ def test_worth_of_objects_in_parts():
 
 def test_an_objective_says_what_each_class_gets():
     seen = seen_by(9)
-    several = Objective.of(candidates_of(9), Coverage(seen, classes=WORST), "early", visibility=seen)
+    several = Objective(
+        Setting(candidates=candidates_of(9), fidelity=Coverage(seen, classes=WORST), scheme="early"), visibility=seen
+    )
     score = several.score([0, 4])
     assert list(score.class_ap) == list(NAMES)
     assert score.ap == score.reward == min(score.class_ap.values())
@@ -335,7 +348,7 @@ def test_an_objective_says_what_each_class_gets():
     assert several.score([4, 0]).cache_hit
     assert several.class_ap(several.row([])[None]).tolist() == [[0.0, 0.0, 0.0]]
     assert several.provenance["classes"] == WORST.origin
-    plain = Objective.of(candidates_of(9), Coverage(seen), "early", visibility=seen)
+    plain = Objective(Setting(candidates=candidates_of(9), fidelity=Coverage(seen), scheme="early"), visibility=seen)
     assert plain.score([0, 4]).class_ap == {"vehicle": plain.score([0, 4]).ap}
     assert several.scores(all_subsets(9)).ap.tolist() == Coverage(seen, classes=WORST)(all_subsets(9)).ap.tolist()
 

@@ -15,7 +15,7 @@ from placement_env.fidelity.detector import Detected
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.racing import race
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
 from placement_env.subsets import all_subsets
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
@@ -184,7 +184,9 @@ def test_a_sensor_doubled_finds_nothing_new_late_and_sends_as_much_again():
 def test_a_sensor_that_sees_nothing_adds_nothing_but_its_price(scheme):
     candidates = paper_candidates(SCENE.site)
     fidelity = detected(replace(SCENE, blind=("s3",)), scheme)
-    objective = Objective.of(candidates, fidelity, scheme, Weights(comm=0.0, price=0.01))
+    objective = Objective(
+        Setting(candidates=candidates, fidelity=fidelity, scheme=scheme, weights=Weights(comm=0.0, price=0.01))
+    )
     without, with_it = objective.score([0, 2]), objective.score([0, 2, 3])
     assert with_it.ap == without.ap
     assert with_it.recall == without.recall

@@ -15,7 +15,7 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import see
 from placement_env.objective import Objective
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
 from placement_env.subsets import all_subsets
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
@@ -217,7 +217,9 @@ def test_a_sensor_that_looks_away_adds_nothing_but_price_and_what_it_sends(seen,
     scheme, with_scores = scored
     candidates = scene()[1]
     for fidelity, _ in with_scores:
-        objective = Objective.of(candidates, fidelity, scheme, Weights(comm=0.0, price=0.01))
+        objective = Objective(
+            Setting(candidates=candidates, fidelity=fidelity, scheme=scheme, weights=Weights(comm=0.0, price=0.01))
+        )
         without, with_it = objective.score([0, 1]), objective.score([0, 1, AWAY])
         assert with_it.ap == without.ap
         assert with_it.recall == without.recall

@@ -12,6 +12,7 @@ from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
 from placement_env.search.exact.submodular import online_bound
 from placement_env.search.progress import Progress
+from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.sensors.models import DepthCamera
 
@@ -34,7 +35,7 @@ def priced(make):
         axes = replace(plain.axes, models=(DepthCamera(), DepthCamera(width=80)), prices=(0.25, 1.0))
         sensors = tuple(replace(s, model=axes.models[f]) for s, f in zip(plain.sensors, factors[:, 4], strict=True))
         candidates = replace(plain, sensors=sensors, factors=factors, axes=axes)
-        return Objective.of(candidates, free.scored_by, "early", most_price=most)
+        return Objective(Setting(candidates=candidates, fidelity=free.scored_by, scheme="early", most_price=most))
 
     return limited
 
@@ -62,7 +63,11 @@ def test_feasible_and_allowed_know_the_money(priced):
 def test_a_sum_is_not_refused_for_its_rounding(make):
     free = make(mounts=3, poses=1)
     mounts = tuple(replace(mount, price=0.1) for mount in free.candidates.mounts)
-    exact = Objective.of(replace(free.candidates, mounts=mounts), free.scored_by, "early", most_price=0.3)
+    exact = Objective(
+        Setting(
+            candidates=replace(free.candidates, mounts=mounts), fidelity=free.scored_by, scheme="early", most_price=0.3
+        )
+    )
     assert exact.feasible(np.ones((1, 3), bool))[0]  # 0.1 + 0.1 + 0.1 is more than 0.3 in floating point
 
 
@@ -110,8 +115,8 @@ def test_the_bound_holds_with_money(priced):
 def test_money_that_is_none(make):
     objective = make()
     with pytest.raises(ValueError, match="most_price must be 0 or more, got -1"):
-        Objective.of(objective.candidates, objective.scored_by, most_price=-1.0)
-    broke = Objective.of(objective.candidates, objective.scored_by, most_price=0.0)
+        Objective(Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=-1.0))
+    broke = Objective(Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=0.0))
     assert not broke.allowed([]).any()
     assert greedy.search(broke, 3).best.subset == ()
     assert swap.draw_set(broke, 3, np.random.default_rng(0)) == []

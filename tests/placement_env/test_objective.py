@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import pool
+from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.setting import AP_ONLY, Weights
+from placement_env.setting import AP_ONLY, Setting, Weights
+from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera
 from toolkit.sites.site import Mount, Site
 
@@ -47,7 +49,7 @@ def candidates(mounts: int = 3, headings: int = 2, capacity: float = 2000.0, pri
 
 def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float) -> Objective:
     some = candidates(**kwargs)  # type: ignore[arg-type]
-    return Objective.of(some, Counting(len(some)), scheme, weights)  # type: ignore[arg-type]
+    return Objective(Setting(candidates=some, fidelity=Counting(len(some)), scheme=scheme, weights=weights))  # type: ignore[arg-type]
 
 
 def test_reward_is_the_sum_of_its_terms() -> None:
@@ -120,8 +122,8 @@ def test_members_that_there_are_not(bad: list[int | str]) -> None:
 
 
 def test_what_does_not_fit() -> None:
-    with pytest.raises((ValueError, TypeError), match="candidates"):
-        Objective("tjunction", candidates="paper")  # type: ignore[arg-type]
+    with pytest.raises(FileNotFoundError, match="pol"):
+        Objective(Setting("tjunction", candidates="pol"))
     with pytest.raises(ValueError, match="weights must be finite"):
         Weights(comm=-1.0)
     with pytest.raises((ValueError, TypeError), match="of"):
@@ -129,37 +131,27 @@ def test_what_does_not_fit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("cases", "fidelity", "message"),
     [
-        ({"frames": 1.5}, "frames"),
-        ({"frames": 0}, "frames must be a whole number"),
-        ({"frames": True}, "frames must be a whole number"),
-        ({"iou": 0.0}, r"iou must lie in \(0, 1\]"),
-        ({"iou": 1.5}, r"iou must lie in \(0, 1\]"),
-        ({"iou": float("nan")}, r"iou must lie in \(0, 1\]"),
-        ({"scheme": "middle"}, "scheme"),
-        ({"codec": "paper"}, "codec"),
-        ({"fidelity": "guess"}, "fidelity"),
-        ({"errors": "bad", "fidelity": "detector"}, "no error profile 'bad'"),
-        ({"errors": "typical", "fidelity": "table"}, "errors 'typical' are known to fidelity detector alone"),
-        ({"errors": ["typical", "poor"]}, "errors 'typical and poor' are known to fidelity detector alone"),
-        ({"errors": ["poor", "poor"], "fidelity": "detector"}, "must be different ones, got poor, poor"),
+        (Cases(errors="typical"), "table", "errors typical are known to fidelity detector alone"),
+        (Cases(errors=("typical", "poor")), "surrogate", "errors typical and poor are known to fidelity detector"),
+        (Cases(levels=2), "table", "levels of traffic are known to fidelity coverage and surrogate, got 'table'"),
     ],
 )
-def test_nonsense_is_refused_before_anything_is_rendered(options: dict[str, Any], message: str) -> None:
-    with pytest.raises((ValueError, TypeError), match=message):
-        Objective("tjunction", **{"frames": 1, **options})
+def test_cases_that_a_fidelity_does_not_know_are_refused(cases: Cases, fidelity: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Objective(Setting("tjunction", fidelity=fidelity, cases=cases))
 
 
 def test_its_provenance_says_where_scores_come_from() -> None:
-    origin = Objective("tjunction", 2, "late", "table").provenance
+    origin = Objective(Setting("tjunction", scheme="late", fidelity="table"), Run(frames=2)).provenance
     assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == ("tjunction", 2, 0, "table")
     assert {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"} <= origin.keys()
     assert origin["errors"]["profile"] == "paper"
     assert objective().provenance["fidelity"] == "counting"
 
 
-@pytest.mark.parametrize(("part", "message"), [("ap", "no vehicle to find"), ("kbit", "kbit must be finite")])
+@pytest.mark.parametrize(("part", "message"), [("ap", "no vehicle"), ("kbit", "kbit must be finite")])
 def test_figures_must_be_finite(part: str, message: str) -> None:
     class Lost(Counting):
         def __call__(self, subsets: np.ndarray, /) -> Estimate:
@@ -167,7 +159,7 @@ def test_figures_must_be_finite(part: str, message: str) -> None:
 
     some = candidates()
     with pytest.raises(ValueError, match=message):
-        Objective.of(some, Lost(len(some))).score([0])
+        Objective(Setting(candidates=some, fidelity=Lost(len(some)))).score([0])
 
 
 def test_it_takes_hand_made_candidates() -> None:
@@ -175,7 +167,7 @@ def test_it_takes_hand_made_candidates() -> None:
     axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
     factors = np.array([[1, 0, 0, 0, 0]])
     one = Candidates(some.sensors[2:3], factors[:, 0].copy(), some.mounts, factors, axes)
-    assert Objective.of(one, Counting(1)).score([0]).price == 2.0
+    assert Objective(Setting(candidates=one, fidelity=Counting(1))).score([0]).price == 2.0
 
 
 def test_a_mount_used_twice_is_paid_once() -> None:

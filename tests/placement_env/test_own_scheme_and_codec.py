@@ -20,7 +20,8 @@ from placement_env.fidelity.table import TableFidelity, load_table
 from placement_env.fidelity.visibility import see
 from placement_env.objective import Objective
 from placement_env.search import greedy
-from placement_env.search.cmaes import pose_scorer
+from placement_env.search.cmaes import build_pose_scorer
+from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.codec import PAPER, Codec, Message
@@ -31,6 +32,7 @@ from toolkit.detection.survey import survey
 from toolkit.frame import Frame
 from toolkit.objects import Detections
 from toolkit.rendering.renderer import Renderer
+from toolkit.runtime.run import Run
 
 
 @dataclass(frozen=True)
@@ -231,7 +233,9 @@ def test_objective_and_search_take_both(seen, renders, candidates, detector, fid
         "coverage": lambda: Coverage(seen, scheme, codec=codec),
         "detector": lambda: Detected(renders, detector, scheme, codec=codec),
     }[fidelity]()
-    objective = Objective.of(candidates, scored_by, scheme, codec=codec, visibility=seen)
+    objective = Objective(
+        Setting(candidates=candidates, fidelity=scored_by, scheme=scheme, codec=codec), visibility=seen
+    )
     np.testing.assert_allclose(objective.sent, 64.0 / 1000 + 40.0 * seen.sent.mean(axis=1) / 4 / 1000, rtol=1e-6)
     assert objective.linked.all()
     found = greedy.search(objective, 2)
@@ -263,24 +267,30 @@ def test_where_nothing_fits_them_the_remedy_is_named(seen):
 
 
 def test_a_site_takes_both_by_its_name():
-    objective = Objective("tjunction", 2, Thinned(), "coverage", codec=Centimetres())
-    paper = Objective("tjunction", 2, fidelity="coverage")
+    objective = Objective(
+        Setting("tjunction", scheme=Thinned(), fidelity="coverage", codec=Centimetres()), Run(frames=2)
+    )
+    paper = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2))
     assert greedy.search(objective, 2).best.kbit < greedy.search(paper, 2).best.kbit
     assert objective.preparation is not None
-    (moved,) = pose_scorer(objective.preparation, "coverage", objective.weights)([objective.candidates.sensors[:1]])
+    (moved,) = build_pose_scorer(objective.preparation)([objective.candidates.sensors[:1]])
     assert moved.kbit == objective.score([0]).kbit
     capacity = 1.5 * float(objective.sent[0])  # the paper's codec takes 2.4 times as much
     mounts = tuple(replace(mount, capacity=capacity) for mount in objective.candidates.mounts)
-    narrow = replace(objective.preparation, candidates=replace(objective.candidates, mounts=mounts))
-    assert pose_scorer(narrow, "coverage", objective.weights)([objective.candidates.sensors[:1]]) != [None]
-    costly = replace(narrow, codec=PAPER)
-    assert pose_scorer(costly, "coverage", objective.weights)([objective.candidates.sensors[:1]]) == [None]
+    made = objective.preparation
+    narrow = replace(made, setting=replace(made.setting, candidates=replace(objective.candidates, mounts=mounts)))
+    assert build_pose_scorer(narrow)([objective.candidates.sensors[:1]]) != [None]
+    costly = replace(narrow, setting=replace(narrow.setting, codec=PAPER))
+    assert build_pose_scorer(costly)([objective.candidates.sensors[:1]]) == [None]
     by_detector = Objective(
-        "tjunction", 2, Thinned(), "detector", codec=Centimetres(), detector=Places(np.zeros((0, 7)))
+        Setting(
+            "tjunction", scheme=Thinned(), fidelity="detector", codec=Centimetres(), detector=Places(np.zeros((0, 7)))
+        ),
+        Run(frames=2),
     )
     assert by_detector.score([0]).kbit > 0
     with pytest.raises(ValueError, match="no surrogate of tjunction for thinned"):
-        Objective("tjunction", 2, Thinned())
+        Objective(Setting("tjunction", scheme=Thinned()), Run(frames=2))
 
 
 class Unhashable(Thinned):

@@ -14,7 +14,6 @@ from coview.arguments import (
     check_schemes,
     check_share,
     counted_classes,
-    sensor_errors,
     site_file,
 )
 from coview.detectors import check_digest, site_detector
@@ -100,9 +99,7 @@ def plan(
     """
     from placement_env.candidates.poles import load_keep_out
     from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
-    from placement_env.fidelity.combined.mean_iou import iou_range, iou_text
-    from placement_env.fidelity.combined.robust import Failing
-    from placement_env.fidelity.combined.traffic_levels import TrafficLevels
+    from placement_env.cases import Cases, iou_text
     from placement_env.report.planning.files import write_plan
     from placement_env.report.planning.planning import plan as make_plan
     from placement_env.report.planning.question import Question
@@ -115,9 +112,16 @@ def plan(
     ):  # fmt: skip
         check_least(option, value, least)
     check_share("--confidence", confidence)
-    thresholds = iou_range(iou)
+    cases = Cases(
+        iou=iou,
+        failing=failing,
+        failures=failures,
+        levels=levels,
+        levels_by=levels_by,
+        errors=errors,
+        errors_by=errors_by,
+    )
     check_schemes([scheme])
-    profiles = sensor_errors(errors, errors_by)
     counted = counted_classes(classes, class_weights, combine, small_iou)
     inputs = [*site_file(site), *site_file(candidates), *(path for path in (sensors, keep_out) if path is not None)]
     check_folder(out, holds="plan.json", inputs=inputs, overwrite=overwrite)
@@ -138,14 +142,11 @@ def plan(
         classes=counted,
         scheme=scheme,
         codec=find_codec(codec),
-        iou=thresholds,
-        failing=Failing(failing, failures),
-        levels=TrafficLevels(levels, levels_by),
+        cases=cases,
         candidates=candidates,
         catalogue=None if sensors is None else load_sensor_catalogue(sensors),
         keep_out=() if keep_out is None else load_keep_out(keep_out, place),
         detector=own,
-        errors=profiles,
         seed=seed,
         confidence=confidence,
         **lengths,

@@ -237,6 +237,4 @@ def _own_table(
     """The table of all sensor sets over these frames; made if it is missing."""
     with suppress(ValueError, FileNotFoundError):  # damaged, or not made yet
         return load_table(path)
-    tell = processes.progress
-    report = None if tell is None else partial(tell, "frames of all sensor sets")
-    return make_table(renders, detector, path, frames=frames, seed=NOISE_SEED, workers=processes.count, progress=report)
+    return make_table(renders, detector, path, frames=frames, seed=NOISE_SEED, processes=processes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,17 +19,18 @@ from toolkit.arrays import Bool, Float64
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 from toolkit.objects import LABELS, VEHICLE, Detector, check_known
+from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import HYBRID_RADIUS, Site
 
 if TYPE_CHECKING:
     from placement_env.fidelity.detector import Detected
-    from toolkit.runtime.cache import Cache
 
 FITTED = ("intercept", "density", "norm", "reach", "oblique", "bulk")  # and ceiling, floor: a logit, a logarithm
 NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 FLOOR, FLOOR_LOG = 10.0, (-1.0, 5.0)  # to start from, and the range of its logarithm
+FIT_FRAMES = 100  # of each site
 LIFE = 4  # frames in which the same objects are there
 
 
@@ -207,31 +208,36 @@ def fit_detected(
     return tuple(fitted.values())
 
 
+@dataclass(frozen=True)
+class Sampling:
+    """Sensors and sets that a fit is made to, at each site, beside the site's own.
+
+    poses: of the site's pool; sets: of 1 to 8 sensors; models: of the poses, none for the paper's camera; resamples:
+    see `fit`. All are drawn at random.
+    """
+
+    poses: int = 60
+    sets: int = 60
+    models: tuple[SensorModel, ...] = ()
+    resamples: int = 20
+
+
 def fit_sites(
     sites: Sequence[Site],
     detector_of: Callable[[Site], Detector],
     *,
     schemes: Sequence[Scheme | str] = PAPER_SCHEMES,
     classes: Classes = VEHICLES,
-    frames: int = 100,
-    poses: int = 60,
-    sets: int = 60,
-    seed: int = 1000,
-    models: Sequence[SensorModel] = (),
     ious: Sequence[float] = (0.7, 0.8, 0.9),
-    resamples: int = 20,
+    sampling: Sampling = Sampling(),
     source: str = "",
-    cache: Cache | None = None,
-    workers: int = 1,
-    progress: Callable[[str, int, int | None], None] | None = None,
+    run: Run = Run(seed=1000),
 ) -> tuple[Fitted, ...]:
-    """A model of each scheme, class and IoU threshold of what a detector hits at some sites, with their own sensors and
-    with poses of their pools, drawn from the seed (of a site: the seed and its place in the list) as the traffic is.
+    """Models of each scheme, class and IoU threshold of what a detector hits at some sites.
 
-    sets: how many at each site, of 1 to 8 sensors; models: of the sensors in the pools, none for the paper's camera;
-    ious: of vehicles;
-    resamples: see `fit`; cache: where detections are kept, so that what was broken off goes on; progress: called with a
-    scheme, frames done and how many. Raises ValueError where a class is not there or is always hit.
+    ious: of vehicles; run: its seed, plus the place of a site in the list, draws traffic, poses and sets; its cache
+    keeps detections, so that what was broken off goes on. Raises ValueError where a class is not there or is always
+    hit.
     """
     from placement_env.candidates.pool import own_and_random, random_sets
     from placement_env.fidelity.detector import Detected
@@ -241,36 +247,35 @@ def fit_sites(
 
     _scipy()
     observed = []
+    frames = run.frames_or(FIT_FRAMES)
     for place, site in enumerate(sites):
         detector = detector_of(site)
         check_known(detector, classes.names)
-        rng = np.random.default_rng(seed + place)
-        candidates = own_and_random(site, poses, rng, models=models)
-        chosen = random_sets(candidates, len(site.sensors), sets, rng)
+        rng = np.random.default_rng(run.seed + place)
+        candidates = own_and_random(site, sampling.poses, rng, models=sampling.models)
+        chosen = random_sets(candidates, len(site.sensors), sampling.sets, rng)
         chosen = chosen[chosen.any(axis=1)]
-        traffic = simulate_traffic(site, frames, seed + place)
-        seen = see(traffic, candidates, labels=classes.labels, workers=workers, cache=cache)
-        observed.append((seen, chosen, detector, Renders(traffic, candidates, cache)))
+        traffic = simulate_traffic(site, frames, run.seed + place)
+        seen = see(traffic, candidates, labels=classes.labels, run=run)
+        observed.append((seen, chosen, detector, Renders(traffic, candidates, run.memo)))
     for name, label in zip(classes.names, classes.labels, strict=True):
         if not any((seen.labels == label).any() for seen, *_ in observed):
-            raise ValueError(f"there is no {name} in {frames} frames of traffic: say more --frames, or other --classes")
+            raise ValueError(f"no {name} appears in {frames} frames of traffic: increase --frames or leave it out")
     fitted: list[Fitted] = []
     for scheme in map(find_scheme, schemes):
         found = []
+        report = run.stage(f"{scheme.name} fusion", len(sites) * frames)
         for place, (seen, chosen, detector, renders) in enumerate(observed):
-            detected = Detected(renders, detector, scheme, memo=cache, workers=workers, classes=classes)
+            detected = Detected(renders, detector, scheme, memo=run.memo, processes=run, classes=classes)
             detected = detected.at(ious[0], also=ious)
-            report = None
-            if progress is not None:
-                report = partial(_done, progress, f"{scheme.name} fusion", place * frames, len(sites) * frames)
-            detected.estimates(chosen, progress=report)
+            detected.estimates(chosen, progress=None if report is None else partial(_report, report, place * frames))
             found.append((seen, detected, chosen))
-        fitted += fit_detected(found, source=source, ious=ious, resamples=resamples, seed=seed)
+        fitted += fit_detected(found, source=source, ious=ious, resamples=sampling.resamples, seed=run.seed)
     return tuple(fitted)
 
 
-def _done(progress: Callable[[str, int, int | None], None], stage: str, before: int, total: int, done: int) -> None:
-    progress(stage, before + done, total)
+def _report(report: Callable[[int], None], before: int, done: int) -> None:
+    report(before + done)
 
 
 def _misfit(model: HitModel, scheme: Scheme, observed: Sequence[Observed]) -> float:

@@ -4,13 +4,13 @@ there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from placement_env.fidelity.blocks import Block, seen_in_blocks
+from placement_env.fidelity.blocks import Block, see_blocks
 from placement_env.fidelity.occlusion import Seen
 from placement_env.fidelity.panorama.looking import Sight, Views, alone, look_through
 from placement_env.fidelity.panorama.still import Still
@@ -18,8 +18,9 @@ from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Bool, Float64
 from toolkit.points import Crop, has_centre_inside
 from toolkit.rendering.strips import Counted, SuccessiveStrips
-from toolkit.runtime.cache import Cache, make_key
+from toolkit.runtime.cache import make_key
 from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor, SensorModel
 
 FRAMES_AT_ONCE = 4  # that a process looks at before it hands over what is seen
@@ -43,21 +44,13 @@ def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray,
     return np.hypot(across, up) < [sensor.model.max_range for sensor in sensors]
 
 
-def look_round(
-    traffic: Traffic,
-    sensors: Sequence[Sensor],
-    labels: Sequence[int],
-    *,
-    workers: int = 1,
-    ray: str | None = None,
-    progress: Callable[[int], None] | None = None,
-    cache: Cache | None = None,
-) -> Seen:
-    """What far-sighted sensors see of all frames; the arguments as of `placement_env.fidelity.visibility.see`."""
+def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
+    """What far-sighted sensors see of all frames; arguments as of `placement_env.fidelity.visibility.see`."""
     look = _Look(traffic, tuple(sensors), tuple(labels))
     blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
-    report = None if progress is None else lambda frames: progress(len(sensors) * frames // len(traffic))
-    return _frame_after_frame(seen_in_blocks(look, blocks, workers=workers, ray=ray, progress=report, cache=cache))
+    tell = run.stage("poses rendered", len(sensors))
+    report = None if tell is None else lambda frames: tell(len(sensors) * frames // len(traffic))
+    return _frame_after_frame(see_blocks(look, blocks, run, report))
 
 
 def _frame_after_frame(parts: Sequence[Seen]) -> Seen:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from placement_env.fidelity.combined.mean_iou import iou_text
+from placement_env.cases import iou_text
 from placement_env.handover.ground import Ground, GroundShares
 from placement_env.report.charts import failure_chart, interval_bars, order_chart, scheme_chart, worth_chart
 from placement_env.report.content import BreakdownRow, BuildStep, FailureCase, Judgement, Plan, SchemeFigures, overlap

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from placement_env.fidelity.combined.mean_iou import iou_text
+from placement_env.cases import iou_text
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
 from placement_env.report.charts import front_chart, link_chart

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from placement_env.fidelity.combined.mean_iou import iou_text
+from placement_env.cases import iou_text
 from placement_env.handover.ground import Ground
 from placement_env.report.content import Plan, Planned
 from placement_env.report.pages.document import Document, to_html, to_pdf

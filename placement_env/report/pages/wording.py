@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from placement_env.cases import IoUs
-from placement_env.fidelity.combined.mean_iou import iou_text
+from placement_env.cases import IoUs, iou_text
 from placement_env.report.content import CONFIDENCE, Judgement
 from placement_env.report.pages.document import Cell, Column
 

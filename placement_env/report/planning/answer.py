@@ -10,7 +10,7 @@ import numpy as np
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import Ground, ground_shares
 from placement_env.handover.mounted import bill_of_materials, link_loads, mounted_sensors, unused_mounts
-from placement_env.objective import Objective, Stages
+from placement_env.objective import Objective
 from placement_env.report.content import Plan, PlanOption
 from placement_env.report.planning import breakdown, figures, refusals, sentences
 from placement_env.report.planning.figures import ChosenSet
@@ -22,6 +22,7 @@ from placement_env.search.portfolio.entrants import Entrants
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import find_scheme
 from toolkit.objects import LABELS
+from toolkit.runtime.run import Stages
 
 
 @dataclass(frozen=True, eq=False)

@@ -186,10 +186,10 @@ def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ..
 
 def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
     """At each level of traffic; no row where all traffic is one."""
-    if judge.counting is None or not judge.parts:
+    if judge.cases is None or not judge.parts:
         return ()
     rows = []
-    for name, part, judged in zip(judge.counting.levels.names, judge.parts, judge.by_level(chosen), strict=False):
+    for name, part, judged in zip(judge.cases.level_names, judge.parts, judge.by_level(chosen), strict=False):
         points = scored.points[np.isin(scored.truth_frame, part)]
         rows.append(BreakdownRow(name, judged, float(points.mean()) if len(points) else None))
     return tuple(rows)

@@ -56,10 +56,10 @@ def by_scheme(judge: Judge, chosen: ChosenSet, progress: _Progress | None = None
         other = Judge(
             Detected(
                 detected.renders, detected.detector, find_scheme(name), codec=detected.codec, iou=detected.iou,
-                memo=detected.memo, workers=detected.workers, ray=detected.ray, classes=detected.classes,
+                memo=detected.memo, processes=detected.processes, classes=detected.classes,
             ).at(detected.iou, detected.ious),
             judge.seed,
-            judge.counting,
+            judge.cases,
         )  # fmt: skip
         figures = other.judge(row, progress=progress)
         kbit = float(np.mean([outcome.bits.mean() for outcome in other.outcomes(chosen.members)])) / 1000

@@ -8,14 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES, Tally, draws_of_blocks, figure_interval
-from placement_env.cases import IoUs
+from placement_env.cases import USUAL_CASES, Cases, IoUs
 from placement_env.classes import Classes
-from placement_env.fidelity.combined.error_profiles import ErrorProfiles
-from placement_env.fidelity.combined.prepared import Counting
-from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.report.content import CONFIDENCE, ClassAP, Judgement
-from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluator, ProfileEvaluator, counted_evaluator
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluator
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS
 
@@ -24,18 +21,16 @@ NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LA
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """The detector on one part of the traffic. seed: of the bootstrap; counting: over which IoU thresholds the mean is
-    taken, all of which it matches at, what fails, and which levels of traffic there are; None for its own threshold,
-    no failures and all traffic; parts: the frames of each level, none where all traffic is one; others: the same
+    """The detector on one part of the traffic. seed: of the bootstrap; cases: over which its figures are taken, None
+    for its own threshold alone; parts: the frames of each level, none where all traffic is one; others: the same
     detector at the error profiles after the first of `errors`, None where there is one profile. Figures are those at
     the first one unless it says otherwise."""
 
     detected: Detected
     seed: int
-    counting: Counting | None = None
+    cases: Cases | None = None
     parts: tuple[Int64[np.ndarray, " _"], ...] = ()
     others: tuple[Judge, ...] = ()
-    errors: ErrorProfiles | None = None
 
     def judge(
         self,
@@ -56,28 +51,28 @@ class Judge:
     ) -> list[Judgement] | None:
         """What is left of each set when sensors fail, over the levels of traffic; None where none does. The worst case
         is that of each resample; recall and precision are those of the worst case, or means over all."""
-        if self.counting is None or not self.counting.failing.sensors:
+        if self.cases is None or not self.cases.failing:
             return None
-        return [_within(*each) for each in self._left(sets, self.counting.failing, progress)]
+        return [_within(*each) for each in self._left(sets, self.cases, progress)]
 
     def _left(
-        self, sets: Bool[np.ndarray, "n C"], failing: Failing, progress: Callable[[int], None] | None
+        self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Callable[[int], None] | None
     ) -> list[tuple[Judgement, Float64[np.ndarray, " resamples"]]]:
-        rows, owners = failing.cases(sets)
+        rows, owners = cases.expand(sets)
         members = [tuple(np.flatnonzero(row).tolist()) for row in rows]
         outcomes = self.detected.outcomes(dict.fromkeys(members), range(self.frames), progress)
         judged, draws = {}, {}
         for each in dict.fromkeys(members):
             judged[each], draws[each] = self._over_levels(outcomes[each])
-        resamples = failing.reduced(np.array([draws[each] for each in members]), owners)
+        resamples = cases.over_failures(np.array([draws[each] for each in members]), owners, tie=0)
         found = []
         for n in range(len(sets)):
-            cases = [
+            judgements = [
                 judged[each]
                 for each, owner in zip(members[len(sets) :], owners[len(sets) :], strict=True)
                 if owner == n
             ]
-            left = min(cases, key=lambda case: case.ap) if failing.combine == "worst" else _mean(cases)
+            left = min(judgements, key=lambda case: case.ap) if cases.failures == "worst" else _mean(judgements)
             found.append((left, resamples[n]))
         return found
 
@@ -104,45 +99,44 @@ class Judge:
         """What counts of each set over the error profiles: of what is left when sensors fail, and over the levels of
         traffic, where such are asked for; None where there is one profile. The worst profile is that of each resample;
         recall and precision are those of the worst profile, or means."""
-        if self.errors is None:
+        if self.cases is None or not self.others:
             return None
         found = []
         for cases in zip(*(each._counted(sets, progress) for each in (self, *self.others)), strict=True):
             judged = [case for case, _ in cases]
-            worst = self.errors.combine == "worst"
+            worst = self.cases.errors_by == "worst"
             over = min(judged, key=lambda case: case.ap) if worst else _mean(judged)
-            found.append(_within(over, self.errors.combined(np.stack([draws for _, draws in cases]))))
+            found.append(_within(over, self.cases.over_errors(np.stack([draws for _, draws in cases]))))
         return found
 
     def by_errors(self, chosen: tuple[int, ...]) -> dict[str, Judgement]:
         """What counts of one set at each error profile by itself, by its name; none where there is one profile."""
-        if self.errors is None:
+        if self.cases is None or not self.others:
             return {}
         row = np.zeros((1, len(self.detected.renders.sensors)), np.bool_)
         row[0, list(chosen)] = True
-        judges = zip(self.errors.names, (self, *self.others), strict=True)
+        judges = zip(self.cases.names, (self, *self.others), strict=True)
         return {name: _within(*each._counted(row)[0]) for name, each in judges}
 
     def _counted(
         self, sets: Bool[np.ndarray, "n C"], progress: Callable[[int], None] | None = None
     ) -> list[tuple[Judgement, Float64[np.ndarray, " resamples"]]]:
         """At this profile: what is left of each set where sensors fail, else the intact one, over the levels."""
-        if self.counting is not None and self.counting.failing.sensors:
-            return self._left(sets, self.counting.failing, progress)
+        if self.cases is not None and self.cases.failing:
+            return self._left(sets, self.cases, progress)
         rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
         outcomes = self.detected.outcomes(dict.fromkeys(rows), range(self.frames), progress)
         return [self._over_levels(outcomes[row]) for row in rows]
 
     def _over_levels(self, outcomes: Sequence[Outcome]) -> tuple[Judgement, Float64[np.ndarray, " resamples"]]:
         """Figures of one set in all frames, over the levels, and the AP of each resample."""
-        if self.counting is None or not self.parts:
+        if self.cases is None or not self.parts:
             tallies = self.tallies(outcomes)
             return mean_figures(tallies, self.classes), mean_resamples(tallies, self.classes, self.seed)
-        levels = self.counting.levels
         found = [self._at_level(outcomes, part) for part in self.parts]
-        resamples = levels.combined(np.stack([draws for _, draws in found]))
+        resamples = self.cases.over_levels(np.stack([draws for _, draws in found]))
         cases = [judged for judged, _ in found if not np.isnan(judged.ap)]
-        if levels.combine == "worst":
+        if self.cases.levels_by == "worst":
             return min(cases, key=lambda case: case.ap), resamples
         vehicles, frames = (sum(getattr(case, name) for case in cases) for name in ("vehicles", "frames"))
         return replace(_mean(cases), vehicles=vehicles, frames=frames), resamples
@@ -156,12 +150,9 @@ class Judge:
         return mean_figures(tallies, self.classes), mean_resamples(tallies, self.classes, self.seed, draws=draws)
 
     def evaluator(self) -> Evaluator:
-        """That has sets race, so counted."""
-        if self.errors is not None:
-            first = replace(self, others=(), errors=None)
-            return ProfileEvaluator(tuple(each.evaluator() for each in (first, *self.others)), self.errors)
-        each = tuple(DetectorEvaluator(self.detected.at(iou), self.seed) for iou in self.ious)
-        return counted_evaluator(each, self.counting, self.parts)
+        """Evaluator that has sets race, over the same cases."""
+        profiles = tuple(DetectorEvaluator(each.detected, self.ious, self.seed) for each in (self, *self.others))
+        return CasesEvaluator(profiles, self.cases or USUAL_CASES, self.parts)
 
     def tallies(
         self,
@@ -185,9 +176,9 @@ class Judge:
     def by_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judgement of one set for each class that counts, by itself."""
         tallies = self.tallies(self.outcomes(chosen))
-        classes, counting = self.classes, self.counting or Counting.of(self.detected.iou)
+        classes, cases = self.classes, self.cases or Cases(iou=self.detected.iou)
         return tuple(
-            ClassAP(name, weight, counting.of_class(classes, name), mean_judgement(own, Classes((name,)), self.seed))
+            ClassAP(name, weight, cases.class_ious(classes, name), mean_judgement(own, Classes((name,)), self.seed))
             for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True))
             for own in [[[at[k]] for at in tallies]]
         )
@@ -195,7 +186,7 @@ class Judge:
     @property
     def ious(self) -> tuple[float, ...]:
         """Thresholds over which the mean is taken."""
-        return (self.detected.iou,) if self.counting is None else self.counting.ious
+        return (self.detected.iou,) if self.cases is None else self.cases.ious
 
     @property
     def iou(self) -> IoUs:

@@ -13,12 +13,11 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.pool import NoCandidates
-from placement_env.fidelity.combined.error_profiles import Errors, several
-from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.preparation import Preparation, check_fidelity_for
+from placement_env.cases import USUAL_CASES, Cases
+from placement_env.fidelity.preparation import Preparation, check_scorable
 from placement_env.handover.ground import visible_ground
 from placement_env.handover.mounted import mounted_site
-from placement_env.objective import Objective, Stages
+from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
 from placement_env.report.content import Plan, Planned, Verdict
 from placement_env.report.planning import refusals
@@ -27,10 +26,11 @@ from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select
-from placement_env.search.portfolio.entrants import Effort, kept_entrants
-from toolkit.detection.schemes import find_scheme
+from placement_env.search.description import describe_exclusions
+from placement_env.search.portfolio.entrants import Effort, keep_entrants
+from placement_env.setting import Setting
 from toolkit.objects import LABELS
-from toolkit.sensors.error_profiles import PAPER_ERRORS
+from toolkit.runtime.run import Run, Stages
 
 MOST_BOUGHT = 12  # that a sum of money alone may buy
 
@@ -83,28 +83,27 @@ class _Planning:
         question = self.question
         fidelity = self._search_fidelity()
         searched = self._preparation(self.pool, 0)
-        searched.check("detector")
-        visibility = searched.look(self.progress)
+        check_scorable(searched.setting, "detector")
+        visibility = searched.visibility
         missing = [LABELS[label] for label in question.classes.labels if not (visibility.labels == label).any()]
         if missing:
             reasons = refusals.without_objects(question, missing, question.search_frames, "simulated")
             return _none(question, reasons, self.pool)
         everything = self._objective(searched, fidelity)
-        excluded = refusals.exclusions(everything, question.max_kbit, question.currency)
+        excluded = describe_exclusions(everything, question.max_kbit, question.currency)
         kept = np.flatnonzero(refusals.buildable(everything, question.max_kbit))
         if not len(kept):
             return _none(question, excluded, self.pool)
         candidates = self.pool.select(kept)
         objective = self._objective(searched.at(candidates, visibility.select(kept)), fidelity)
-        found = kept_entrants(
+        found = keep_entrants(
             objective,
             Effort(tuple(range(1, self._most_sensors(candidates) + 1))),
-            searched.disk_cache,
+            searched.run.memo,
             depends_on=searched.traffic.digest(),
             seed=question.seed,
-            progress=self.progress,
         )
-        judging = [self._preparation(candidates, part, question.errors) for part in (1, 2)]
+        judging = [self._preparation(candidates, part, question.cases) for part in (1, 2)]
         judge, final = map(self._judge, judging)
         for each in (judge, final):
             if each.absent:
@@ -122,59 +121,43 @@ class _Planning:
         frames = moments(final.detected, members, seed=question.seed)
         return Planned(answered, mounted_site(question.site, candidates, members), candidates, ground, frames)
 
-    def _preparation(self, candidates: Candidates, part: int, errors: Errors = PAPER_ERRORS) -> Preparation:
-        """Of one of the three parts of the traffic."""
+    def _preparation(self, candidates: Candidates, part: int, cases: Cases | None = None) -> Preparation:
+        """Preparation of one of the three parts of the traffic; without cases, those of the search."""
         question = self.question
         frames = (question.search_frames, question.judge_frames, question.final_frames)[part]
-        return Preparation(
-            site=question.site,
+        setting = Setting(
+            question.site,
             candidates=candidates,
-            frames=frames,
-            scheme=find_scheme(question.scheme),
+            scheme=question.scheme,
             codec=question.codec,
-            iou=question.counting.ious[0],
-            seed=question.seed + part,
-            cache=self.cache,
-            workers=self.workers,
-            detector=question.detector,
-            errors=errors,
             classes=question.classes,
+            cases=replace(question.cases, errors=USUAL_CASES.errors) if cases is None else cases,
+            detector=question.detector,
+            most_price=question.most_price,
         )
+        cache = None if self.cache is None else Path(self.cache)
+        seed = question.seed + part
+        run = Run(seed=seed, frames=frames, cache=cache, workers=self.workers, progress=self.progress)
+        return Preparation(setting, run)
 
     def _judge(self, prepared: Preparation) -> Judge:
-        first, *others = map(self._judge_at_profile, prepared.at_profiles)
-        return replace(first, others=tuple(others), errors=several(prepared.errors))
-
-    def _judge_at_profile(self, prepared: Preparation) -> Judge:
-        detected = prepared.fidelity("detector")
-        if not isinstance(detected, Detected):
-            raise TypeError("fidelity detector must be Detected")
-        counting = self.question.counting
-        parts = counting.parts(prepared.traffic) if counting.levels.count > 1 else ()
-        return Judge(detected.at(counting.ious[0], counting.ious), self.question.seed, counting, parts)
+        cases = self.question.cases
+        judges = []
+        for errors in cases.profiles:
+            detected = prepared.detected(errors).at(cases.ious[0], cases.ious)
+            judges.append(Judge(detected, self.question.seed, cases, prepared.levels))
+        first, *others = judges
+        return replace(first, others=tuple(others))
 
     def _objective(self, prepared: Preparation, fidelity: FidelityName) -> Objective:
-        counting = self.question.counting
-        objective = Objective.of(
-            prepared.candidates,
-            counting.fidelity(prepared, fidelity),
-            prepared.scheme,
-            site=self.question.site,
-            visibility=prepared.visibility,
-            codec=prepared.codec,
-            most_price=self.question.most_price,
-        )
-        objective.counting = counting  # which kept entrants depend on
-        return objective
+        setting = replace(prepared.setting, fidelity=prepared.fidelity(fidelity))
+        return Objective(setting, prepared.run, visibility=prepared.visibility)
 
     def _search_fidelity(self) -> FidelityName:
         """The surrogate where there is one for the scheme and IoU, else coverage."""
-        question = self.question
+        searched = self._preparation(self.pool, 0)
         try:
-            for iou in question.counting.ious:
-                check_fidelity_for(
-                    question.site, self.pool, question.scheme, "surrogate", iou=iou, classes=question.classes
-                )
+            check_scorable(searched.setting, "surrogate")
         except ValueError:
             return "coverage"
         return "surrogate"

@@ -42,7 +42,7 @@ def plan_origin(
         "search_fidelity": search_fidelity,
         "classes": question.classes.origin,
         "codec": question.codec.digest,
-        "errors": question.errors.origin,
+        "errors": question.cases.errors_origin,
         "traffic": {
             name: {"seed": question.seed + i, "frames": len(each), "sha256": each.digest()}
             for i, (name, each) in enumerate(zip(parts, traffic, strict=True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -12,20 +12,15 @@ from typing import Any
 import shapely
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.pool import choose_candidates
+from placement_env.candidates.pool import choose_candidates, with_terms
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
-from placement_env.cases import IoUs
+from placement_env.cases import USUAL_CASES, Cases, IoUs
 from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, classes_of
-from placement_env.fidelity.combined.error_profiles import Errors, profiles_in, several
-from placement_env.fidelity.combined.prepared import Counting
-from placement_env.fidelity.combined.robust import Failing
-from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detector
-from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
 SEARCH_FRAMES, JUDGE_FRAMES, FINAL_FRAMES = 60, 60, 120
@@ -36,20 +31,18 @@ class Question:
     """What is asked.
 
     site: the junction; sensors: most of them, None for as many as `money` buys; money: most that may be spent, in the
-    catalogue's currency, else in prices of one ordinary pole, None for any sum; min_ap: AP to be reached, None for the
-    best set within the budget, else the cheapest set that reaches it is the answer; max_kbit: most that one sensor may
-    send in the mean frame; capacity_kbit: of the link of every mount, None for each mount's own; classes: of road users
-    that count (names, or `placement_env.classes.Classes`), of the others a plan says what share is seen; scheme: of
-    fusion; codec: of what is sent; iou: at which a detection counts, or several, whose mean AP does; failing: sensors
-    that fail (a number, or `Failing`), so that what is left of a set decides; levels: of traffic (a number, or
-    `TrafficLevels`), so that the AP of the worst, or their mean, decides; candidates: "pool", "paper" for the
-    site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera at
-    no price; keep_out: areas where no
-    sensor may stand; detector: None for a shipped network; frames: of the traffic that searches see, of that by which
-    sets are compared, and of that by which the answer is judged; seed: of all three; errors: of the sensors, one
-    profile or `ErrorProfiles`, when sets are compared and the answer is judged: searches know the sensors' own noise
-    only; of several the AP of the worst, or their mean, decides, and what else the plan says is at the first;
-    confidence: at which a comparison ends, that no set of as many sensors is better by more than 0.01.
+    catalogue's currency, else in prices of one ordinary pole, None for any sum; min_ap: AP to be reached, None for
+    the best set within the budget, else the cheapest set that reaches it is the answer; max_kbit: most that one
+    sensor may send in the mean frame; capacity_kbit: of the link of every mount, None for each mount's own;
+    classes: of road users that count (names, or `placement_env.classes.Classes`), of the others a plan says what
+    share is seen; scheme: of fusion; codec: of what is sent; cases: IoU thresholds, failures, levels of traffic and
+    errors of the sensors that decide when sets are compared and the answer is judged (searches know the sensors'
+    own noise only, and what else the plan says is at the first error profile); candidates: "pool", "paper" for the
+    site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera
+    at no price; keep_out: areas where no sensor may stand; detector: None for a shipped network; frames: of the
+    traffic that searches see, of that by which sets are compared, and of that by which the answer is judged; seed:
+    of all three; confidence: at which a comparison ends, that no set of as many sensors is better by more than
+    0.01.
 
     Raises ValueError in one line where a field does not fit.
     """
@@ -63,9 +56,7 @@ class Question:
     classes: Any = VEHICLES
     scheme: str = "early"
     codec: Codec = PAPER
-    iou: IoUs = 0.7
-    failing: Failing | int = 0
-    levels: TrafficLevels | int = 1
+    cases: Cases = USUAL_CASES
     candidates: str | Path = "pool"
     catalogue: SensorCatalogue | None = None
     keep_out: tuple[shapely.Geometry, ...] = ()
@@ -74,7 +65,6 @@ class Question:
     judge_frames: int = JUDGE_FRAMES
     final_frames: int = FINAL_FRAMES
     seed: int = 0
-    errors: Errors = PAPER_ERRORS
     confidence: float = 0.95
 
     def __post_init__(self) -> None:
@@ -93,12 +83,9 @@ class Question:
         object.__setattr__(self, "classes", classes_of(self.classes))
         check_codec(self.codec)
         find_scheme(self.scheme)
-        counting = Counting.of(self.iou, self.failing, self.levels)
-        for name in ("iou", "failing", "levels"):
-            object.__setattr__(self, name, getattr(counting, name))
-        if self.sensors is not None and 0 < self.sensors <= counting.failing.sensors:
+        if self.sensors is not None and 0 < self.sensors <= self.cases.failing:
             raise ValueError(
-                f"of {self.sensors} sensors nothing is left when {counting.failing.sensors} fail: allow more sensors, "
+                f"of {self.sensors} sensors nothing is left when {self.cases.failing} fail: allow more sensors, "
                 "or let fewer fail"
             )
         for name in ("search_frames", "judge_frames", "final_frames"):
@@ -111,10 +98,10 @@ class Question:
                 "the site's own sensors have their models: give a catalogue with a pool or a file of poles"
             )
 
-    @cached_property
-    def counting(self) -> Counting:
-        """At which IoU thresholds sets are scored, with which failures, and over which levels of traffic."""
-        return Counting.of(self.iou, self.failing, self.levels)
+    @property
+    def iou(self) -> IoUs:
+        """IoU threshold, or thresholds, from which a detection counts."""
+        return self.cases.threshold
 
     @property
     def most_price(self) -> float:
@@ -149,7 +136,7 @@ class Question:
     def in_words(self) -> dict[str, Any]:
         """Every option, for plan.json."""
         detector = "shipped" if self.detector is None else detector_origin(self.detector)["detector"]
-        named, over = self.candidates in ("pool", "paper"), several(self.errors)
+        named = self.candidates in ("pool", "paper")
         return {
             "site": self.site.name,
             "sensors": self.sensors,
@@ -161,16 +148,16 @@ class Question:
             "classes": list(self.classes.names),
             "class_weights": list(self.classes.weights),
             "combine": self.classes.combine,
-            "class_ious": [self.counting.of_class(self.classes, name) for name in self.classes.names],
+            "class_ious": [self.cases.class_ious(self.classes, name) for name in self.classes.names],
             "scheme": self.scheme,
             "codec": self.codec.digest,
             "iou": self.iou if isinstance(self.iou, float) else list(self.iou),
-            "failing": self.counting.failing.sensors,
-            "failures": self.counting.failing.combine,
-            "levels": self.counting.levels.count,
-            "levels_by": self.counting.levels.combine,
-            "errors": [each.name for each in profiles_in(self.errors)],
-            "errors_by": "worst" if over is None else over.combine,
+            "failing": self.cases.failing,
+            "failures": self.cases.failures,
+            "levels": self.cases.levels,
+            "levels_by": self.cases.levels_by,
+            "errors": list(self.cases.names),
+            "errors_by": self.cases.errors_by,
             "candidates": str(self.candidates) if named else Path(self.candidates).name,
             "catalogue": None if self.catalogue is None else [each.name for each in self.catalogue.models],
             "keep_out_areas": len(self.keep_out),
@@ -186,12 +173,3 @@ class Question:
         if self.candidates in ("pool", "paper"):
             return None
         return sha256(Path(self.candidates).read_bytes()).hexdigest()
-
-
-def with_terms(candidates: Candidates, pole_price: float, capacity: float | None) -> Candidates:
-    """The same candidates on mounts whose price is in a currency, with links of one capacity (None: their own)."""
-    mounts = tuple(
-        replace(mount, price=mount.price * pole_price, capacity=mount.capacity if capacity is None else capacity)
-        for mount in candidates.mounts
-    )
-    return replace(candidates, mounts=mounts)

@@ -19,13 +19,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from placement_env.fidelity.detector import IOUS
-from placement_env.objective import Objective, Stages
+from placement_env.objective import Objective
 from placement_env.report.content import Judgement, PlanOption, overlap
 from placement_env.report.planning.judging import Judge
 from placement_env.search.exact.exhaustive import undominated
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.portfolio import contest
 from toolkit.arrays import Bool
+from toolkit.runtime.run import Stages
 
 KEPT = 3  # sets of each number of sensors that are judged on all frames
 

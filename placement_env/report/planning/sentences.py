@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
+from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES
-from placement_env.fidelity.combined.error_profiles import profiles_in, several
-from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.fidelity.coverage import LEAST
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures, Verdict
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Rule
+from placement_env.search.description import describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.detection.schemes import find_scheme
 from toolkit.objects import LABELS
 from toolkit.sensors.error_profiles import ErrorProfile, only_own_noise
-
-
-def money(amount: float, currency: str) -> str:
-    """A sum in words.
-
-    >>> money(5500.0, "EUR"), money(1.0, ""), money(2.5, "")
-    ('5,500 EUR', 'the price of 1 ordinary pole', 'the price of 2.5 ordinary poles')
-    """
-    if currency:
-        return f"{round(amount, 2):,.10g} {currency}"
-    return f"the price of {round(amount, 2):g} ordinary {'pole' if amount == 1 else 'poles'}"
 
 
 def plural(count: int, noun: str) -> str:
@@ -45,17 +34,16 @@ def figure(judged: Judgement) -> str:
 def of_what(question: Question) -> str:
     """What an AP by which sets are compared is of: "" for that of the intact set in all traffic with one profile of
     errors."""
-    failing, levels = question.counting.failing, question.counting.levels
-    said = [failing.described] if failing.sensors else []
-    said += [levels.described] if levels.count > 1 else []
-    over = several(question.errors)
-    said += [] if over is None else [over.described]
+    cases = question.cases
+    said = [cases.describe_failures()] if cases.failing else []
+    said += [cases.describe_levels()] if cases.levels > 1 else []
+    said += [cases.describe_errors()] if len(cases.names) > 1 else []
     return f", {', '.join(said)}," if said else ""
 
 
 def verdict_of(question: Question, chosen: PlanOption, final: Judgement, reasons: tuple[str, ...]) -> Verdict:
     """The answer. final: by which it is compared with the requirement; reasons: why a requirement is not met."""
-    count, price = plural(len(chosen.sensors), "sensor"), money(chosen.price, question.currency)
+    count, price = plural(len(chosen.sensors), "sensor"), describe_money(chosen.price, question.currency)
     said = f"{figure(final)}{of_what(question)} at IoU {iou_text(question.iou)} with {count} for {price}"
     if question.min_ap is None:
         return Verdict(None, f"The best set found within the budget has {said}.")
@@ -94,7 +82,7 @@ def why(
     """Why this set, with figures."""
     judged = [option.judged for option in options if option.judged is not None]
     compared = of_what(question).strip(", ")
-    of_that = "" if question.counting.failing.sensors else "that "
+    of_that = "" if question.cases.failing else "that "
     searches = " and ".join(chosen.searches) or "a neighbour of what a search answered"
     second = chosen.counted
     sentences = [
@@ -128,20 +116,18 @@ def why(
 
 def _of_errors(question: Question) -> str:
     """What is assumed of the sensors' errors."""
-    first, *others = profiles_in(question.errors)
+    first, *others = question.cases.profiles
     if only_own_noise(first) and not others:
         return "Poses are exact: no calibration error, no sway of poles, no clocks that differ."
     which = " and ".join(f"of profile {each.name} ({_terms(each)})" for each in (first, *others))
-    over = several(question.errors)
+    over = question.cases.describe_errors()
     rest = (
-        ""
-        if over is None
-        else f" The AP by which they are compared is that {over.described}; every other figure of the report, kbit and "
-        f"pictures are with profile {first.name}, the first that was asked for, unless another stands beside it."
+        f" The AP by which they are compared is that {over}; every other figure of the report, kbit and pictures are "
+        f"with profile {first.name}, the first that was asked for, unless another stands beside it."
     )
     return (
         f"Sets are compared and judged with the sensors' errors {which}; searches, "
-        f"and the kbit they weigh, know the noise of the sensors' models alone.{rest}"
+        f"and the kbit they weigh, know the noise of the sensors' models alone.{rest if others else ''}"
     )
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -116,7 +117,7 @@ def _by_surrogate(
     what = f"reaches AP {demand.at_least:g}{demand.described(len(shares))}"
 
     def reached(sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        return objective.scores(sets).ap if demand.plain else demand.reached(shares, sets)
+        return objective.scores(sets).ap if demand.plain else demand.reach(shares, sets)
 
     lost: list[Bool[np.ndarray, " C"]] = []
     above = levels_of_shares(shares, above=True)
@@ -170,10 +171,8 @@ def _demanding(objective: Objective, shares: Sequence[Surrogate], demand: Demand
     if demand.plain:
         return objective
     scored_by = DemandFidelity(objective.scored_by, shares, demand)
-    return Objective.of(
-        objective.candidates, scored_by, objective.scheme, objective.weights, site=objective.site,
-        visibility=objective.visibility, codec=objective.codec, most_price=objective.most_price,
-    )  # fmt: skip
+    setting = replace(objective.setting, candidates=objective.candidates, fidelity=scored_by)
+    return Objective(setting, objective.run, visibility=objective.visibility)
 
 
 def _solved_in_cases(

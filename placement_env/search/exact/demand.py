@@ -11,11 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.cases import TIE
+from placement_env.cases import TIE, Cases
 from placement_env.checks import check_whole
-from placement_env.fidelity.combined.prepared import Counting
-from placement_env.fidelity.combined.robust import Failing
-from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate, Fidelity
@@ -35,7 +32,7 @@ class Demand:
 
     def __post_init__(self) -> None:
         check_whole("parts", self.parts, least=1)
-        TrafficLevels(self.levels)
+        Cases(levels=self.levels)
         if not 0 < self.at_least <= 1:
             raise ValueError(f"the AP to be reached must lie above 0 and up to 1, got {self.at_least}: 0.9 is 0.9")
         if self.failing not in (0, 1):
@@ -66,21 +63,21 @@ class Demand:
             part = np.arange(seen.frames) * self.parts // max(1, seen.frames)
             found = [np.flatnonzero(part == k) for k in range(self.parts)]
         elif objective.preparation is not None:
-            found = list(Counting.of(0.7, 0, self.levels).parts(objective.preparation.traffic))
+            found = list(objective.preparation.split(self.levels))
         else:
-            found = list(TrafficLevels(self.levels).parts(there))
+            found = list(Cases(levels=self.levels).split(there))
         return [frames for frames in found if there[frames].any()]
 
-    def reached(self, by: Sequence[Fidelity], sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """The least AP of each set over its failures and the shares; 0 of one of which a failure leaves nothing. by:
-        fidelity of each share."""
+    def reach(self, by: Sequence[Fidelity], sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+        """Least AP of each set over its failures and the shares; 0 where a failure leaves nothing.
+
+        by: fidelity of each share.
+        """
         if not len(sets):
             return np.zeros(0)
-        if not self.failing:
-            return np.asarray(np.min([each(sets).ap for each in by], axis=0))
-        one = Failing(1)
-        rows, owners = one.cases(sets)
-        return one.reduced(np.min([each(rows).ap for each in by], axis=0), owners)
+        cases = Cases(failing=self.failing)
+        rows, owners = cases.expand(sets)
+        return cases.over_failures(np.min([each(rows).ap for each in by], axis=0), owners, tie=0)
 
 
 class DemandFidelity:
@@ -93,4 +90,4 @@ class DemandFidelity:
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """The least AP of each set; equal ones are told apart by a trace of the intact set's."""
         intact = self._whole(subsets)
-        return intact._replace(ap=self._demand.reached(self._by, subsets) + TIE * intact.ap)
+        return intact._replace(ap=self._demand.reach(self._by, subsets) + TIE * intact.ap)

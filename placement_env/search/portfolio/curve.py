@@ -18,21 +18,18 @@ import numpy as np
 
 from placement_env.analysis.intervals import figure_interval
 from placement_env.checks import check_whole
-from placement_env.fidelity.preparation import Preparation
-from placement_env.objective import Objective, Stages
+from placement_env.objective import Objective
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
-from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants
-from placement_env.search.portfolio.evaluators import Evaluator, race_order
+from placement_env.search.portfolio.entrants import Effort, Entrants
+from placement_env.search.portfolio.evaluators import race_order
 from placement_env.search.portfolio.portfolio import (
     INTERVAL_SHARE,
-    JUDGED_FRAMES,
-    RACE_FRAMES,
     SEARCHES,
     SET_FRAMES,
+    Judging,
     aps_at_profiles,
     contest,
-    evaluators_of,
-    found_entrants,
+    find_entrants,
 )
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits, rows_of
@@ -97,30 +94,22 @@ def budget_curve(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    confidence: float = 0.95,
-    judge: str = "detector",
-    race_frames: int = RACE_FRAMES,
-    final_frames: int = JUDGED_FRAMES,
-    neighbours: int = ENTRANTS,
-    preparation: Preparation | None = None,
-    evaluators: tuple[Evaluator, Evaluator] | None = None,
-    progress: Stages | None = None,
+    judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> tuple[CurvePoint, ...]:
-    """A point for each number of sensors from 1 to `most` of which a set may be built, by number; where `amounts` of
-    money are given (`amounts_up_to`), for each at which another set of at most so many sensors is the best, by amount.
+    """A point for each number of sensors from 1 to `most` of which a set may be built, by number.
 
-    Other arguments as of `placement_env.search.portfolio.portfolio.search`; seconds: of all searches, races and the
-    judgement together. Raises ValueError as that does.
+    Where `amounts` of money are given (`amounts_up_to`), a point for each at which another set of at most so many
+    sensors is the best, by amount. Other arguments as of `placement_env.search.portfolio.portfolio.search`; seconds: of
+    all searches, races and the judgement together. Raises ValueError as that does.
     """
     check_whole("budget", most, least=1)
     Limits(seconds, evaluations)
-    schedule = Schedule.of(seconds, objective.preparation if preparation is None else preparation)
-    parts = schedule.frames(race_frames), schedule.frames(final_frames)
-    racing, final = evaluators or evaluators_of(objective, preparation, judge, parts, seed=seed)
+    schedule = Schedule.of(seconds, objective.run)
+    racing, final = judging.build_evaluators(objective, schedule, seed=seed)
     each = schedule.searching(SEARCHES * (len(amounts) or most))
-    effort = Effort((most,) if amounts else tuple(range(1, most + 1)), each, evaluations, neighbours)
-    search = partial(found_entrants, effort=effort, seed=seed, progress=progress)
+    sizes = (most,) if amounts else tuple(range(1, most + 1))
+    search = partial(find_entrants, effort=Effort(sizes, each, evaluations, judging.neighbours), seed=seed)
     sized, paid = _of_sizes(objective, search, checkpoint), _of_amounts(objective, amounts, search, checkpoint)
     groups = list(paid if amounts else sized)
     races = checkpoint.part("races")
@@ -131,7 +120,7 @@ def budget_curve(
         before = [winners[-1].row] if amounts and winners else []
         sets = np.array([*found.sets, *before])
         enough = SET_FRAMES if seconds is None else math.inf
-        ran = contest(objective, sets, timed, confidence=confidence, seed=seed, most=enough, progress=progress)
+        ran = contest(objective, sets, timed, confidence=judging.confidence, seed=seed, most=enough)
         first = int(ran.ranking[0])
         if not (before and np.array_equal(sets[first], before[0])):
             predicted = float(found.predicted[first])
@@ -140,11 +129,8 @@ def budget_curve(
     if not winners:
         return ()
     rows = np.array([each.row for each in winners])
-    report: Callable[[int], None] | None = None
-    if progress is not None:
-        report = partial(_done, progress, final.frames)
     order = np.arange(final.frames) if seconds is None else race_order(final.frames)
-    judged = schedule.judging(final).evaluate(rows, order, report)
+    judged = schedule.judging(final).evaluate(rows, order, objective.run.stage("judging", final.frames))
     by_errors = aps_at_profiles(final, rows, order[: judged.frames])
     price = objective.price(rows)
     points = []
@@ -219,7 +205,3 @@ def _of_amounts(
         found = search(limited, checkpoint=checkpoint.part(f"{money!r}"))
         if len(found.sets):
             yield money, found
-
-
-def _done(progress: Stages, total: int, done: int) -> None:
-    progress("judging", done, total)

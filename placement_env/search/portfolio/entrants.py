@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from typing import Any
@@ -21,7 +21,7 @@ import numpy as np
 
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.published_surrogates import PerceptionEntropy
-from placement_env.objective import Objective, Stages
+from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.exact import cpsat, exhaustive
@@ -76,44 +76,40 @@ class Effort:
     neighbours: int = ENTRANTS
 
 
-def kept_entrants(
+def keep_entrants(
     objective: Objective,
     effort: Effort,
     cache: Cache | None,
     *,
     depends_on: str,
     seed: int = 0,
-    progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """`entrants`, from the cache where it keeps them. depends_on: digest of what the objective's figures depend on
-    beside its candidates and settings, such as the traffic."""
+    """`entrants`, from the cache where it keeps them.
+
+    depends_on: digest of what the objective's figures depend on beside its candidates and setting, such as traffic.
+    """
     asked = (objective.provenance, objective.most_price, vars(effort), seed)
     key = make_key("entrants", code_digest(__name__), depends_on, *asked)
     kept = None if cache is None else cache.get([key])[0]
     if kept is not None:
         return Entrants.of(kept)
-    settings: dict[str, Any] = {"seed": seed, "progress": progress, "checkpoint": checkpoint}
-    found = entrants(objective, effort, **settings)
+    found = entrants(objective, effort, seed=seed, checkpoint=checkpoint)
     if cache is not None:
         cache.put({key: found.arrays()})
     return found
 
 
-def entrants(
-    objective: Objective,
-    effort: Effort,
-    *,
-    seed: int = 0,
-    progress: Stages | None = None,
-    checkpoint: Checkpoint = NOWHERE,
-) -> Entrants:
-    """The entrants of all sizes; none where nothing may be built. checkpoint: keeps the answer of each search that has
-    ended, and how far the one on its way is."""
+def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint: Checkpoint = NOWHERE) -> Entrants:
+    """Entrants of all sizes; none where nothing may be built.
+
+    checkpoint: keeps the answer of each search that has ended, and how far the one on its way is.
+    """
     ended: KeptState = checkpoint.load() or {}
     answers: dict[bytes, list[str]] = {}
     rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
     considered = 0
+    report = objective.run.stage("searching", len(effort.sizes))
     for done, size in enumerate(effort.sizes, 1):
         own: list[bytes] = []
         swapped = _Swapped(size, effort, seed, checkpoint)
@@ -138,8 +134,8 @@ def entrants(
         considered += count
         for row in near:
             rows.setdefault(np.packbits(row).tobytes(), row)
-        if progress is not None:
-            progress("searching", done, len(effort.sizes))
+        if report is not None:
+            report(done)
     if not rows:
         none = np.zeros((0, len(objective.candidates)), bool)
         return Entrants(none, np.zeros(0), (), considered)
@@ -197,13 +193,8 @@ def entropy_objective(objective: Objective) -> Objective | None:
     if seen is None:
         return None
     entropy = PerceptionEntropy(seen.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec)
-    terms: dict[str, Any] = {
-        "site": objective.site,
-        "visibility": seen,
-        "codec": objective.codec,
-        "most_price": objective.most_price,
-    }
-    return Objective.of(objective.candidates, entropy, objective.scheme, objective.weights, **terms)
+    setting = replace(objective.setting, candidates=objective.candidates, fidelity=entropy)
+    return Objective(setting, objective.run, visibility=seen)
 
 
 def _neighbours(

@@ -1,40 +1,48 @@
 """Evaluators: sensor sets scored on fresh traffic, with resamples of blocks of frames that are drawn alike for all.
 
 `DetectorEvaluator` detects; `FastEvaluator` has another fidelity, such as the surrogate, score batches of the frames,
-where there is no detector. Frames of one block of `BLOCK_FRAMES` show the same objects, so that blocks are drawn whole.
+where there is no detector. Both know one error profile and give figures at every IoU threshold; `CasesEvaluator` makes
+one figure of them. Frames of one block of `BLOCK_FRAMES` show the same objects, so that blocks are drawn whole.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES, Tally, draws_of_blocks
-from placement_env.fidelity.combined.error_profiles import ErrorProfiles, several
-from placement_env.fidelity.combined.prepared import Counting
-from placement_env.fidelity.combined.robust import Failing
-from placement_env.fidelity.combined.traffic_levels import TrafficLevels
+from placement_env.cases import USUAL_CASES, Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility, of_frames, see
-from placement_env.protocol import Fidelity
+from placement_env.protocol import Estimate, FidelityName
 from toolkit.arrays import Bool, Float64, Int64
 
 BATCHES = 12  # of frames, at most, that a fast fidelity scores apart
 
 
 class Evaluated(NamedTuple):
-    """n sets on some frames: AP, kbit of the whole set, and the AP in each resample; the same draws for all sets.
-    frames: how many of those asked for, the first ones, where time was up; None for all."""
+    """AP, kbit and resampled AP of n sets on some frames; the draws are the same for all sets.
+
+    frames: number of those asked for, from the first, where time was up; None for all.
+    """
 
     ap: Float64[np.ndarray, " n"]
     kbit: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
     frames: int | None = None
+
+
+class ThresholdFigures(NamedTuple):
+    """`Evaluated` at each of several IoU thresholds."""
+
+    ap: Float64[np.ndarray, "ious n"]
+    kbit: Float64[np.ndarray, " n"]
+    resamples: Float64[np.ndarray, "ious n resamples"]
 
 
 @runtime_checkable
@@ -43,16 +51,16 @@ class Evaluator(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the fidelity."""
+        """Name of the fidelity."""
         ...
 
     @property
     def frames(self) -> int:
-        """How many there are."""
+        """Number of frames."""
         ...
 
     def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
-        """How many are to be found in these frames."""
+        """Number of objects to be found in these frames."""
         ...
 
     def evaluate(
@@ -61,49 +69,54 @@ class Evaluator(Protocol):
         frames: Int64[np.ndarray, " k"],
         progress: Callable[[int], None] | None = None,
     ) -> Evaluated:
-        """The sets on these frames. progress: called with how many frames are done."""
+        """Figures of the sets on these frames. progress: called with the number of frames done."""
         ...
 
 
-def evaluator_of(
-    preparation: Preparation, fidelity: str, *, counting: Counting | None = None, seed: int = 0
-) -> Evaluator:
-    """The evaluator for a preparation's traffic by the fidelity of a name, over its error profiles where there are
-    several. counting: at which IoU thresholds, and with which failures, None for the preparation's own; seed: of the
-    resamples."""
-    over = several(preparation.errors)
-    if over is not None:
-        made = [evaluator_of(at, fidelity, counting=counting, seed=seed) for at in preparation.at_profiles]
-        return ProfileEvaluator(tuple(made), over)
-    if counting is None:
-        return _plain(preparation, fidelity, seed)
-    each = [_plain(at, fidelity, seed) for at in counting.preparations(preparation)]
-    return counted_evaluator(each, counting, counting.parts(preparation.traffic) if counting.levels.count > 1 else ())
+class ProfileEvaluator(Protocol):
+    """Scores sets at one error profile, at every IoU threshold."""
+
+    @property
+    def name(self) -> str:
+        """Name of the fidelity."""
+        ...
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        ...
+
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """Number of objects to be found in these frames."""
+        ...
+
+    def at_thresholds(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> ThresholdFigures:
+        """Figures of the sets on these frames. progress: called with the number of frames done."""
+        ...
 
 
-def counted_evaluator(
-    each: Sequence[Evaluator], counting: Counting | None, parts: Sequence[Int64[np.ndarray, " _"]] = ()
-) -> Evaluator:
-    """The mean of evaluators of one IoU threshold each, over levels of traffic, and what is left where sensors fail.
-    parts: the frames of each level, none where all traffic is one."""
-    mean = each[0] if len(each) == 1 else MeanEvaluator(tuple(each))
-    if counting is not None and parts:
-        mean = LevelEvaluator(mean, counting.levels, tuple(parts))
-    return RobustEvaluator(mean, counting.failing) if counting is not None and counting.failing.sensors else mean
-
-
-def _plain(preparation: Preparation, fidelity: str, seed: int) -> Evaluator:
-    if fidelity == "detector":
-        detected = preparation.fidelity(fidelity)
-        if not isinstance(detected, Detected):
-            raise TypeError("fidelity detector must be Detected")
-        return DetectorEvaluator(detected, seed)
-    return FastEvaluator(preparation, fidelity, seed)
+def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: int = 0) -> CasesEvaluator:
+    """Evaluator of a preparation's traffic by a fidelity, over its setting's cases. seed: of the resamples."""
+    cases = preparation.setting.cases
+    profiles: list[ProfileEvaluator] = []
+    for errors in cases.profiles:
+        if fidelity == "detector":
+            profiles.append(DetectorEvaluator(preparation.detected(errors), cases.ious, seed))
+        else:
+            profiles.append(FastEvaluator(preparation, fidelity, seed))
+    return CasesEvaluator(tuple(profiles), cases, preparation.levels)
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
-    """The frames of a race: one of every block, in random order, then a second of every block, and so on, so that the
-    first few show as different traffic as can be."""
+    """Frames of a race: one of every block, in random order, then a second of every block, and so on.
+
+    So the first few show traffic as different as can be.
+    """
     rng = np.random.default_rng(seed)
     blocks = rng.permutation(-(-frames // BLOCK_FRAMES))
     rounds = [blocks * BLOCK_FRAMES + place for place in rng.permutation(BLOCK_FRAMES)]
@@ -112,247 +125,177 @@ def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
 
 
 @dataclass(frozen=True, eq=False)
+class CasesEvaluator:
+    """Evaluator over cases; kbit are those of intact sets in all the frames.
+
+    profiles: one for each error profile; levels: frames of each level of traffic, none where traffic is undivided. In
+    a resample each level is drawn from its own blocks, and the worst case is that of the resample.
+    """
+
+    profiles: tuple[ProfileEvaluator, ...]
+    cases: Cases = USUAL_CASES
+    levels: tuple[Int64[np.ndarray, " _"], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the fidelity."""
+        return self.profiles[0].name
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.profiles[0].frames
+
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """Number of objects to be found in these frames."""
+        return self.profiles[0].objects_in(frames)
+
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> Evaluated:
+        """Figures of the sets on these frames."""
+        ap, kbit, resamples = self._at_profiles(sets, frames, progress)
+        shares = self.cases.shares(ap)
+        over = self.cases.over_errors(resamples)
+        return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), over)
+
+    def at_each(self, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> dict[str, Evaluated]:
+        """Figures of the sets at each error profile, by its name."""
+        each = zip(self.cases.names, *self._at_profiles(sets, frames), strict=True)
+        return {name: Evaluated(*figures) for name, *figures in each}
+
+    def _at_profiles(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> tuple[Float64[np.ndarray, "P n"], Float64[np.ndarray, "P n"], Float64[np.ndarray, "P n resamples"]]:
+        rows, owners = self.cases.expand(sets)
+        parts = [own for own in (frames[np.isin(frames, level)] for level in self.levels) if len(own)] or [frames]
+        found: list[list[ThresholdFigures]] = []
+        begun = 0
+        for profile in self.profiles:
+            found.append([])
+            for part in parts:
+                report = None if progress is None else partial(self._report, progress, begun)
+                found[-1].append(profile.at_thresholds(rows, part, report))
+                begun += len(part)
+        ap = self.cases.at_profiles(np.array([[level.ap for level in each] for each in found]), owners)
+        resamples = self.cases.at_profiles(np.array([[level.resamples for level in each] for each in found]), owners)
+        share = np.array([len(part) for part in parts]) / len(frames)
+        kbit = np.array([share @ np.stack([level.kbit[: len(sets)] for level in each]) for each in found])
+        return ap, kbit, resamples
+
+    def _report(self, progress: Callable[[int], None], begun: int, done: int) -> None:
+        progress((begun + done) // len(self.profiles))
+
+
+@dataclass(frozen=True, eq=False)
 class DetectorEvaluator:
-    """By detection; what was detected is kept where `detected` keeps it. seed: of the resamples."""
+    """Evaluator by detection; what was detected is kept where `detected` keeps it. seed: of the resamples."""
 
     detected: Detected
+    ious: tuple[float, ...] = (0.7,)
     seed: int = 0
     name: str = "detector"
 
     @property
     def frames(self) -> int:
-        """How many there are."""
+        """Number of frames."""
         return self.detected.frames
 
     def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
-        """How many are to be found in these frames."""
+        """Number of objects to be found in these frames."""
         return int(sum(self.detected.scored(k).sum() for k in frames.tolist()))
 
-    def evaluate(
+    def at_thresholds(
         self,
         sets: Bool[np.ndarray, "n C"],
         frames: Int64[np.ndarray, " k"],
         progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
-        """The sets on these frames."""
-        detected, classes = self.detected, self.detected.classes
+    ) -> ThresholdFigures:
+        """Figures of the sets on these frames."""
+        detected = self.detected.at(self.ious[0], self.ious)
+        classes = detected.classes
         rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
         outcomes = detected.outcomes(dict.fromkeys(rows), frames.tolist(), progress)
-        at = detected.ious.index(detected.iou)
         draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         truths = [
             np.array([detected.to_find(k, label).sum() for k in frames.tolist()], np.int64) for label in classes.labels
         ]
-        ap, resamples, kbit = np.zeros(len(sets)), np.zeros((len(sets), len(draws))), np.zeros(len(sets))
+        shape = (len(self.ious), len(sets))
+        ap, resamples, kbit = np.zeros(shape), np.zeros((*shape, len(draws))), np.zeros(len(sets))
         for n, row in enumerate(rows):
-            tallies = [
-                Tally.of([outcome.of_class(label) for outcome in outcomes[row]], there, at)
-                for label, there in zip(classes.labels, truths, strict=True)
-            ]
-            ap[n] = classes.combined(np.array([[tally.ap for tally in tallies]]))[0]
-            resamples[n] = classes.combined(np.stack([tally.resamples(draws=draws) for tally in tallies], axis=1))
             kbit[n] = np.mean([outcome.bits.sum() for outcome in outcomes[row]]) / 1000
-        return Evaluated(ap, kbit, resamples)
-
-
-class Like:
-    """An evaluator that is made of others and has the name and the frames of the first of them."""
-
-    @property
-    def first(self) -> Evaluator:
-        """Whose they are."""
-        raise NotImplementedError
-
-    @property
-    def name(self) -> str:
-        """Of the fidelity."""
-        return self.first.name
-
-    @property
-    def frames(self) -> int:
-        """How many there are."""
-        return self.first.frames
-
-    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
-        """How many are to be found in these frames."""
-        return self.first.objects_in(frames)
-
-
-@dataclass(frozen=True, eq=False)
-class MeanEvaluator(Like):
-    """The mean of several, of one IoU threshold each; kbit are those of the first."""
-
-    evaluators: tuple[Evaluator, ...]
-
-    @property
-    def first(self) -> Evaluator:
-        """That of the first threshold."""
-        return self.evaluators[0]
-
-    def evaluate(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
-        """The sets on these frames."""
-        found = [each.evaluate(sets, frames, progress) for each in self.evaluators]
-        ap = np.mean([each.ap for each in found], axis=0)
-        return Evaluated(ap, found[0].kbit, np.mean([each.resamples for each in found], axis=0))
-
-
-@dataclass(frozen=True, eq=False)
-class RobustEvaluator(Like):
-    """What is left of sets when sensors fail, in every resample by itself; kbit are those of the intact set."""
-
-    evaluator: Evaluator
-    failing: Failing
-
-    @property
-    def first(self) -> Evaluator:
-        """That of intact sets."""
-        return self.evaluator
-
-    def evaluate(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
-        """The sets on these frames."""
-        rows, owners = self.failing.cases(sets)
-        found = self.evaluator.evaluate(rows, frames, progress)
-        ap, resamples = (self.failing.left(each, owners) for each in (found.ap, found.resamples))
-        return Evaluated(ap, found.kbit[: len(sets)], resamples)
-
-
-@dataclass(frozen=True, eq=False)
-class LevelEvaluator(Like):
-    """Each level of traffic by itself, then their mean or the worst. evaluator: of all traffic; parts: frames of each
-    level. kbit are those of all frames."""
-
-    evaluator: Evaluator
-    levels: TrafficLevels
-    parts: tuple[Int64[np.ndarray, " _"], ...]
-
-    @property
-    def first(self) -> Evaluator:
-        """That of all traffic."""
-        return self.evaluator
-
-    def evaluate(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
-        """The sets on these frames. In a resample each level is drawn from its own blocks."""
-        there = [own for own in (frames[np.isin(frames, part)] for part in self.parts) if len(own)]
-        found, done = [], 0
-        for own in there:
-            found.append(self.evaluator.evaluate(sets, own))
-            done += len(own)
-            if progress is not None:
-                progress(done)
-        ap, resamples = (
-            self.levels.combined(np.stack(each)) for each in ([f.ap for f in found], [f.resamples for f in found])
-        )
-        share = np.array([len(own) for own in there]) / len(frames)
-        return Evaluated(ap, share @ np.stack([each.kbit for each in found]), resamples)
-
-
-@dataclass(frozen=True, eq=False)
-class ProfileEvaluator(Like):
-    """Each error profile by itself, with an evaluator of its own, then their mean or for each set the one of least AP,
-    in every resample by itself; kbit are those of the same profile."""
-
-    evaluators: tuple[Evaluator, ...]
-    errors: ErrorProfiles
-
-    @property
-    def first(self) -> Evaluator:
-        """That of the first profile."""
-        return self.evaluators[0]
-
-    def evaluate(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
-        """The sets on these frames."""
-        found = self.at_each(sets, frames, progress).values()
-        ap, resamples, kbit = (np.stack([getattr(f, name) for f in found]) for name in ("ap", "resamples", "kbit"))
-        shares = self.errors.shares(ap)
-        return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), self.errors.combined(resamples))
-
-    def at_each(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> dict[str, Evaluated]:
-        """The same at each profile, by its name."""
-        found: dict[str, Evaluated] = {}
-        for name, each in zip(self.errors.names, self.evaluators, strict=True):
-            report = None if progress is None else partial(_share_done, progress, len(found) * len(frames), self)
-            found[name] = each.evaluate(sets, frames, report)
-        return found
-
-
-def _share_done(progress: Callable[[int], None], before: int, over: ProfileEvaluator, done: int) -> None:
-    progress((before + done) // len(over.evaluators))
+            of_class = [[outcome.of_class(label) for outcome in outcomes[row]] for label in classes.labels]
+            for i, at in enumerate(map(detected.ious.index, self.ious)):
+                tallies = [Tally.of(each, there, at) for each, there in zip(of_class, truths, strict=True)]
+                ap[i, n] = classes.combined(np.array([[tally.ap for tally in tallies]]))[0]
+                drawn = np.stack([tally.resamples(draws=draws) for tally in tallies], axis=1)
+                resamples[i, n] = classes.combined(drawn)
+        return ThresholdFigures(ap, kbit, resamples)
 
 
 class FastEvaluator:
-    """By a fidelity that scores what candidates see: nothing but the sets asked for is rendered.
+    """Evaluator by a fidelity that scores what candidates see; only sets asked for are rendered.
 
     The AP is that of all frames together; its resamples are means over batches of blocks drawn with replacement, moved
     so that their mean is that AP. seed: of the resamples.
     """
 
-    def __init__(self, preparation: Preparation, fidelity: str, seed: int = 0) -> None:
-        self.name, self._preparation, self._seed = fidelity, preparation, seed
+    def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int = 0) -> None:
+        self.name: str = fidelity
+        self._fidelity: FidelityName = fidelity
+        self._preparation, self._seed = preparation, seed
         self.frames = len(preparation.traffic)
         self._seen: dict[bytes, Visibility] = {}
 
     def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
-        """How many are to be found in these frames."""
+        """Number of objects to be found in these frames."""
         return int(np.isin(self._look(np.array([0])).frame, frames).sum())
 
-    def evaluate(
+    def at_thresholds(
         self,
         sets: Bool[np.ndarray, "n C"],
         frames: Int64[np.ndarray, " k"],
         progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
-        """The sets on these frames."""
+    ) -> ThresholdFigures:
+        """Figures of the sets on these frames."""
         used = np.flatnonzero(sets.any(axis=0))
         used = used if len(used) else np.array([0])
-        whole = self._scored_by(used, frames)(sets[:, used])
+        whole = self._score(sets, used, frames)
         blocks = frames // BLOCK_FRAMES
         different = np.unique(blocks)
         batch = np.searchsorted(different, blocks) * min(BATCHES, len(different)) // len(different)
-        parts = np.stack(
-            [self._scored_by(used, frames[batch == b])(sets[:, used]).ap for b in np.unique(batch)], axis=1
-        )
-        draws = draws_of_blocks(np.arange(parts.shape[1]), seed=self._seed) / parts.shape[1]
+        batches = [self._score(sets, used, frames[batch == b]) for b in np.unique(batch)]
+        draws = draws_of_blocks(np.arange(len(batches)), seed=self._seed) / len(batches)
+        ap = np.stack([each.ap for each in whole])
+        parts = np.stack([[at.ap for at in each] for each in batches], axis=2)  # iou, set, batch
         resamples = parts @ draws.T
         if progress is not None:
             progress(len(frames))
-        return Evaluated(whole.ap, whole.kbit, resamples - (parts.mean(axis=1) - whole.ap)[:, None])
+        return ThresholdFigures(ap, whole[0].kbit, resamples - (parts.mean(axis=2) - ap)[:, :, None])
 
-    def _scored_by(self, used: Int64[np.ndarray, " u"], frames: Int64[np.ndarray, " k"]) -> Fidelity:
+    def _score(
+        self, sets: Bool[np.ndarray, "n C"], used: Int64[np.ndarray, " u"], frames: Int64[np.ndarray, " k"]
+    ) -> list[Estimate]:
         made = self._preparation
         seen = of_frames(self._look(used), np.sort(frames))
-        return made.at(made.candidates.select(used), seen).fidelity(self.name)
+        there = made.at(made.candidates.select(used), seen)
+        fidelities = there.at_thresholds(self._fidelity, made.setting.cases.profiles[0])
+        return [fidelity(sets[:, used]) for fidelity in fidelities]
 
     def _look(self, used: Int64[np.ndarray, " u"]) -> Visibility:
         key = used.tobytes()
         if key not in self._seen:
             made = self._preparation
             self._seen[key] = see(
-                made.traffic, made.candidates.select(used), labels=made.classes.labels, workers=made.workers,
-                ray=made.ray, cache=made.disk_cache,
-            )  # fmt: skip
+                made.traffic,
+                made.candidates.select(used),
+                labels=made.classes.labels,
+                run=replace(made.run, progress=None),
+            )
         return self._seen[key]

@@ -10,23 +10,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TypeGuard
 
 import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES, figure_interval
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
-from placement_env.objective import Objective, Stages
+from placement_env.objective import Objective
+from placement_env.protocol import FidelityName
 from placement_env.racing import Contest, Resampled, race_until
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
-from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, kept_entrants
-from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, ProfileEvaluator, evaluator_of, race_order
+from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, keep_entrants
+from placement_env.search.portfolio.evaluators import CasesEvaluator, Evaluated, Evaluator, build_evaluator, race_order
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
+from placement_env.setting import Setting
 from toolkit.arrays import Bool, Float64, Int64
 
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
@@ -38,6 +39,54 @@ INTERVAL_SHARE = 0.95  # confidence of the stated AP's interval
 SEARCHES = 5  # that share the time of the searches
 
 
+@dataclass(frozen=True, kw_only=True)
+class Judging:
+    """Race and assessment of a portfolio.
+
+    by: fidelity of both; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`;
+    race_frames, final_frames: of their traffic, of the seeds after the objective's; neighbours: entrants that join the
+    answers; setting: asked of both, None for the objective's; evaluators: of both, in place of all but confidence and
+    neighbours. Raises ValueError for a confidence that does not lie between 0 and 1.
+    """
+
+    by: FidelityName = "detector"
+    confidence: float = 0.95
+    race_frames: int = RACE_FRAMES
+    final_frames: int = JUDGED_FRAMES
+    neighbours: int = ENTRANTS
+    setting: Setting | None = None
+    evaluators: tuple[Evaluator, Evaluator] | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.confidence < 1:
+            raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence}: 0.95 is usual")
+
+    def build_evaluators(
+        self, objective: Objective, schedule: Schedule, *, seed: int = 0
+    ) -> tuple[Evaluator, Evaluator]:
+        """Evaluators of race and assessment, on as many frames as a schedule has time for. seed: of the resamples.
+
+        Raises ValueError where the objective has no site, and so no fresh traffic.
+        """
+        if self.evaluators is not None:
+            return self.evaluators
+        setting = self.setting
+        if setting is None:
+            if objective.preparation is None:
+                raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site)")
+            setting = objective.setting.scored_with(self.by)
+        run = objective.run
+        race, final = (
+            build_evaluator(
+                Preparation(setting, replace(run, seed=run.seed + part, frames=schedule.frames(count))),
+                self.by,
+                seed=seed,
+            )
+            for part, count in enumerate((self.race_frames, self.final_frames), 1)
+        )
+        return race, final
+
+
 def search(
     objective: Objective,
     budget: int,
@@ -45,48 +94,35 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    confidence: float = 0.95,
-    judge: str = "detector",
-    race_frames: int = RACE_FRAMES,
-    final_frames: int = JUDGED_FRAMES,
-    neighbours: int = ENTRANTS,
-    preparation: Preparation | None = None,
-    evaluators: tuple[Evaluator, Evaluator] | None = None,
-    progress: Stages | None = None,
+    judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """The winner of the race. `Result.best` is its score by the objective, `Result.assessment` what the third part of
-    traffic says of it and of each search's own answer.
+    """Winner of the race. `Result.best` is its score by the objective, `Result.assessment` that of the judge.
 
-    seconds: of searches, race and assessment together, shared out by `placement_env.search.portfolio.schedule`: then
-    there are fewer frames, and the answers of searches for which there was no time are not assessed; evaluations: of
-    each search; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`; judge:
-    fidelity of race and assessment; race_frames, final_frames: of their traffic, of the seeds after the objective's;
-    neighbours: that join the answers; preparation: what the judge is made from, None for the objective's own, which
-    must be of a site; evaluators: of race and assessment, in place of all these; checkpoint: keeps how far the
-    searches are (what race and assessment detect is in the cache). Raises ValueError where these do not fit."""
+    The assessment is of each search's own answer too, on the third part of traffic. seconds: of searches, race and
+    assessment together, shared out by `placement_env.search.portfolio.schedule`: then there are fewer frames, and the
+    answers of searches for which there was no time are not assessed; evaluations: of each search; checkpoint: keeps how
+    far the searches are (what race and assessment detect is in the cache). Raises ValueError where these do not fit.
+    """
     check_whole("budget", budget, least=1)
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
-    limits = Limits(seconds, evaluations)
-    schedule = Schedule.of(seconds, objective.preparation if preparation is None else preparation)
-    frames = schedule.frames(race_frames), schedule.frames(final_frames)
-    racing, final = evaluators or evaluators_of(objective, preparation, judge, frames, seed=seed)
-    effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, neighbours)
-    found = found_entrants(objective, effort, seed, progress, checkpoint)
+    limits, confidence = Limits(seconds, evaluations), judging.confidence
+    schedule = Schedule.of(seconds, objective.run)
+    racing, final = judging.build_evaluators(objective, schedule, seed=seed)
+    effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, judging.neighbours)
+    found = find_entrants(objective, effort, seed, checkpoint)
     limits.count = found.considered
     if not len(found.sets):
         return _without(objective, found, limits, "no search found a set that may be built and pays")
     timed = schedule.racing(racing)
     most = SET_FRAMES if seconds is None else math.inf
-    ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most, progress=progress)
+    ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most)
     if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
         note = f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs"
         return _without(objective, found, limits, note)
     winner = objective.score(np.flatnonzero(found.sets[ran.ranking[0]]))
     limits.record(winner.reward)
     searched = limits.elapsed
-    assessment = _assessed(objective, found, ran, (final, schedule), asked=confidence, progress=progress)
+    assessment = _assess(objective, found, ran, (final, schedule), asked=confidence)
     note = f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets"
     certificate = Certificate("none", winner.reward, note=note)
     history = limits.history(winner.reward)
@@ -109,14 +145,14 @@ def contest(
     seed: int = 0,
     most: float = SET_FRAMES,
     stop: Callable[[], bool] = lambda: False,
-    progress: Stages | None = None,
 ) -> Contest:
-    """The race of some sets by their reward with the AP that an evaluator says, and the objective beforehand. most:
-    set-frames to be scored."""
+    """Race of some sets by their reward, with an evaluator's AP and the objective's prediction.
+
+    most: set-frames to be scored; stop: asked after each rung whether to end.
+    """
 
     def rewards(rows: Bool[np.ndarray, "m C"], frames: Int64[np.ndarray, " k"]) -> Resampled:
-        report = None if progress is None else partial(_done, progress, "racing", len(frames))
-        found = evaluator.evaluate(rows, frames, report)
+        found = evaluator.evaluate(rows, frames, objective.run.stage("racing", len(frames)))
         cost = costs_of(objective, rows, found.kbit)
         blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
         return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
@@ -132,58 +168,28 @@ def contest(
 def costs_of(
     objective: Objective, sets: Bool[np.ndarray, "n C"], kbit: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, " n"]:
-    """What communication and building of sets cost, in AP; kbit: that each sends in all."""
+    """Costs of communication and building of sets, in AP. kbit: that each sends in all."""
     per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
     return np.asarray(objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets))
 
 
-def evaluators_of(
-    objective: Objective, preparation: Preparation | None, judge: str, frames: tuple[int, int], *, seed: int = 0
-) -> tuple[Evaluator, Evaluator]:
-    """Of race and assessment, on parts of traffic with seeds of their own, after that of the preparation (None: the
-    objective's own). judge: fidelity; frames: of each. Raises ValueError where there is no preparation."""
-    made = objective.preparation if preparation is None else preparation
-    if made is None:
-        raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site, ...)")
-    race, final = (
-        evaluator_of(replace(made, seed=made.seed + part, frames=count), judge, counting=objective.counting, seed=seed)
-        for part, count in enumerate(frames, 1)
-    )
-    return race, final
-
-
-def found_entrants(
-    objective: Objective,
-    effort: Effort,
-    seed: int,
-    progress: Stages | None,
-    checkpoint: Checkpoint = NOWHERE,
-) -> Entrants:
-    """The entrants, from the cache of the objective's preparation where it keeps them."""
+def find_entrants(objective: Objective, effort: Effort, seed: int, checkpoint: Checkpoint = NOWHERE) -> Entrants:
+    """Entrants of an objective, from its run's cache where it keeps them."""
     made = objective.preparation
-    cache = None if made is None else made.disk_cache
+    cache = None if made is None else objective.run.memo
     depends_on = "" if made is None else made.traffic.digest()
-    settings: dict[str, Any] = {
-        "seed": seed,
-        "progress": progress,
-        "checkpoint": checkpoint,
-    }
-    return kept_entrants(objective, effort, cache, depends_on=depends_on, **settings)
+    return keep_entrants(objective, effort, cache, depends_on=depends_on, seed=seed, checkpoint=checkpoint)
 
 
-def _assessed(
-    objective: Objective,
-    found: Entrants,
-    ran: Contest,
-    judging: tuple[Evaluator, Schedule],
-    *,
-    asked: float,
-    progress: Stages | None,
+def _assess(
+    objective: Objective, found: Entrants, ran: Contest, judging: tuple[Evaluator, Schedule], *, asked: float
 ) -> Assessment:
-    """The winner and, as far as there is time, the answer of each search on the third part of the traffic."""
+    """Judge the winner and, as far as there is time, the answer of each search on the third part of the traffic."""
     winner, (final, schedule) = int(ran.ranking[0]), judging
     rows = np.array([winner, *(i for i, names in enumerate(found.searches) if names and i != winner)])
-    rows, judged, frames = judged_in_time(found.sets, rows, final, schedule, progress=progress)
+    rows, judged, frames = judge_in_time(
+        found.sets, rows, final, schedule, objective.run.stage("judging", final.frames)
+    )
     contenders = tuple(
         _contender(found, int(row), judged, place) for place, row in enumerate(rows) if found.searches[row]
     )
@@ -205,15 +211,19 @@ def _assessed(
         contenders=contenders,
         expected=float(ran.expected[0] + costs_of(objective, found.sets[[winner]], judged.kbit[:1])[0]),
         by_errors=aps_at_profiles(final, found.sets[[winner]], frames)[0],
-        errors_by=final.errors.combine if isinstance(final, ProfileEvaluator) else "",
+        errors_by=final.cases.errors_by if _several_profiles(final) else "",
     )
+
+
+def _several_profiles(final: Evaluator) -> TypeGuard[CasesEvaluator]:
+    return isinstance(final, CasesEvaluator) and len(final.profiles) > 1
 
 
 def aps_at_profiles(
     final: Evaluator, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]
 ) -> list[tuple[ProfileAP, ...]]:
     """AP of each set at each error profile by itself, none where there is one profile."""
-    if not isinstance(final, ProfileEvaluator):
+    if not _several_profiles(final):
         return [()] * len(sets)
     each = final.at_each(sets, frames)
     return [
@@ -225,18 +235,18 @@ def aps_at_profiles(
     ]
 
 
-def judged_in_time(
+def judge_in_time(
     sets: Bool[np.ndarray, "n C"],
     rows: Int64[np.ndarray, " k"],
     final: Evaluator,
     schedule: Schedule,
-    *,
-    progress: Stages | None = None,
+    report: Callable[[int], None] | None = None,
 ) -> tuple[Int64[np.ndarray, " m"], Evaluated, Int64[np.ndarray, " f"]]:
-    """Some of the sets on the third part of the traffic: those of the rows for which there was time, what is said of
-    them, and on which frames, the same for all. The first row is judged whatever time there is."""
+    """Rows for which there was time, their figures on the third part of the traffic, and its frames, the same for all.
+
+    The first row is judged whatever time there is.
+    """
     every = np.arange(final.frames)
-    report = None if progress is None else partial(_done, progress, "judging", len(every))
     if schedule.seconds is None:
         return rows, final.evaluate(sets[rows], every, report), every
     order = race_order(final.frames)
@@ -255,7 +265,3 @@ def _contender(found: Entrants, row: int, judged: Evaluated, place: int) -> Cont
     low, high = figure_interval(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
     members = tuple(np.flatnonzero(found.sets[row]).tolist())
     return Contender(found.searches[row], members, float(found.predicted[row]), ap, low, high)
-
-
-def _done(progress: Stages, stage: str, total: int, done: int) -> None:
-    progress(stage, done, total)

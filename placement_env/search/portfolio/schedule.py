@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES
-from placement_env.fidelity.preparation import Preparation
-from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, Like
+from placement_env.search.portfolio.evaluators import Evaluated, Evaluator
 from toolkit.arrays import Bool, Int64
+from toolkit.runtime.run import Processes
 
 SEARCHING = 0.3
 LONG_ENOUGH = 120.0  # s, from which on all frames are simulated; of less time a proportional part
@@ -24,7 +24,7 @@ FEWEST = 2 * BLOCK_FRAMES  # frames of a part of traffic
 
 
 @dataclass(eq=False)
-class TimedEvaluator(Like):
+class TimedEvaluator:
     """An evaluator that goes on from frame to frame until time is up, on the monotonic clock (s), and says how many it
     did. It is asked for the same frames in the same order every time, of which it has done some already, for fewer and
     fewer sets. at_once: frames between two looks at the clock; least: that are done whatever the time."""
@@ -36,9 +36,18 @@ class TimedEvaluator(Like):
     done: int = field(default=0, init=False)
 
     @property
-    def first(self) -> Evaluator:
-        """The one that evaluates."""
-        return self.evaluator
+    def name(self) -> str:
+        """Name of the fidelity."""
+        return self.evaluator.name
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.evaluator.frames
+
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """Number of objects to be found in these frames."""
+        return self.evaluator.objects_in(frames)
 
     @property
     def spent(self) -> bool:
@@ -72,11 +81,9 @@ class Schedule:
     began: float = field(default_factory=time.monotonic)
 
     @staticmethod
-    def of(seconds: float | None, preparation: Preparation | None) -> Schedule:
-        """For the judge of a preparation: as many frames at once as keep its processes busy."""
-        if preparation is None:
-            return Schedule(seconds)
-        return Schedule(seconds, 16 if preparation.ray else 1 if preparation.workers == 1 else 2 * preparation.workers)
+    def of(seconds: float | None, processes: Processes) -> Schedule:
+        """Schedule that takes as many frames at once as keep the processes busy."""
+        return Schedule(seconds, 16 if processes.ray else 1 if processes.alone else 2 * processes.count)
 
     @property
     def left(self) -> float:

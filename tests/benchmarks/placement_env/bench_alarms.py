@@ -21,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from placement_env.setting import Setting
+
 sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
 
 from bench_regret import Rows  # noqa: E402
@@ -90,7 +92,7 @@ def _sets(site: Any, candidates: Any, seen: Any, rng: np.random.Generator) -> tu
     from placement_env.search.portfolio.entrants import entropy_objective
 
     fast = Surrogate(seen, "early", radius=site.hybrid_radius)
-    objective = Objective.of(candidates, fast, "early", site=site, visibility=seen)
+    objective = Objective(Setting(site, candidates=candidates, fidelity=fast, scheme="early"), visibility=seen)
     found = [greedy.search(objective, k).best.subset for k in (1, 2, 3, 4)]
     for each in (objective, entropy_objective(objective)):
         found += [swap.search(each, k, evaluations=8000).best.subset for k in (2, 3)]

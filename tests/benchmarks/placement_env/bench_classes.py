@@ -18,11 +18,12 @@ import numpy as np
 
 from placement_env.analysis.intervals import percentiles
 from placement_env.classes import Classes
-from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.search import swap
-from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated
+from placement_env.search.portfolio.evaluators import Evaluated, build_evaluator
+from placement_env.setting import Setting
+from toolkit.runtime.run import Run
 from toolkit.sites.files import load_site
 from toolkit.sites.random import random_site
 
@@ -46,7 +47,7 @@ def found(made: Preparation, sensors: int) -> list[Answer]:
     answers: dict[tuple[int, ...], Answer] = {}
     for name, classes in asked.items():
         fidelity = of_classes(made, classes).fidelity("surrogate")
-        objective = Objective.of(made.candidates, fidelity, visibility=seen, site=made.site)
+        objective = Objective(Setting(made.site, candidates=made.candidates, fidelity=fidelity), visibility=seen)
         subset = swap.search(objective, sensors, starts=3).best.subset
         answers.setdefault(subset, Answer([], subset)).by.append(name)
     return list(answers.values())
@@ -54,22 +55,21 @@ def found(made: Preparation, sensors: int) -> list[Answer]:
 
 def of_classes(made: Preparation, classes: Classes) -> Preparation:
     """The same traffic and view for other classes or weights of them."""
-    there = replace(made, classes=classes)
+    there = replace(made, setting=replace(made.setting, classes=classes))
     vars(there).update({name: vars(made)[name] for name in ("traffic", "network", "visibility") if name in vars(made)})
     return there
 
 
 def judged(made: Preparation, sets: np.ndarray, frames: int) -> dict[str, Evaluated]:
     """AP of vehicles, of pedestrians and of the worse on fresh traffic, by the detector."""
-    fresh = replace(made, seed=made.seed + 1, frames=frames, classes=WORST)
+    run = replace(made.run, seed=made.run.seed + 1, frames=frames)
+    fresh = Preparation(replace(made.setting, classes=WORST), run)
     assert fresh.traffic is not None
     assert fresh.network == "general"
     each: dict[str, Any] = {"vehicle": Classes(BOTH[:1]), "pedestrian": Classes(BOTH[1:]), "worst": WORST}
     scores: dict[str, Evaluated] = {}
     for name, classes in each.items():
-        detected = of_classes(fresh, classes).fidelity("detector")
-        assert isinstance(detected, Detected)
-        scores[name] = DetectorEvaluator(detected).evaluate(sets, np.arange(frames))
+        scores[name] = build_evaluator(of_classes(fresh, classes), "detector").evaluate(sets, np.arange(frames))
     return scores
 
 
@@ -77,7 +77,9 @@ def report(name: str, asked: argparse.Namespace) -> None:
     """Print the front of a site, and its best set by the worse class."""
     site = random_site(int(name)) if name.isdigit() else load_site(name)
     with tempfile.TemporaryDirectory() as kept:
-        objective = Objective(site, asked.frames, candidates="pool", classes=WORST, cache=asked.cache or kept)
+        objective = Objective(
+            Setting(site, candidates="pool", classes=WORST), Run(frames=asked.frames, cache=asked.cache or kept)
+        )
         made = objective.preparation
         assert made is not None
         answers = found(made, asked.sensors)

@@ -20,7 +20,8 @@ import numpy as np
 from placement_env.envs.registration import register
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
-from placement_env.setting import Rendering
+from placement_env.setting import Rendering, Setting
+from toolkit.runtime.run import Run
 
 register()
 ROUNDS = 20
@@ -114,12 +115,12 @@ def main_table() -> None:
 
 def main(frames: int) -> None:
     """Print a line for each fidelity and number of episodes side by side."""
-    calls = crossings(Objective("tjunction", fidelity="table"))
+    calls = crossings(Objective(Setting("tjunction", fidelity="table")))
     names = [str(Path(file).relative_to(ROOT)) for file in files_of(calls)]
     print(f"table: a step crosses {len(names)} files with {len(calls)} calls between them: {', '.join(names)}")
     fidelities: list[FidelityName] = ["surrogate", "coverage"]
     for name in fidelities:
-        objective = Objective("tjunction", frames, fidelity=name)
+        objective = Objective(Setting("tjunction", fidelity=name), Run(frames=frames))
         for count in (1, 16, 64):
             objective.forget()
             env = gym.make_vec("coview/SensorSelect-v0", num_envs=count, objective=objective)

@@ -25,6 +25,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from placement_env.cases import Cases
+from placement_env.setting import Setting
+from toolkit.runtime.run import Run
+
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from placement_env.envs.registration import register
@@ -106,8 +110,8 @@ def answered(name: str, objective: Objective, sensors: Sequence[Sensor], said: s
     made = objective.preparation
     assert made is not None
     scores = []
-    for part in (made, replace(made, seed=made.seed + FRESH)):
-        (score,) = cmaes.pose_scorer(part, objective.fidelity, objective.weights)([tuple(sensors)])
+    for part in (made, replace(made, run=replace(made.run, seed=made.run.seed + FRESH))):
+        (score,) = cmaes.build_pose_scorer(part, objective.weights)([tuple(sensors)])
         scores.append("may not be built" if score is None else f"{score.reward:.4f}")
     print(f"{name:<22} searched {scores[0]}, fresh {scores[1]}; {said}", flush=True)
 
@@ -172,7 +176,7 @@ def main() -> None:
     parser.add_argument("--iou", type=float, default=0.9)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    objective = Objective(asked.site, asked.frames, candidates="pool", iou=asked.iou)
+    objective = Objective(Setting(asked.site, candidates="pool", cases=Cases(iou=asked.iou)), Run(frames=asked.frames))
     {None: by_search, "none": beside_learning}.get(asked.learner, by_learning)(asked, objective)
 
 

@@ -25,6 +25,9 @@ from typing import Any
 
 import numpy as np
 
+from placement_env.setting import Setting
+from toolkit.runtime.run import Run
+
 sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
 
 from regret_sites import Place, places  # noqa: E402
@@ -79,16 +82,17 @@ class Judging:
         from placement_env.objective import Objective
 
         return Objective(
-            self.site, SEARCHED, self.scheme, candidates=self.candidates, seed=self.seed, cache=self.cache,
-            workers=self.workers,
-        )  # fmt: skip
+            Setting(self.site, scheme=self.scheme, candidates=self.candidates),
+            Run(frames=SEARCHED, seed=self.seed, cache=self.cache, workers=self.workers),
+        )
 
     def prepared(self, part: int, frames: int, **settings: Any) -> Any:
         """What fidelities are made from on another part of the traffic, after that of the searches."""
         from dataclasses import replace
 
         made = self.objective.preparation
-        return replace(made, seed=made.seed + part, frames=frames, **settings)
+        run = replace(made.run, seed=made.run.seed + part, frames=frames)
+        return replace(made, setting=replace(made.setting, **settings), run=run)
 
     @cached_property
     def fresh(self) -> Any:
@@ -99,9 +103,11 @@ class Judging:
 
     def evaluators(self) -> tuple[Any, Any]:
         """Of race and judgement."""
-        from placement_env.search.portfolio.portfolio import evaluators_of
+        from placement_env.search.portfolio.portfolio import Judging as PortfolioJudging
+        from placement_env.search.portfolio.schedule import Schedule
 
-        return evaluators_of(self.objective, None, "detector", (RACED, self.frames))
+        judging = PortfolioJudging(race_frames=RACED, final_frames=self.frames)
+        return judging.build_evaluators(self.objective, Schedule())
 
     def searches(self, k: int) -> dict[str, Callable[[], Any]]:
         """Each search, with as much as the portfolio lets it do, or as it does by itself."""
@@ -151,11 +157,11 @@ class Judging:
     def judged(self, subset: tuple[int, ...]) -> dict[str, Any]:
         """What the detector says of a set, with resamples, and of small road users; fast scores of the same traffic."""
         from placement_env.classes import Classes
-        from placement_env.search.portfolio.evaluators import DetectorEvaluator
+        from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator
 
         detected, row, frames = self._detected, self.row_of(subset), np.arange(self.frames)
         began = perf_counter()
-        each = [DetectorEvaluator(detected.at(iou)).evaluate(row, frames) for iou in IOUS]
+        each = [CasesEvaluator((DetectorEvaluator(detected, (iou,)),)).evaluate(row, frames) for iou in IOUS]
         took = perf_counter() - began
         small = {}
         for label in ("cyclist", "pedestrian"):
@@ -235,7 +241,7 @@ def _portfolio(judging: Judging, k: int) -> dict[str, Any]:
     from placement_env.search.portfolio import portfolio
 
     began = perf_counter()
-    found = portfolio.search(judging.objective, k, evaluators=judging.evaluators())
+    found = portfolio.search(judging.objective, k, judging=portfolio.Judging(evaluators=judging.evaluators()))
     said = found.assessment
     return {
         "subset": list(found.best.subset), "predicted": found.best.ap, "expected": said.expected, "ap": said.ap,

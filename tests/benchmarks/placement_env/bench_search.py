@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -57,16 +58,19 @@ def main() -> None:
     from placement_env.candidates.pool import paper_candidates, pool
     from placement_env.objective import Objective
     from placement_env.search.verification import rescored
+    from placement_env.setting import Setting
+    from toolkit.runtime.run import Run
     from toolkit.sites.files import load_site
 
     site = load_site(asked.site)
     candidates = pool(site) if asked.candidates == "pool" else paper_candidates(site)
-    common = {"candidates": candidates, "cache": asked.cache, "workers": asked.workers}
     start = perf_counter()
-    objective = Objective(site, asked.frames, fidelity=asked.fidelity, seed=asked.seed, **common)
+    common = Run(frames=asked.frames, seed=asked.seed, cache=asked.cache, workers=asked.workers)
+    objective = Objective(Setting(site, candidates=candidates, fidelity=asked.fidelity), common)
     print(f"{len(candidates)} candidates over {asked.frames} frames prepared in {perf_counter() - start:.0f} s")
     if asked.verify:
-        judge = Objective(site, asked.verify, fidelity="detector", seed=asked.seed + 1, **common)
+        fresh = replace(common, frames=asked.verify, seed=asked.seed + 1)
+        judge = Objective(Setting(site, candidates=candidates, fidelity="detector"), fresh)
     optimum = np.nan
     if len(candidates) <= MOST_EXHAUSTIVE:
         exhaustive = import_module("placement_env.search.exact.exhaustive")

@@ -19,6 +19,7 @@ from placement_env.fidelity.traffic import Traffic, simulate_traffic
 from placement_env.fidelity.visibility import see
 from placement_env.setting import Rendering
 from toolkit.objects import LABELS
+from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sites.files import load_site
 
@@ -91,7 +92,7 @@ def main(
         if poses is not None:
             candidates = candidates.select(np.linspace(0, len(candidates) - 1, poses).astype(np.int64))
         start, cpu = perf_counter(), cpu_seconds()
-        seen = see(moments, candidates, workers=workers, rendering=rendering)
+        seen = see(moments, candidates, run=Run(workers=workers), rendering=rendering)
         seconds, cpu = perf_counter() - start, cpu_seconds() - cpu
         most = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
         print(

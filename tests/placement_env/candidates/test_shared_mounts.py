@@ -11,6 +11,7 @@ from placement_env.envs.state import with_room
 from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
+from placement_env.setting import Setting
 
 
 def carrying(objective, places, capacity=2000.0):
@@ -21,7 +22,15 @@ def carrying(objective, places, capacity=2000.0):
     )
     axes = replace(candidates.axes, prices=(0.25,))
     there = replace(candidates, mounts=mounts, axes=axes)
-    return Objective.of(there, objective.scored_by, "early", objective.weights, most_price=objective.most_price)
+    return Objective(
+        Setting(
+            candidates=there,
+            fidelity=objective.scored_by,
+            scheme="early",
+            weights=objective.weights,
+            most_price=objective.most_price,
+        )
+    )
 
 
 @pytest.fixture

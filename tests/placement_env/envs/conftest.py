@@ -11,7 +11,7 @@ from placement_env.candidates.pool import pool
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
 from toolkit.sites.site import Mount, Site
 
 SITE = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))
@@ -29,7 +29,9 @@ def covered(weights: Weights = BOTH, mounts: int = 3, headings: int = 2, capacit
     sent = rng.integers(1000, 9000, (len(some), 10)).astype(np.float32)
     near = rng.uniform(5, 40, shape).astype(np.float32)
     seen = Visibility(points, near, np.arange(60) // 6, boxes, sent, sent / 2)
-    return Objective.of(some, Coverage(seen), "early", weights, site=SITE, visibility=seen)
+    return Objective(
+        Setting(SITE, candidates=some, fidelity=Coverage(seen), scheme="early", weights=weights), visibility=seen
+    )
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,8 @@ from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
 from placement_env.search import greedy
 from placement_env.search.exact import exhaustive
+from placement_env.setting import Setting
+from toolkit.runtime.run import Run
 
 CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
 SCORED_BY: list[FidelityName] = ["coverage", "surrogate", "detector", "table"]
@@ -22,7 +24,7 @@ SCORED_BY: list[FidelityName] = ["coverage", "surrogate", "detector", "table"]
 
 @cache
 def objective(fidelity: FidelityName) -> Objective:
-    return Objective("tjunction", 2, fidelity=fidelity)
+    return Objective(Setting("tjunction", fidelity=fidelity), Run(frames=2))
 
 
 @pytest.mark.parametrize("fidelity", SCORED_BY)

@@ -13,7 +13,9 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.envs.registration import register
 from placement_env.fidelity.coverage import Coverage
 from placement_env.objective import Objective
+from placement_env.setting import Setting
 from toolkit.objects import PEDESTRIAN, VEHICLE
+from toolkit.runtime.run import Run
 
 register()
 BOTH = Classes(("vehicle", "pedestrian"), combine="worst")
@@ -25,7 +27,10 @@ def mixed(plain: Objective) -> Objective:
     assert plain.visibility is not None
     labels = np.where(np.arange(60) % 3 == 0, PEDESTRIAN, VEHICLE)
     seen = replace(plain.visibility, labels=labels)
-    return Objective.of(plain.candidates, Coverage(seen, classes=BOTH), "early", site=plain.site, visibility=seen)
+    return Objective(
+        Setting(plain.site, candidates=plain.candidates, fidelity=Coverage(seen, classes=BOTH), scheme="early"),
+        visibility=seen,
+    )
 
 
 def test_rewards_add_up_to_the_worst_class(objective: Any) -> None:
@@ -74,7 +79,9 @@ def test_classes_by_name_at_a_site() -> None:
     env = gym.make(SELECT, classes=("pedestrian", "vehicle"), **settings)
     env.reset(seed=0)
     _, reward, _, _, info = env.step(3)
-    expected = Objective("tjunction", 6, fidelity="coverage", classes=("vehicle", "pedestrian")).score([3])
+    expected = Objective(
+        Setting("tjunction", fidelity="coverage", classes=("vehicle", "pedestrian")), Run(frames=6)
+    ).score([3])
     assert (reward, info["class_ap"]) == (expected.reward, expected.class_ap)
     pose = gym.make("coview/SensorPose-v0", classes=BOTH, budget=1, **settings)
     _, info = pose.reset(seed=0)

@@ -13,6 +13,7 @@ from gymnasium.error import ResetNeeded
 
 import placement_env  # noqa: F401  registers the environments
 from placement_env.objective import Objective
+from placement_env.setting import Setting
 
 TABLE: dict[str, Any] = {"fidelity": "table", "disable_env_checker": True}
 NAMES = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
@@ -26,7 +27,7 @@ def test_a_step_crosses_few_files() -> None:
     assert spec.loader is not None
     bench = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(bench)
-    calls = bench.crossings(Objective("tjunction", fidelity="table"))
+    calls = bench.crossings(Objective(Setting("tjunction", fidelity="table")))
     assert 1 < len(bench.files_of(calls)) <= 5
     assert len(calls) <= 15
 

@@ -16,7 +16,8 @@ import pytest
 
 import placement_env  # noqa: F401  registers the environments
 from placement_env.objective import Objective
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
+from toolkit.runtime.run import Run
 
 GOLDEN = Path(__file__).with_name("golden_v0.npz")
 STEPS, SIDE_BY_SIDE = 14, 3
@@ -54,7 +55,7 @@ def test_it_answers_as_it_did(case: str, vector: bool) -> None:
 
 @cache
 def objective(fidelity: Any) -> Objective:
-    return Objective("tjunction", fidelity=fidelity, **MADE_FROM_A_SITE)
+    return Objective(Setting("tjunction", fidelity=fidelity, weights=Weights(1e-4, 0.01)), Run(frames=2))
 
 
 def played(case: str, vector: bool) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from placement_env.envs.registration import register
 from placement_env.envs.scenario import PLACES, STATIC, Scenario, area_of, padded, places_seen, poses
 from placement_env.fidelity.coverage import LEAST
 from placement_env.objective import Objective
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
 
 register()
 CHOOSING = ["coview/SensorSelect-v0"]
@@ -58,7 +58,7 @@ def test_what_is_seen_is_kept_as_bits(objective: Any) -> None:
 
 
 def test_without_traffic_spots_in_the_field_of_view_are_seen() -> None:
-    scored = Objective("tjunction", fidelity="table")
+    scored = Objective(Setting("tjunction", fidelity="table"))
     seen = places_seen(scored)
     assert seen.shape == (6, 22 * 22)
     assert seen.any(axis=1).all()
@@ -74,7 +74,10 @@ def test_without_traffic_spots_in_the_field_of_view_are_seen() -> None:
 def test_without_a_site_the_area_is_that_of_the_mounts(objective: Any) -> None:
     scored = objective()
     assert area_of(scored).tolist() == [-20, -20, 20, 20]
-    without = Objective.of(scored.candidates, scored.scored_by, weights=Weights(), visibility=scored.visibility)
+    without = Objective(
+        Setting(candidates=scored.candidates, fidelity=scored.scored_by, weights=Weights()),
+        visibility=scored.visibility,
+    )
     assert area_of(without).tolist() == [-11, 11, 11, 13]
 
 

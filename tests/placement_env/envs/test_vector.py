@@ -13,7 +13,7 @@ from placement_env.candidates.pool import pool
 from placement_env.envs.registration import register
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
 from toolkit.sites.site import Mount, Site
 
 register()
@@ -34,7 +34,9 @@ def objective() -> Objective:
     site = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))
     poles = [Mount(f"m{i}", np.array([10.0 * i - 20, 12.0, 0.0])) for i in range(4)]
     some = pool(site, heights=(5.0,), headings=3, tilts=(0.3,), mounts=poles, blind=True)
-    return Objective.of(some, Counting(), "early", Weights(2.0**-14, 2.0**-7), site=site)
+    return Objective(
+        Setting(site, candidates=some, fidelity=Counting(), scheme="early", weights=Weights(2.0**-14, 2.0**-7))
+    )
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from placement_env.fidelity.blocks import seen_in_blocks
+from placement_env.fidelity.blocks import see_blocks
 from placement_env.fidelity.occlusion import Seen
-from toolkit.runtime.cache import Cache, make_key
+from toolkit.runtime.cache import make_key
+from toolkit.runtime.run import Run
 
 
 @dataclass
@@ -23,9 +24,8 @@ class Numbers:
         return make_key("numbers", block)
 
 
-def seen(look, blocks, cache=None, reported=None):
-    report = None if reported is None else reported.append
-    return seen_in_blocks(look, blocks, workers=1, ray=None, progress=report, cache=cache)
+def seen(look, blocks, run=Run(), reported=None):
+    return see_blocks(look, blocks, run, None if reported is None else reported.append)
 
 
 def test_blocks_come_in_their_order_and_report_their_ends():
@@ -38,10 +38,10 @@ def test_blocks_come_in_their_order_and_report_their_ends():
 
 
 def test_what_was_seen_before_is_not_looked_at_again(tmp_path):
-    cache = Cache(tmp_path / "seen.sqlite")
-    seen(Numbers(), [(0, 3)], cache)
+    run = Run(cache=tmp_path)
+    seen(Numbers(), [(0, 3)], run)
     look, reported = Numbers(), []
-    kept, made = seen(look, [(0, 3), (3, 5)], cache, reported)
+    kept, made = seen(look, [(0, 3), (3, 5)], run, reported)
     assert look.asked == [(3, 5)]
     assert kept[0].ravel().tolist() == [0, 1, 2]
     assert made[0].ravel().tolist() == [3, 4]

@@ -12,6 +12,7 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import SHIPPED, TableFidelity, digest_of, load_table
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
+from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.sites.files import load_site
 
@@ -89,7 +90,7 @@ def test_shipped_tables_serve_the_same_figures(name, scheme):
 def test_shipped_tables_are_of_the_built_in_sites(name):
     site = load_site(name)
     assert load_table(name).origin.place == digest_of(site, site.sensors)
-    assert Objective(name, fidelity="table").score([0]).ap > 0
+    assert Objective(Setting(name, fidelity="table")).score([0]).ap > 0
 
 
 @pytest.fixture(scope="module")

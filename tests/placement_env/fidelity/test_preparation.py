@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from models.detector import VoxelNetDetector, load_detector
+from placement_env.cases import Cases
 from placement_env.fidelity import preparation, visibility
-from placement_env.fidelity.combined.error_profiles import ErrorProfiles
-from placement_env.fidelity.preparation import GENERAL, Preparation, check_errors_for, network_for, shipped_detector
+from placement_env.fidelity.preparation import GENERAL, Preparation, check_scorable, network_for, shipped_detector
+from placement_env.setting import Setting
 from toolkit.detection.background import KnownBackground
 from toolkit.detection.schemes import find_scheme
 from toolkit.detection.site_background import add_background
 from toolkit.objects import Detections
+from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL
 from toolkit.sites.files import load_site
 
@@ -26,15 +28,16 @@ class Nothing:
         return Detections.empty()
 
 
-def prepared(traffic, candidates, cache, errors=PAPER_ERRORS):
+def prepared(traffic, candidates, cache, errors=PAPER_ERRORS, combine="worst", **fields):
     made = Preparation(
-        site=traffic.site,
-        candidates=candidates,
-        frames=5,
-        scheme=find_scheme("late"),
-        cache=cache,
-        detector=Nothing(),
-        errors=errors,
+        Setting(
+            traffic.site,
+            candidates=candidates,
+            scheme=find_scheme("late"),
+            cases=Cases(errors=errors, errors_by=combine),
+            **{"detector": Nothing(), **fields},
+        ),
+        Run(frames=5, cache=cache),
     )
     vars(made)["traffic"] = traffic
     return made
@@ -47,18 +50,18 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
     seen, detected = first.visibility, first.fidelity("detector")
     sets = [[True, True, False, False]]
     detected(np.array(sets))
-    kept = len(first.disk_cache)
+    kept = len(first.run.memo)
     assert kept == 1 + 2 + 5 + 10  # a block, two renders, an outcome and two detections of each frame
     assert {path.name.partition("-")[0] for path in (tmp_path / "cache").iterdir()} == {"cache.sqlite"}
     monkeypatch.setattr(visibility, "look_at", None)
     again = prepared(small_traffic, small_candidates, tmp_path / "cache")
     assert (again.visibility.points == seen.points).all()
     again.fidelity("detector")(np.array(sets))
-    assert len(again.disk_cache) == kept
+    assert len(again.run.memo) == kept
 
 
 def test_without_a_folder_nothing_is_kept(small_traffic, small_candidates):
-    assert prepared(small_traffic, small_candidates, None).disk_cache is None
+    assert prepared(small_traffic, small_candidates, None).run.memo is None
 
 
 def test_errors_change_what_the_detector_sees_and_every_key_of_it(small_traffic, small_candidates, tmp_path):
@@ -67,7 +70,7 @@ def test_errors_change_what_the_detector_sees_and_every_key_of_it(small_traffic,
     for errors in (PAPER_ERRORS, TYPICAL, POOR, TYPICAL, PAPER_ERRORS):
         made = prepared(small_traffic, small_candidates, tmp_path, errors=errors)
         made.fidelity("detector")(sets)
-        kept.append(len(made.disk_cache))
+        kept.append(len(made.run.memo))
     assert np.diff(kept).tolist() == [2 + 5 + 10, 5 + 10, 0, 0]  # whole renders once, outcomes and detections of each
 
 
@@ -78,19 +81,14 @@ def test_several_profiles_share_traffic_and_detector_and_what_single_ones_have_k
     sets = np.array([[True, True, False, False]])
     single = [prepared(small_traffic, small_candidates, tmp_path, errors=each) for each in (PAPER_ERRORS, POOR)]
     each = [made.fidelity("detector")(sets) for made in single]
-    kept = len(single[0].disk_cache)
-    both = prepared(small_traffic, small_candidates, tmp_path, errors=ErrorProfiles((PAPER_ERRORS, POOR), combine))
-    exact, rough = both.at_profiles
-    assert (exact.errors, rough.errors) == (PAPER_ERRORS, POOR)
-    assert exact.traffic is rough.traffic is both.traffic
-    assert exact.detector is rough.detector is both.detector
-    assert single[0].at_profiles == (single[0],)
+    kept = len(single[0].run.memo)
+    both = prepared(small_traffic, small_candidates, tmp_path, errors=(PAPER_ERRORS, POOR), combine=combine)
     found = both.fidelity("detector")
     at_each = found.at_each(sets)
     assert [at_each[name].kbit.tolist() for name in ("paper", "poor")] == [one.kbit.tolist() for one in each]
     assert found(sets).ap.tolist() == [0.0]
-    assert len(both.disk_cache) == kept  # neither rendered nor detected again
-    with pytest.raises(ValueError, match="errors 'paper and poor' are known to fidelity detector alone"):
+    assert len(both.run.memo) == kept  # neither rendered nor detected again
+    with pytest.raises(ValueError, match="errors paper and poor are known to fidelity detector alone"):
         both.fidelity("coverage")
 
 
@@ -102,10 +100,7 @@ def test_the_shipped_network_is_read_once_for_all_profiles(small_traffic, small_
         return Nothing()
 
     monkeypatch.setattr(preparation, "shipped_detector", shipped)
-    made = replace(
-        prepared(small_traffic, small_candidates, None, errors=ErrorProfiles((TYPICAL, POOR))), detector=None
-    )
-    vars(made)["traffic"] = small_traffic
+    made = prepared(small_traffic, small_candidates, None, errors=(TYPICAL, POOR), detector=None)
     made.fidelity("detector")
     assert read == [GENERAL]
 
@@ -113,19 +108,16 @@ def test_the_shipped_network_is_read_once_for_all_profiles(small_traffic, small_
 @pytest.mark.parametrize("name", ["coverage", "surrogate", "table"])
 def test_fidelities_that_do_not_know_errors_refuse_them(small_traffic, small_candidates, name):
     made = prepared(small_traffic, small_candidates, None, errors=TYPICAL)
-    with pytest.raises(ValueError, match=f"errors 'typical' are known to fidelity detector alone, got '{name}'"):
+    with pytest.raises(ValueError, match=f"errors typical are known to fidelity detector alone, got '{name}'"):
         made.fidelity(name)
-    check_errors_for(PAPER_ERRORS, name)
-    check_errors_for(TYPICAL, "detector")
+    check_scorable(made.setting, "detector")
 
 
 def test_sensors_are_seen_live_where_panoramas_are_taken(small_traffic, small_candidates):
-    made = {"site": small_traffic.site, "candidates": small_candidates, "frames": 5, "scheme": find_scheme("early")}
-
-    def live(**settings):
-        prepared = Preparation(**{**made, **settings})
-        vars(prepared)["traffic"] = small_traffic
-        return prepared.live
+    def live(candidates=small_candidates, rendering="auto"):
+        made = Preparation(Setting(small_traffic.site, candidates=candidates, rendering=rendering), Run(frames=5))
+        vars(made)["traffic"] = small_traffic
+        return made.live
 
     assert live() is None
     assert live(rendering="full") is None
@@ -150,11 +142,13 @@ def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_tra
 
 
 def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candidates, seen, monkeypatch):
-    prepared = Preparation(site=small_traffic.site, candidates=small_candidates, frames=5, scheme=find_scheme("early"))
+    prepared = Preparation(
+        Setting(small_traffic.site, candidates=small_candidates, scheme=find_scheme("early")), Run(frames=5)
+    )
     vars(prepared)["traffic"] = small_traffic
     first, second = (prepared.at(small_candidates, seen) for _ in range(2))
-    models = first.hit_models
-    assert models[0].scheme == "early"
+    sets = np.eye(len(small_candidates), dtype=bool)
+    ap = first.fidelity("surrogate")(sets).ap
     monkeypatch.setattr(preparation, "surrogate_models", None)
-    assert second.hit_models is models
-    assert prepared.hit_models is models
+    assert second.fidelity("surrogate")(sets).ap.tolist() == ap.tolist()
+    assert prepared.at(small_candidates, seen).fidelity("surrogate")(sets).ap.tolist() == ap.tolist()

@@ -7,8 +7,10 @@ import pytest
 from placement_env.fidelity.hits.hit_model import shipped_model
 from placement_env.fidelity.surrogate import Surrogate, expected_ap
 from placement_env.objective import Objective
+from placement_env.setting import Setting
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import average_precision, precision_recall
+from toolkit.runtime.run import Run
 
 SCHEMES = ("early", "late", "hybrid")
 SETS = np.random.default_rng(1).random((60, 12)) < 0.35
@@ -76,7 +78,7 @@ def test_hybrid_fusion_sums_the_points_beyond_its_radius(made_visibility, hit_mo
 
 @pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 def test_an_objective_takes_the_radius_of_its_site():
-    objective = Objective("roundabout", frames=3, scheme="hybrid", fidelity="surrogate")
+    objective = Objective(Setting("roundabout", scheme="hybrid", fidelity="surrogate"), Run(frames=3))
     sets = np.random.default_rng(0).random((20, len(objective.candidates))) < 0.5
     model = shipped_model("hybrid", 0.7, "roundabout")
     assert objective.visibility is not None

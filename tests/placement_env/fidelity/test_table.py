@@ -18,11 +18,13 @@ from placement_env.fidelity.table import (
 )
 from placement_env.objective import Objective
 from placement_env.protocol import Fidelity
+from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.files import write_arrays
+from toolkit.runtime.run import Processes
 from toolkit.sensors.error_profiles import TYPICAL
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -79,9 +81,8 @@ def same(a, b):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder, told, detector = tmp_path_factory.mktemp("table"), [], Guess()
-    table = make_table(
-        Street(), detector, folder / "street.npz", seed=4, commit="abc", progress=lambda *done: told.append(done)
-    )
+    processes = Processes(progress=lambda _, *done: told.append(done))
+    table = make_table(Street(), detector, folder / "street.npz", seed=4, commit="abc", processes=processes)
     return table, folder / "street.npz", told, detector.calls
 
 
@@ -114,7 +115,7 @@ def test_broken_off_it_goes_on_and_gives_the_same_bytes(made, tmp_path):
 
 def test_processes_give_the_same_bytes(made, tmp_path):
     _, path, _, _ = made
-    make_table(Street(), Guess(), tmp_path / "t.npz", seed=4, commit="abc", workers=2)
+    make_table(Street(), Guess(), tmp_path / "t.npz", seed=4, commit="abc", processes=Processes(workers=2))
     assert (tmp_path / "t.npz").read_bytes() == path.read_bytes()
 
 
@@ -204,7 +205,7 @@ def test_a_table_is_of_the_radius_it_was_made_with(tmp_path):
     assert [load_table(name).origin.hybrid_radius for name in ("tjunction", "roundabout")] == [20.0, 12.0]
     site = load_site("roundabout")
     with pytest.raises(ValueError, match="not of these candidates or this version of the site"):
-        Objective(replace(site, hybrid_radius=20.0), fidelity="table")
+        Objective(Setting(replace(site, hybrid_radius=20.0), fidelity="table"))
     far = replace(some_table(3), origin=replace(some_table(3).origin, hybrid_radius=5.0))
     save_table(far, tmp_path / "t.npz")
     assert load_table(tmp_path / "t.npz").origin.hybrid_radius == 5.0

@@ -11,8 +11,8 @@ from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.points import frame_points, is_beyond
 from toolkit.rendering.renderer import Renderer
-from toolkit.runtime.cache import Cache
 from toolkit.runtime.files import write_arrays
+from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 
 
@@ -69,41 +69,41 @@ def test_of_a_recording_only_the_first_frames(recording):
 def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkeypatch):
     monkeypatch.setattr(visibility, "BLOCK_PIXELS", 6000)
     told: list[int] = []
-    assert equal(see(small_traffic, small_candidates, progress=told.append), seen)
+    assert equal(see(small_traffic, small_candidates, run=Run(progress=lambda *stage: told.append(stage[1]))), seen)
     assert told == [1, 2, 3, 4]
     turned = see(small_traffic, small_candidates.select([3, 1]))
     assert equal(turned, seen.select([3, 1]))
 
 
 def test_what_is_kept_is_not_made_again(small_traffic, small_candidates, seen, tmp_path, monkeypatch):
-    cache = Cache(tmp_path / "cache.sqlite")
-    assert equal(see(small_traffic, small_candidates, cache=cache), seen)
-    assert len(cache) == 1
-    with sqlite3.connect(cache.path) as database:
+    run = Run(cache=tmp_path)
+    assert equal(see(small_traffic, small_candidates, run=run), seen)
+    assert len(run.memo) == 1
+    with sqlite3.connect(run.memo.path) as database:
         database.execute("UPDATE entries SET value = substr(value, 1, 500)")
-    assert equal(see(small_traffic, small_candidates, cache=cache), seen)
+    assert equal(see(small_traffic, small_candidates, run=run), seen)
 
     def fail(*_: object) -> None:
         raise AssertionError("made again")
 
     monkeypatch.setattr(visibility, "look_at", fail)
-    assert equal(see(small_traffic, small_candidates, cache=cache), seen)
+    assert equal(see(small_traffic, small_candidates, run=run), seen)
     with pytest.raises(AssertionError, match="made again"):
-        see(replace(small_traffic, snapshots=small_traffic.snapshots[:1]), small_candidates, cache=cache)
+        see(replace(small_traffic, snapshots=small_traffic.snapshots[:1]), small_candidates, run=run)
     with pytest.raises(AssertionError, match="made again"):
-        see(small_traffic, small_candidates.select([0]), cache=cache)
+        see(small_traffic, small_candidates.select([0]), run=run)
     monkeypatch.setattr(visibility, "code_digest", lambda *modules: "other")
     with pytest.raises(AssertionError, match="made again"):
-        see(small_traffic, small_candidates, cache=cache)
+        see(small_traffic, small_candidates, run=run)
 
 
 @pytest.mark.parametrize("movement", [pose(yaw=0.3), pose(0.2)])
-def test_a_sensor_that_was_only_turned_or_moved_is_looked_through_again(small_traffic, small_candidates, movement):
-    cache, sensor = Cache(), small_candidates.sensors[1]
+def test_a_sensor_that_turned_or_moved_is_looked_through_again(small_traffic, small_candidates, movement, tmp_path):
+    run, sensor = Run(cache=tmp_path), small_candidates.sensors[1]
     for each in (sensor, replace(sensor, pose=sensor.pose @ movement)):
         there = replace(small_candidates.select([1]), sensors=(each,))
-        assert equal(see(small_traffic, there, cache=cache), see(small_traffic, there))
-    assert len(cache) == 2
+        assert equal(see(small_traffic, there, run=run), see(small_traffic, there))
+    assert len(run.memo) == 2
 
 
 def test_saved_and_loaded(seen, tmp_path):
@@ -127,7 +127,7 @@ def test_nobody_sees_nothing(small_traffic, small_candidates):
 @pytest.mark.slow
 def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, monkeypatch):
     monkeypatch.setattr(visibility, "BLOCK_PIXELS", 6000)
-    assert equal(see(small_traffic, small_candidates, workers=2), seen)
+    assert equal(see(small_traffic, small_candidates, run=Run(workers=2)), seen)
 
 
 def test_panoramas_are_taken_where_poses_share_places(small_traffic, small_candidates):

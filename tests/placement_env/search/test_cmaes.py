@@ -7,7 +7,8 @@ import pytest
 from placement_env.candidates.candidates import aim_sensor
 from placement_env.objective import Objective
 from placement_env.search import cmaes, greedy
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
+from toolkit.runtime.run import Run
 
 pytest.importorskip("cma")
 
@@ -94,7 +95,7 @@ def test_hung_names_and_mounts(make, start):
 
 @pytest.mark.parametrize("fidelity", ["coverage", "surrogate"])
 def test_poses_come_from_greedys_set_and_are_no_worse(fidelity):
-    objective = Objective("tjunction", 2, fidelity=fidelity)
+    objective = Objective(Setting("tjunction", fidelity=fidelity), Run(frames=2))
     found = cmaes.search(objective, 2, evaluations=8)
     first = greedy.search(objective, 2)
     assert found.best.subset == first.best.subset
@@ -104,14 +105,18 @@ def test_poses_come_from_greedys_set_and_are_no_worse(fidelity):
 
 
 def test_sensors_that_stand_where_they_stood_score_the_same():
-    objective = Objective("tjunction", 2, fidelity="surrogate")
-    place = cmaes.pose_scorer(objective.preparation, "surrogate")
+    objective = Objective(Setting("tjunction", fidelity="surrogate"), Run(frames=2))
+    place = cmaes.build_pose_scorer(objective.preparation)
     (moved,) = place([tuple(objective.candidates.sensors[:2])])
     assert moved.ap == pytest.approx(objective.score([0, 1]).ap, abs=1e-6)
 
 
 def test_where_no_sensor_pays_there_is_none_to_move():
-    found = cmaes.search(Objective("tjunction", 2, fidelity="coverage", weights=Weights(price=5.0)), 2, evaluations=8)
+    found = cmaes.search(
+        Objective(Setting("tjunction", fidelity="coverage", weights=Weights(price=5.0)), Run(frames=2)),
+        2,
+        evaluations=8,
+    )
     assert found.best.subset == () == found.sensors
 
 
@@ -122,7 +127,7 @@ def test_an_objective_from_parts_knows_no_moved_sensors(make):
 
 @pytest.fixture(scope="module")
 def panoramic():
-    return Objective("tjunction", 1, fidelity="coverage", rendering="panorama")
+    return Objective(Setting("tjunction", fidelity="coverage", rendering="panorama"), Run(frames=1))
 
 
 def test_poses_are_looked_at_in_panoramas_and_the_answer_is_scored_by_rays(panoramic):
@@ -138,7 +143,7 @@ def test_poses_are_looked_at_in_panoramas_and_the_answer_is_scored_by_rays(panor
     found = cmaes.search(objective, 1, evaluations=8)
     assert sum(calls) == found.evaluations == 8
     start = objective.candidates.select(found.best.subset).sensors
-    before, after = cmaes.pose_scorer(made, "coverage")([start, found.sensors])
+    before, after = cmaes.build_pose_scorer(made)([start, found.sensors])
     assert (found.best.reward, found.certificate.value) == (after.reward, after.reward)
     assert after.reward >= before.reward
 
@@ -147,11 +152,8 @@ def test_an_answer_that_panoramas_overrate_is_its_start(panoramic):
     objective = panoramic
     start = objective.candidates.select(greedy.search(objective, 2).best.subset)
     skyward = tuple(aim_sensor(s, s.position, cmaes.angles(s)[1], -1.5) for s in start.sensors)
-
-    def overrated(score_poses, there, left):
-        assert left is None
-        return replace(cmaes.improve(score_poses, there, evaluations=1), sensors=skyward)
-
-    found = cmaes.improved(objective, 2, overrated)
+    by_rays = cmaes.build_pose_scorer(objective.preparation)
+    result = cmaes.improve(by_rays, objective.candidates.select([0]), evaluations=1)
+    found = cmaes.settle_by_rays(by_rays, start, replace(result, sensors=skyward))
     assert found.sensors == start.sensors
-    assert found.best.reward == cmaes.pose_scorer(objective.preparation, "coverage")([start.sensors])[0].reward
+    assert found.best.reward == by_rays([start.sensors])[0].reward

@@ -9,15 +9,15 @@ from placement_env.candidates.pool import paper_candidates
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Estimate
 from placement_env.search.description import (
-    described_assessment,
-    described_by_errors,
-    described_doubts,
-    described_empty,
-    described_score,
-    described_sensors,
+    describe_assessment,
+    describe_by_errors,
+    describe_doubts,
+    describe_empty,
+    describe_score,
+    describe_sensors,
 )
 from placement_env.search.result import Assessment, Contender, ProfileAP
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
 from toolkit.geometry import look
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -25,14 +25,14 @@ from toolkit.sites.files import load_site
 
 
 def test_sensors_are_named_and_those_that_were_moved_with_where_to():
-    assert described_sensors(["a", "b"]) == ["a", "b"]
+    assert describe_sensors(["a", "b"]) == ["a", "b"]
     moved = [Sensor("a", DepthCamera(), look((1.0, -2.0, 6.5), float(np.deg2rad(90)), float(np.deg2rad(10))))]
-    assert described_sensors(["a"], moved) == ["a moved to x 1.00 y -2.00 z 6.50 m, heading 90.0 tilt 10.0 degrees"]
+    assert describe_sensors(["a"], moved) == ["a moved to x 1.00 y -2.00 z 6.50 m, heading 90.0 tilt 10.0 degrees"]
 
 
 def test_all_figures_of_a_score_are_said():
     score = Score((0, 1), 0.5, 0.6, 100.0, 200.0, 2.0, 0.4, {"ap": 0.5}, "coverage", False)
-    assert described_score(score) == ("AP 0.5000, recall 0.6000, 100.0 kbit per sensor, 200.0 kbit, price 2 (coverage)")
+    assert describe_score(score) == ("AP 0.5000, recall 0.6000, 100.0 kbit per sensor, 200.0 kbit, price 2 (coverage)")
 
 
 @pytest.mark.parametrize(
@@ -58,9 +58,13 @@ def test_why_there_is_no_sensor(kbit, ap, comm, reason):
             return Estimate(detected, detected.copy(), subsets.sum(axis=1) * kbit)
 
     candidates = paper_candidates(load_site("tjunction"))
-    assert described_empty(Objective.of(candidates, Constant(), weights=Weights(comm))).startswith(reason)
+    assert describe_empty(
+        Objective(Setting(candidates=candidates, fidelity=Constant(), weights=Weights(comm)))
+    ).startswith(reason)
     roomy = replace(candidates, mounts=tuple(replace(mount, capacity=9e9) for mount in candidates.mounts))
-    assert "fits its link:" not in described_empty(Objective.of(roomy, Constant(), weights=Weights(comm)))
+    assert "fits its link:" not in describe_empty(
+        Objective(Setting(candidates=roomy, fidelity=Constant(), weights=Weights(comm)))
+    )
 
 
 class Unsure:
@@ -80,23 +84,23 @@ class Unsure:
 
 def test_a_surrogate_says_how_sure_it_is():
     candidates = paper_candidates(load_site("tjunction"))
-    said = described_doubts(Objective.of(candidates, Unsure()), [0, 3])
+    said = describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), [0, 3])
     assert said == [
         "the surrogate's AP is sure to about 0.020 as far as its fit goes",
         "warning: not fitted to DepthCamera",
     ]
-    assert described_doubts(Objective.of(candidates, Unsure()), []) == said[1:]
-    assert described_doubts(Objective("tjunction", fidelity="table"), [0]) == []
+    assert describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), []) == said[1:]
+    assert describe_doubts(Objective(Setting("tjunction", fidelity="table")), [0]) == []
 
 
 def test_each_error_profile_is_said_beside_what_counts():
     own = Contender(("greedy",), (0, 2), 0.9, 0.8, 0.7, 0.85)
     plain = Assessment("detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (own,), 0.81)
     each = (ProfileAP("paper", 0.9, 0.85, 0.95), ProfileAP("poor", 0.8, 0.7, 0.9))
-    lines, more = (described_assessment(a) for a in (plain, replace(plain, by_errors=each, errors_by="worst")))
+    lines, more = (describe_assessment(a) for a in (plain, replace(plain, by_errors=each, errors_by="worst")))
     assert [line for line in more if line not in lines] == [
         "  the worst over error profiles: paper AP 0.9000 (0.8500 to 0.9500), poor AP 0.8000 (0.7000 to 0.9000)"
     ]
     assert [line for line in more if line in lines] == lines
-    assert described_by_errors({"paper": 0.9, "poor": 0.8}) == ["AP at each error profile: paper 0.9000, poor 0.8000"]
-    assert described_by_errors({}) == []
+    assert describe_by_errors({"paper": 0.9, "poor": 0.8}) == ["AP at each error profile: paper 0.9000, poor 0.8000"]
+    assert describe_by_errors({}) == []

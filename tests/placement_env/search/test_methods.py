@@ -5,8 +5,9 @@ from importlib.util import find_spec
 import pytest
 
 from placement_env.candidates.pool import paper_candidates
-from placement_env.fidelity.preparation import check_fidelity_for
-from placement_env.search.methods import METHODS, check_search, search_of, usual_method
+from placement_env.fidelity.preparation import check_scorable
+from placement_env.search.methods import METHODS, check_search, load_search, usual_method
+from placement_env.setting import Setting
 from toolkit.sites.files import load_site
 
 SITE = load_site("tjunction")
@@ -16,7 +17,7 @@ SITE = load_site("tjunction")
 def test_every_name_is_a_search(name):
     if METHODS[name].needs and not find_spec(METHODS[name].needs):
         pytest.skip("its package is missing")
-    assert callable(search_of(name))
+    assert callable(load_search(name))
     check_search(name, "detector", paper_candidates(SITE))
 
 
@@ -27,7 +28,7 @@ def test_an_unknown_name():
 
 @pytest.mark.parametrize("fidelity", ["coverage", "surrogate", "detector", "table"])
 def test_what_can_be_scored_is_not_refused(fidelity):
-    check_fidelity_for(SITE, paper_candidates(SITE), "early", fidelity)
+    check_scorable(Setting(SITE, fidelity=fidelity))
 
 
 def test_the_usual_method():

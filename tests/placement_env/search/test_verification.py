@@ -1,17 +1,19 @@
 """What a cheap fidelity found is tried by a dear one: all entrants on few frames, the best on all."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from placement_env.candidates.pool import paper_candidates
-from placement_env.fidelity.combined.error_profiles import errors_of, over_profiles
+from placement_env.cases import Cases
+from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
+from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.search import greedy
 from placement_env.search.verification import ap_at_profiles, neighbours, rescored, verified
+from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.sites.files import load_site
 
@@ -46,7 +48,7 @@ class Half:
 
 @pytest.fixture
 def dear():
-    return Objective.of(paper_candidates(load_site("roundabout")), PerFrame())
+    return Objective(Setting(candidates=paper_candidates(load_site("roundabout")), fidelity=PerFrame()))
 
 
 def test_a_race_finds_the_best_of_all_sets(dear):
@@ -59,14 +61,14 @@ def test_a_race_finds_the_best_of_all_sets(dear):
 
 
 def test_a_fidelity_of_all_frames_does_not_race():
-    objective = Objective("roundabout", fidelity="table")
+    objective = Objective(Setting("roundabout", fidelity="table"))
     for ask in (lambda: objective.race(np.eye(8, dtype=bool)), lambda: greedy.raced(objective, 2)):
         with pytest.raises(ValueError, match="all frames at once"):
             ask()
 
 
 def test_entrants_race_and_the_best_are_ranked_on_all_frames(dear):
-    cheap = Objective.of(dear.candidates, Half())
+    cheap = Objective(Setting(candidates=dear.candidates, fidelity=Half()))
     found = greedy.search(cheap, 3)
     dear.scored_by.asked = 0
     ranking = verified(cheap, dear, np.array(found.best.subset))
@@ -94,10 +96,14 @@ def test_raced_greedy_is_greedy_for_a_part_of_the_frames(dear):
     assert greedy.raced(dear, 3, evaluations=1).evaluations < raced.evaluations
 
 
+def at_profiles(*fidelities):
+    return over_cases([ProfileFidelities(each, ((each,),)) for each in fidelities], Cases(errors=("paper", "poor")))
+
+
 def test_ap_at_each_error_profile(dear):
     """A race over profiles goes by what counts; each profile is said by itself."""
     other = PerFrame(seed=1)
-    both = Objective.of(dear.candidates, over_profiles([dear.scored_by, other], errors_of(["paper", "poor"])))
+    both = Objective(Setting(candidates=dear.candidates, fidelity=at_profiles(dear.scored_by, other)))
     row = both.row([0, 3])[None]
     said = ap_at_profiles(both, (0, 3))
     assert said == {"paper": float(dear.scored_by(row).ap[0]), "poor": float(other(row).ap[0])}
@@ -108,18 +114,27 @@ def test_ap_at_each_error_profile(dear):
 
 
 def test_sensors_that_were_moved_are_scored_at_each_profile_where_they_stand(dear, monkeypatch):
-    both = Objective.of(dear.candidates, over_profiles([dear.scored_by, dear.scored_by], errors_of(["paper", "poor"])))
-    vars(both)["preparation"] = SimpleNamespace(at_profiles=("paper", "poor"))
+    both = Objective(
+        Setting(
+            candidates=dear.candidates,
+            fidelity=at_profiles(dear.scored_by, dear.scored_by),
+        )
+    )
+    there = Preparation(Setting(load_site("tjunction"), candidates=dear.candidates, detector=print))
+    vars(there)["traffic"] = None
+    vars(both)["preparation"] = there
     asked = []
 
-    def pose_scorer(preparation, fidelity, weights):
+    def build_pose_scorer(preparation, weights):
+        (errors,) = preparation.setting.cases.names
+
         def score(sets):
-            asked.append((preparation, fidelity, sets))
-            return [replace(dear.score([0]), ap={"paper": 0.9, "poor": 0.4}[preparation])]
+            asked.append((errors, sets))
+            return [replace(dear.score([0]), ap={"paper": 0.9, "poor": 0.4}[errors])]
 
         return score
 
-    monkeypatch.setattr("placement_env.search.cmaes.pose_scorer", pose_scorer)
+    monkeypatch.setattr("placement_env.search.cmaes.build_pose_scorer", build_pose_scorer)
     moved = dear.candidates.sensors[:2]
     assert ap_at_profiles(both, (0, 1), moved) == {"paper": 0.9, "poor": 0.4}
-    assert asked == [("paper", "detector", [moved]), ("poor", "detector", [moved])]
+    assert asked == [("paper", [moved]), ("poor", [moved])]

@@ -20,6 +20,7 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import see
 from placement_env.objective import Objective
+from placement_env.setting import Setting
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
@@ -34,6 +35,7 @@ from toolkit.points import frame_points, is_beyond, is_inside, unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import build_scenery
+from toolkit.runtime.run import Run
 from toolkit.sensors.models import (
     MODELS,
     DepthCamera,
@@ -329,9 +331,9 @@ def test_objectives_and_environments_take_it(model):
         mounts = site.mounts[:4]
         return pool(site, heights=(5.0,), headings=2, tilts=(0.3,), models=[model], mounts=mounts, blind=True)
 
-    objective = Objective("tjunction", 2, fidelity="coverage", candidates=few)
+    objective = Objective(Setting("tjunction", fidelity="coverage", candidates=few), Run(frames=2))
     assert objective.score([0, 2]).kbit > 0
-    surrogate = Objective("tjunction", 2, fidelity="surrogate", candidates=few)
+    surrogate = Objective(Setting("tjunction", fidelity="surrogate", candidates=few), Run(frames=2))
     assert 0 < surrogate.score([0, 2, 4, 6]).recall <= 1
     env = gym.make("coview/SensorSelect-v0", objective=objective, budget=2, render_mode="rgb_array")
     observation, info = env.reset(seed=0)

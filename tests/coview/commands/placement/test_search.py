@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-import placement_env.report.searching as searching
 import placement_env.search.methods as methods
 from placement_env.search.checkpoint import Checkpoint
 from toolkit.sites.files import load_site, save_site
@@ -52,12 +51,12 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
     ("arguments", "message"),
     [
         (("--budget", 0), "--budget must be at least 1, got 0"),
-        (("--frames", 0), "--frames must be at least 1, got 0"),
-        (("--workers", 0), "--workers must be at least 1, got 0"),
+        (("--frames", 0), "frames must be a whole number of at least 1, got 0"),
+        (("--workers", 0), "workers must be a whole number of at least 1, got 0"),
         (("--seconds", 0), "--seconds must be above 0"),
         (("--evaluations", -1), "--evaluations must be above 0"),
-        (("--comm", -1), "--comm must be at least 0"),
-        (("--iou", 1.5), "--iou must lie above 0"),
+        (("--comm", -1), "weights must be finite and not negative, got comm -1.0"),
+        (("--iou", 1.5), "iou must lie in (0, 1]"),
         (("--iou", 0.33), "no surrogate of general for early at IoU 0.33"),
         (("--method", "exhaustive"), "at most 16 candidates, got 2363"),
         (("--method", "raced"), "needs fidelity detector, got surrogate"),
@@ -84,7 +83,7 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--at-least", 0.9, "--method", "swap"), "go with --at-least 0.9, and no other method does"),
         (("--method", "cheapest"), "go with --at-least 0.9"),
         (("--parts", 2), "go with --at-least 0.9"),
-        (("--iou", "0.9:0.5"), "--iou must lie above 0"),
+        (("--iou", "0.9:0.5"), "iou must lie in (0, 1]"),
         (("--iou", "0.33:0.43"), "no surrogate of general for early at IoU 0.33"),
         (
             ("--failing", 1, "--method", "cmaes", "--candidates", "paper", "--frames", 1),
@@ -269,7 +268,7 @@ def test_classes_are_weighed(run, tmp_path):
             "knows vehicle only, not cyclist",
         ),
         (("--surrogate", "none.json"), "no surrogate none.json: fit one with coview surrogate"),
-        (("--table", "none.npz"), "a table is for fidelity table, got 'surrogate'"),
+        (("--table", "none.npz"), "this file is for fidelity table, got 'surrogate'"),
         (("--fidelity", "table", "--candidates", "paper", "--table", "none.npz"), "no table 'none.npz'"),
     ],
 )
@@ -370,11 +369,11 @@ def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monke
 def test_an_unfinished_search_keeps_what_it_saw_where_there_is_no_cache(run, tmp_path, monkeypatch):
     places = []
 
-    def noted(order, out, checkpoint, progress):
-        places.append(order.settings["cache"])
+    def noted(order, checkpoint):
+        places.append(order.run.cache)
         raise OSError("killed")
 
-    monkeypatch.setattr(searching, "_answered", noted)
+    monkeypatch.setattr("placement_env.search.order.run_search", noted)
     assert run("search", "tjunction", *FEW, "--cache", "None", "--out", tmp_path / "o")[0] == 2
     assert places == [tmp_path / "o.parts" / "search.cache.state"]
 

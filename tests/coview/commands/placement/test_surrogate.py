@@ -66,7 +66,7 @@ def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--frames", 0), "--frames must be at least 1"),
+        (("--frames", 0), "frames must be a whole number of at least 1"),
         (("--iou", 0.7, 1.2), "iou must lie in (0, 1], got 1.2"),
         (("--poses", 10**6), "poses must be 0 to the"),
         (("--detector", "cluster"), "detector cluster learns from a recording"),

@@ -11,7 +11,7 @@ from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, w
 from toolkit.geometry import look
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import SuccessiveStrips
-from toolkit.runtime.cache import Cache
+from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 
@@ -46,7 +46,9 @@ def test_a_sensor_is_far_sighted_that_measures_the_whole_area(small_traffic):
 def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatch):
     monkeypatch.setattr(panoramas, "FRAMES_AT_ONCE", 2)
     told: list[int] = []
-    assert same(look_round(small_traffic, SENSORS, (VEHICLE,), progress=told.append), seen)
+    assert same(
+        look_round(small_traffic, SENSORS, (VEHICLE,), Run(progress=lambda *stage: told.append(stage[1]))), seen
+    )
     assert told == [1, 3, 4]
     job = panoramas._Look(small_traffic, tuple(SENSORS), (VEHICLE,))
     job((0, 1))
@@ -70,15 +72,15 @@ def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
 
 
 def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_path):
-    cache = Cache(tmp_path / "cache.sqlite")
-    assert same(look_round(small_traffic, SENSORS, (VEHICLE,), cache=cache), seen)
-    assert len(cache) == 2
+    run = Run(cache=tmp_path)
+    assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
+    assert len(run.memo) == 2
 
     def fail(*_: object) -> None:
         raise AssertionError("made again")
 
     monkeypatch.setattr(SuccessiveStrips, "of", fail)
-    assert same(look_round(small_traffic, SENSORS, (VEHICLE,), cache=cache), seen)
+    assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
     turned = [*SENSORS[:3], Sensor("3", CAMERA, look(AT, 2.0, 0.3))]
     others = replace(small_traffic, snapshots=small_traffic.snapshots[::-1])
     for traffic, sensors, labels in (
@@ -87,7 +89,7 @@ def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_pa
         (others, SENSORS, (0,)),
     ):
         with pytest.raises(AssertionError, match="made again"):
-            look_round(traffic, sensors, labels, cache=cache)
+            look_round(traffic, sensors, labels, run)
     monkeypatch.setattr(panoramas, "code_digest", lambda *modules: "other")
     with pytest.raises(AssertionError, match="made again"):
-        look_round(small_traffic, SENSORS, (VEHICLE,), cache=cache)
+        look_round(small_traffic, SENSORS, (VEHICLE,), run)

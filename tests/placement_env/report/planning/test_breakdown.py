@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement_env.cases import Cases
 from placement_env.classes import Classes
-from placement_env.fidelity.combined.error_profiles import errors_of
-from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.detector import Detected
 from placement_env.report.planning.breakdown import (
     by_approach,
@@ -101,8 +100,8 @@ def test_groups_of_several_classes_are_combined(street):
 
 def test_groups_at_several_thresholds_are_means(street):
     """Boxes of the reader are exact in footprint, so both thresholds hit alike; the second is counted by itself."""
-    counting = Counting.of((0.7, 0.9))
-    scored = scored_boxes(Judge(street.detected.at(0.7, counting.ious), 0, counting), (0, 2))
+    cases = Cases(iou=(0.7, 0.9))
+    scored = scored_boxes(Judge(street.detected.at(0.7, cases.ious), 0, cases), (0, 2))
     (other,) = scored.others
     for name in ("truth", "boxes", "scores", "frame", "label"):
         assert np.array_equal(getattr(scored, name), getattr(other, name)), name
@@ -115,7 +114,7 @@ def test_groups_at_several_thresholds_are_means(street):
 
 def test_levels_of_traffic(street, scored):
     assert by_level(scored, street.judge, (0, 2)) == ()
-    judge = Judge(street.detected, 0, Counting.of(0.7, 0, 2), (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7])))
+    judge = Judge(street.detected, 0, Cases(levels=2), (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7])))
     thin, dense = by_level(scored, judge, (0, 2))
     assert (thin.name, thin.judged.vehicles, thin.judged.frames) == ("thin traffic", 8, 2)
     assert (dense.name, dense.judged.vehicles, dense.judged.frames) == ("dense traffic", 24, 6)
@@ -132,7 +131,7 @@ def test_error_profiles(street, scored):
     thin = Thin(street.site, street.detected.renders.sensors)
     thin.digest = "thin"
     rough = Judge(Detected(thin, street.detected.detector, "early"), 0)
-    judge = replace(street.judge, others=(rough,), errors=errors_of(["paper", "poor"]))
+    judge = replace(street.judge, others=(rough,), cases=Cases(errors=("paper", "poor")))
     exact, other = by_errors(judge, (0, 2))
     assert (exact.name, other.name) == ("paper", "poor")
     assert exact.judged == street.judge.judge(np.array([[1, 0, 1, 0]], bool))[0]

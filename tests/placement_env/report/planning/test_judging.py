@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from placement_env.analysis.intervals import Tally
+from placement_env.cases import Cases
 from placement_env.classes import VEHICLES, Classes
-from placement_env.fidelity.combined.error_profiles import errors_of
-from placement_env.fidelity.combined.prepared import Counting
-from placement_env.fidelity.combined.robust import Failing
-from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.detector import Detected
 from placement_env.report.planning.judging import Judge, mean_judgement
 from toolkit.objects import Detections
@@ -113,8 +110,8 @@ def test_classes_of_which_there_is_nothing(walked):
 
 def test_several_thresholds_give_means_over_them_with_one_interval(street):
     """Found at both thresholds as at one: the reader's boxes are exact, so the mean is the AP of each."""
-    counting = Counting.of((0.7, 0.9))
-    judge = Judge(street.detected.at(0.7, counting.ious), 0, counting)
+    cases = Cases(iou=(0.7, 0.9))
+    judge = Judge(street.detected.at(0.7, cases.ious), 0, cases)
     assert (judge.iou, judge.ious) == ((0.7, 0.9), (0.7, 0.9))
     (both,) = judge.judge(np.array([[1, 1, 0, 0]], bool))
     assert (both.ap, both.low, both.high, both.vehicles) == (0.75, 0.75, 0.75, 32)
@@ -142,7 +139,7 @@ def test_a_mean_over_thresholds_is_of_ap_and_of_every_resample():
 @pytest.mark.parametrize(("combine", "ap"), [("worst", 0.25), ("mean", 0.375)])
 def test_what_is_left_when_one_fails(street, combine, ap):
     """Post 0 finds two of four cars, post 3 one of these two; a set of one has nothing left."""
-    judge = Judge(street.detected, 0, Counting.of(0.7, Failing(1, combine)))
+    judge = Judge(street.detected, 0, Cases(failing=1, failures=combine))
     pair, alone = judge.left(np.array([[1, 0, 0, 1], [1, 0, 0, 0]], bool)) or []
     assert (pair.ap, pair.recall, pair.low, pair.high) == (ap, ap, ap, ap)
     assert (alone.ap, alone.recall, alone.precision, alone.vehicles) == (0.0, 0.0, None, 32)
@@ -166,8 +163,8 @@ def rush(street):
 
     renders = Rush(street.site, street.detected.renders.sensors)
 
-    def judge(counting):
-        return Judge(Detected(renders, street.detected.detector, "early"), 0, counting, (np.arange(4), np.arange(4, 8)))
+    def judge(cases):
+        return Judge(Detected(renders, street.detected.detector, "early"), 0, cases, (np.arange(4), np.arange(4, 8)))
 
     return judge
 
@@ -183,7 +180,7 @@ def rush(street):
 )
 def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over, left):
     """Of four cars 0 and 1 find three, and two where 0 is blind; without 1 it is two and none, without 0 two."""
-    judge = rush(Counting.of(0.7, Failing(failing), TrafficLevels(2, levels)))
+    judge = rush(Cases(failing=failing, levels=2, levels_by=levels))
     sets = np.array([[1, 1, 0, 0], [0, 1, 0, 0]], bool)
     assert [each.ap for each in judge.judge(sets)] == [0.625, 0.5]
     both, alone = judge.over_levels(sets)
@@ -200,9 +197,9 @@ def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over,
 
 
 def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street):
-    counting = Counting.of(0.7, 0, TrafficLevels(2))
-    judge = rush(counting)
-    mixed = Judge(judge.detected, 0, counting, (np.array([0, 1, 4, 5]), np.array([2, 3, 6, 7])))
+    cases = Cases(levels=2)
+    judge = rush(cases)
+    mixed = Judge(judge.detected, 0, cases, (np.array([0, 1, 4, 5]), np.array([2, 3, 6, 7])))
     (both,) = mixed.over_levels(np.array([[1, 1, 0, 0]], bool))  # type: ignore[misc]
     first, second = mixed.by_level((0, 1))
     assert (first.ap, second.ap, both.ap) == (0.625, 0.625, 0.625)
@@ -223,7 +220,7 @@ def test_a_level_with_nothing_to_find_says_nothing(street):
 
     renders = Late(street.site, street.detected.renders.sensors)
     detected = Detected(renders, street.detected.detector, "early")
-    judge = Judge(detected, 0, Counting.of(0.7, 0, TrafficLevels(2)), (np.arange(4), np.arange(4, 8)))
+    judge = Judge(detected, 0, Cases(levels=2), (np.arange(4), np.arange(4, 8)))
     first, second = judge.by_level((1,))
     assert first is None
     (over,) = judge.over_levels(np.array([[0, 1, 0, 0]], bool))  # type: ignore[misc]
@@ -243,10 +240,11 @@ def hazy(street):
     renders = Hazy(street.site, street.detected.renders.sensors)
     renders.digest = "hazy"
 
-    def judge(counting=None, combine="worst", parts=()):
-        exact = Judge(street.detected, 0, counting, parts)
-        rough = Judge(Detected(renders, street.detected.detector, "early"), 0, counting, parts)
-        return replace(exact, others=(rough,), errors=errors_of(["paper", "poor"], combine))
+    def judge(combine="worst", parts=(), **cases):
+        over = Cases(errors=("paper", "poor"), errors_by=combine, **cases)
+        exact = Judge(street.detected, 0, over, parts)
+        rough = Judge(Detected(renders, street.detected.detector, "early"), 0, over, parts)
+        return replace(exact, others=(rough,))
 
     return judge
 
@@ -267,8 +265,7 @@ LEVELS = (np.arange(4), np.arange(4, 8))
 )
 def test_error_profiles_are_judged_by_themselves(hazy, failing, levels, combine, paper, poor, over):
     """Of four cars 0 and 1 find three; in the haze two in the last four frames, and without 0 none there."""
-    counting = Counting.of(0.7, failing, levels)
-    judge = hazy(counting, combine, LEVELS if levels == 2 else ())
+    judge = hazy(combine, LEVELS if levels == 2 else (), failing=failing, levels=levels)
     assert [each.ap for each in judge.judge(SETS)] == [0.75, 0.25]  # at the first profile
     both, alone = judge.over_errors(SETS)
     assert both.ap == pytest.approx(over)
@@ -287,7 +284,7 @@ def test_the_interval_over_profiles_is_of_the_worst_in_each_resample(hazy):
     exact, rough = judge.by_errors((0, 1)).values()
     assert (exact.low, exact.high) == (0.75, 0.75)
     assert (rough.low, rough.ap, rough.high) == (both.low, both.ap, both.high) == (0.5, 0.625, 0.75)
-    (mean,) = hazy(None, "mean").over_errors(SETS[:1])
+    (mean,) = hazy("mean").over_errors(SETS[:1])
     assert (mean.low, mean.ap, mean.high) == (0.625, 0.6875, 0.75)
     assert (mean.precision, mean.vehicles, mean.frames) == (1.0, 32, 8)
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import shapely
 
-from placement_env.fidelity.combined.error_profiles import ErrorProfiles
-from placement_env.fidelity.combined.traffic_levels import TrafficLevels
+from placement_env.cases import Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.renders import Renders
 from placement_env.report.planning.files import plan_json
 from placement_env.report.planning.planning import _Planning, plan
 from placement_env.report.planning.question import Question
+from placement_env.setting import Setting
+from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -151,7 +152,9 @@ def test_the_ap_is_that_of_an_evaluation(planned, cache):
     from toolkit.detection.schemes import find_scheme
 
     candidates = paper_candidates(SITE)
-    prepared = Preparation(site=SITE, candidates=candidates, frames=5, scheme=find_scheme("early"), seed=2, cache=cache)
+    prepared = Preparation(
+        Setting(SITE, candidates=candidates, scheme=find_scheme("early")), Run(frames=5, seed=2, cache=cache)
+    )
     detected = prepared.fidelity("detector")
     assert isinstance(detected, Detected)
     names = [sensor.name for sensor in candidates.sensors]
@@ -162,16 +165,16 @@ def test_the_ap_is_that_of_an_evaluation(planned, cache):
 
 
 def test_the_search_knows_no_errors_and_the_judges_do():
-    stages = _Planning(replace(QUESTION, errors=POOR), QUESTION.pool, None, 1, None)
-    renders = stages._judge(stages._preparation(QUESTION.pool, 1, POOR)).detected.renders
+    stages = _Planning(replace(QUESTION, cases=Cases(errors=POOR)), QUESTION.pool, None, 1, None)
+    renders = stages._judge(stages._preparation(QUESTION.pool, 1, Cases(errors=POOR))).detected.renders
     assert isinstance(renders, Renders)
     assert renders.errors == POOR
-    assert stages._preparation(QUESTION.pool, 0).errors == PAPER_ERRORS
+    assert stages._preparation(QUESTION.pool, 0).setting.cases.profiles == (PAPER_ERRORS,)
 
 
 @pytest.mark.slow
 def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, cache):
-    rough = plan(replace(QUESTION, errors=POOR), cache=cache).plan
+    rough = plan(replace(QUESTION, cases=Cases(errors=POOR)), cache=cache).plan
     assert rough.provenance["errors"] == {"profile": "poor", "digest": POOR.digest}
     assert planned.plan.provenance["errors"]["profile"] == "paper"
     assert rough.provenance["traffic"] == planned.plan.provenance["traffic"]
@@ -179,7 +182,7 @@ def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, cache):
 
 
 def test_mean_iou_and_a_failure_decide_and_are_said(planned, cache):
-    made = plan(replace(QUESTION, iou=(0.7, 0.8, 0.9), failing=1, min_ap=0.01), cache=cache).plan
+    made = plan(replace(QUESTION, cases=Cases(iou=(0.7, 0.8, 0.9), failing=1), min_ap=0.01), cache=cache).plan
     chosen = made.chosen
     assert made.question["iou"] == [0.7, 0.8, 0.9]
     assert (made.question["failing"], made.question["failures"]) == (1, "worst")
@@ -199,7 +202,7 @@ def test_mean_iou_and_a_failure_decide_and_are_said(planned, cache):
 
 
 def test_levels_of_traffic_decide_and_are_said(planned, cache):
-    made = plan(replace(QUESTION, sensors=1, levels=TrafficLevels(2), min_ap=0.01), cache=cache).plan
+    made = plan(replace(QUESTION, sensors=1, cases=Cases(levels=2), min_ap=0.01), cache=cache).plan
     chosen = made.chosen
     assert (made.question["levels"], made.question["levels_by"]) == (2, "worst")
     assert [row.name for row in made.by_level] == ["thin traffic", "dense traffic"]
@@ -221,11 +224,10 @@ def test_levels_of_traffic_decide_and_are_said(planned, cache):
 
 def test_error_profiles_decide_and_are_said(planned, cache):
     """Judged at both profiles, searched as before; what else is said is at the first."""
-    errors = ErrorProfiles((PAPER_ERRORS, POOR))
-    made = plan(replace(QUESTION, sensors=1, errors=errors, min_ap=0.01), cache=cache).plan
+    made = plan(replace(QUESTION, sensors=1, cases=Cases(errors=("paper", "poor")), min_ap=0.01), cache=cache).plan
     chosen = made.chosen
     assert (made.question["errors"], made.question["errors_by"]) == (["paper", "poor"], "worst")
-    assert made.provenance["errors"] == errors.origin
+    assert made.provenance["errors"] == Cases(errors=("paper", "poor")).errors_origin
     assert [row.name for row in made.by_errors] == ["paper", "poor"]
     assert chosen.over_errors.ap == min(row.judged.ap for row in made.by_errors)
     assert chosen.judged == made.by_errors[0].judged
@@ -239,7 +241,7 @@ def test_error_profiles_decide_and_are_said(planned, cache):
 
 def test_another_iou_is_not_answered_from_the_cache_of_one(planned, cache):
     """Entrants that are kept depend on the IoU by which they were found."""
-    strict = plan(replace(QUESTION, iou=0.9), cache=cache).plan
+    strict = plan(replace(QUESTION, cases=Cases(iou=0.9)), cache=cache).plan
     loose = {option.sensors: option.predicted for option in planned.plan.considered}
     shared = [option for option in strict.considered if option.sensors in loose]
     assert shared

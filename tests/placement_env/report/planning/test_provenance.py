@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
+from placement_env.cases import Cases
 from placement_env.fidelity.traffic import Traffic
 from placement_env.report.planning.provenance import plan_origin
 from placement_env.report.planning.question import Question
@@ -52,6 +53,6 @@ def test_each_input_changes_its_digest(street):
     assert origin(street, other_site)["site_sha256"] != before["site_sha256"]
     fenced = replace(question, keep_out=(shapely.box(0, 0, 1, 1),))
     assert origin(street, fenced)["keep_out_sha256"] != before["keep_out_sha256"]
-    assert origin(street, replace(question, errors=TYPICAL))["errors"] != before["errors"]
+    assert origin(street, replace(question, cases=Cases(errors=TYPICAL)))["errors"] != before["errors"]
     assert origin(street, question, frames=2)["traffic"] != before["traffic"]
     assert before["poles_sha256"] is None

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement_env.candidates.pool import with_terms
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
+from placement_env.cases import Cases
 from placement_env.classes import Classes
-from placement_env.fidelity.combined.error_profiles import ErrorProfiles
-from placement_env.report.planning.question import Question, with_terms
-from toolkit.sensors.error_profiles import POOR, TYPICAL
+from placement_env.report.planning.question import Question
 from toolkit.sensors.models import DepthCamera
 from toolkit.sites.files import load_site
 
@@ -31,11 +31,7 @@ CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),)
         ({"classes": ("vehicle", "tram")}, "there is no class 'tram': choose among vehicle, cyclist"),
         ({"classes": ()}, "classes must be one or several different ones"),
         ({"scheme": "middle"}, "middle"),
-        ({"iou": 0.0}, "iou must lie in"),
-        ({"iou": (0.7, 0.7)}, "several different ones"),
-        ({"failing": 3}, "0, 1 or 2 sensors may fail, got 3"),
-        ({"levels": 5}, "traffic has 1 to 4 levels, got 5"),
-        ({"sensors": 2, "failing": 2}, "of 2 sensors nothing is left when 2 fail"),
+        ({"sensors": 2, "cases": Cases(failing=2)}, "of 2 sensors nothing is left when 2 fail"),
         ({"search_frames": 0}, "search_frames must be a whole number of at least 1, got 0"),
         ({"seed": -1}, "seed must be a whole number of at least 0"),
         ({"candidates": "paper", "catalogue": CATALOGUE}, "the site's own sensors have their models"),
@@ -85,7 +81,7 @@ def test_the_digest_of_poles_follows_the_file(tmp_path):
 def test_classes_are_written_down():
     plain = Question(site=SITE).in_words
     assert (plain["classes"], plain["class_weights"], plain["combine"]) == (["vehicle"], [1.0], "mean")
-    question = Question(site=SITE, classes=Classes(("pedestrian", "vehicle"), combine="worst"), iou=0.8)
+    question = Question(site=SITE, classes=Classes(("pedestrian", "vehicle"), combine="worst"), cases=Cases(iou=0.8))
     assert question.in_words["classes"] == ["vehicle", "pedestrian"]
     assert question.in_words["combine"] == "worst"
     assert question.in_words["class_ious"] == [0.8, 0.5]
@@ -93,15 +89,15 @@ def test_classes_are_written_down():
 
 
 def test_one_threshold_or_several_and_classes_with_their_own():
-    question = Question(site=SITE, iou=(0.9, 0.7), classes=("vehicle", "pedestrian"), failing=1)
-    assert (question.iou, question.counting.ious) == ((0.7, 0.9), (0.7, 0.9))
+    question = Question(site=SITE, cases=Cases(iou=(0.9, 0.7), failing=1), classes=("vehicle", "pedestrian"))
+    assert (question.iou, question.cases.ious) == ((0.7, 0.9), (0.7, 0.9))
     assert question.in_words["class_ious"] == [(0.7, 0.9), 0.5]
     assert question.classes.described(question.iou) == "mean of vehicle and pedestrian (IoU 0.5)"
-    assert Question(site=SITE, iou=(0.8,)).iou == 0.8
+    assert Question(site=SITE, cases=Cases(iou=(0.8,))).iou == 0.8
 
 
 def test_error_profiles_are_written_down():
     plain = Question(site=SITE).in_words
     assert (plain["errors"], plain["errors_by"]) == (["paper"], "worst")
-    both = Question(site=SITE, errors=ErrorProfiles((TYPICAL, POOR), "mean")).in_words
+    both = Question(site=SITE, cases=Cases(errors=("typical", "poor"), errors_by="mean")).in_words
     assert (both["errors"], both["errors_by"]) == (["typical", "poor"], "mean")

@@ -9,22 +9,30 @@ from placement_env.report.content import Judgement, PlanOption
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.refusals import (
     buildable,
-    exclusions,
     short_of,
     without_objects,
     without_traffic,
 )
+from placement_env.search.description import describe_exclusions
+from placement_env.setting import Setting
 
 
 def test_nothing_is_excluded(street):
-    assert exclusions(street.objective) == ()
+    assert describe_exclusions(street.objective) == ()
     assert buildable(street.objective, None).all()
 
 
 def test_links_kbit_and_money(street):
     mounts = tuple(replace(mount, capacity=250.0) for mount in street.candidates.mounts)
-    poor = Objective.of(replace(street.candidates, mounts=mounts), street.objective.scored_by, "early", most_price=10.8)
-    links, kbit, money = exclusions(poor, 150.0, "EUR")
+    poor = Objective(
+        Setting(
+            candidates=replace(street.candidates, mounts=mounts),
+            fidelity=street.objective.scored_by,
+            scheme="early",
+            most_price=10.8,
+        )
+    )
+    links, kbit, money = describe_exclusions(poor, 150.0, "EUR")
     assert links.startswith("The links exclude 2 of 4 candidates: the least that any of these sends is 300.0 kbit")
     assert "over a link of 250 kbit" in links
     assert kbit.startswith("The limit of 150 kbit per sensor and frame excludes 3 of 4 candidates")

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.combined.error_profiles import errors_of
-from placement_env.fidelity.combined.prepared import Counting
+from placement_env.cases import Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import Judgement, PlanOption
 from placement_env.report.planning.judging import Judge
@@ -107,7 +106,7 @@ def test_sets_are_compared_by_what_is_left_when_sensors_fail(street):
     assert choose((frail, tough), 0.5) == (1, "interval")
     assert judged_front((frail, tough)) == (frail, tough)
     assert near_optimal((frail, tough), 1) == ()
-    judge = Judge(street.detected, 0, Counting.of(0.7, 1))
+    judge = Judge(street.detected, 0, Cases(failing=1))
     sets = np.array([[1, 1, 0, 0], [1, 1, 0, 1]], bool)
     picked = select(street.objective, Entrants(sets, np.zeros(2), ((), ()), 2), judge)
     assert [(o.judged.ap, o.left.ap) for o in picked.options] == [(0.75, 0.5), (0.75, 0.5)]
@@ -119,7 +118,7 @@ def test_sets_are_compared_over_levels_of_traffic(street):
     assert choose((uneven, even), None) == (1, "best")
     assert replace(even, left=option(0.1, 0.0, 0.2).judged).counted.ap == 0.1
     parts = (np.arange(4), np.arange(4, 8))
-    judge = Judge(street.detected, 0, Counting.of(0.7, 0, 2), parts)
+    judge = Judge(street.detected, 0, Cases(levels=2), parts)
     picked = select(street.objective, Entrants(np.array([[1, 1, 0, 0]], bool), np.zeros(1), ((),), 1), judge)
     (only,) = picked.options
     assert (only.judged.vehicles, only.over_levels.vehicles, only.over_levels.ap, only.left) == (32, 16, 0.75, None)
@@ -139,7 +138,7 @@ def test_sets_are_compared_over_error_profiles(street):
 
     blinded = Blinded(street.site, street.detected.renders.sensors)
     rough = Judge(Detected(blinded, street.detected.detector, "early"), 0)
-    judge = replace(street.judge, others=(rough,), errors=errors_of(["paper", "poor"]))
+    judge = replace(street.judge, others=(rough,), cases=Cases(errors=("paper", "poor")))
     found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
     picked, alone = select(street.objective, found, judge), select(street.objective, found, street.judge)
     assert [(each.judged.ap, each.over_errors.ap) for each in picked.options] == [(0.75, 0.5), (0.75, 0.75)]

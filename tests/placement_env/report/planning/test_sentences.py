@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from placement_env.cases import Cases
 from placement_env.classes import Classes
-from placement_env.fidelity.combined.error_profiles import errors_of
-from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures
 from placement_env.report.planning.question import Question
-from placement_env.report.planning.sentences import assumptions, money, of_what, unknown, verdict_of, why
+from placement_env.report.planning.sentences import assumptions, of_what, unknown, verdict_of, why
+from placement_env.search.description import describe_money
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.sensors.error_profiles import PAPER_ERRORS, TYPICAL
 from toolkit.sites.site import Site
@@ -27,7 +27,7 @@ OPTION = PlanOption(("a", "b"), 2.0, 500.0, 1000.0, 0.93, FINAL, ("greedy", "swa
     ],
 )
 def test_money(amount, currency, words):
-    assert money(amount, currency) == words
+    assert describe_money(amount, currency) == words
 
 
 @pytest.mark.parametrize(
@@ -36,13 +36,13 @@ def test_money(amount, currency, words):
         ({}, ""),
         ({"levels": 3}, ", at the worst of 3 levels of traffic,"),
         (
-            {"levels": TrafficLevels(2, "mean"), "failing": 1},
-            ", what is left in the worst case when 1 sensor fails, in the mean over 2 levels of traffic,",
+            {"levels": 2, "levels_by": "mean", "failing": 1},
+            ", what is left in the worst case when 1 sensor fails, averaged over 2 levels of traffic,",
         ),
     ],
 )
 def test_what_an_ap_is_of(asked, words):
-    question = Question(site=SITE, **asked)
+    question = Question(site=SITE, cases=Cases(**asked))
     assert of_what(question) == words
     assert f"120 frames){words} at IoU 0.7" in verdict_of(question, OPTION, FINAL, ()).sentence
     said = why(question, (OPTION,), OPTION, "best", considered=9, fidelity="surrogate", near=0, schemes=(), failures=())
@@ -53,15 +53,15 @@ def test_what_an_ap_is_of(asked, words):
 
 
 def test_several_error_profiles_are_said():
-    over = errors_of(["paper", "poor"])
-    assert of_what(Question(site=SITE, errors=over)) == ", at the worst of the error profiles paper and poor,"
-    mean = Question(site=SITE, errors=errors_of(["typical", "poor"], "mean"), failing=1, levels=2)
+    over = Cases(errors=("paper", "poor"))
+    assert of_what(Question(site=SITE, cases=over)) == ", at the worst of the error profiles paper and poor,"
+    mean = Question(site=SITE, cases=Cases(errors=("typical", "poor"), errors_by="mean", failing=1, levels=2))
     assert of_what(mean) == (
         ", what is left in the worst case when 1 sensor fails, at the worst of 2 levels of traffic, "
-        "in the mean over the error profiles typical and poor,"
+        "averaged over the error profiles typical and poor,"
     )
     said = " ".join(
-        assumptions(Question(site=SITE, errors=over), search_fidelity="surrogate", detector="x", worth_sampled=False)
+        assumptions(Question(site=SITE, cases=over), search_fidelity="surrogate", detector="x", worth_sampled=False)
     )
     assert "errors of profile paper (OwnNoise) and of profile poor (Glass, Paint, DropOut" in said
     assert "The AP by which they are compared is that at the worst of the error profiles paper and poor; every" in said
@@ -132,7 +132,7 @@ def test_how_bits_are_counted_is_said():
 
 def test_errors_of_sensors_are_assumed_aloud():
     def said(errors):
-        question = Question(site=SITE, errors=errors)
+        question = Question(site=SITE, cases=Cases(errors=errors))
         return " ".join(assumptions(question, search_fidelity="surrogate", detector="x", worth_sampled=False))
 
     assert "Poses are exact" in said(PAPER_ERRORS)

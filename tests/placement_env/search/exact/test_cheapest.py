@@ -12,6 +12,7 @@ from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.objective import Objective
 from placement_env.search.exact import cheapest
 from placement_env.search.exact.programme import GAINS
+from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 
 pytest.importorskip("ortools")
@@ -31,7 +32,7 @@ def junction(make):
         near = np.full((10, 64), 20.0, np.float32)
         seen = Visibility(points, near, np.repeat(np.arange(8), 8), boxes, sent, sent)
         scored_by = Coverage(seen) if fidelity == "coverage" else Surrogate(seen, "early", MODEL)
-        return Objective.of(candidates, scored_by, visibility=seen, **more)
+        return Objective(Setting(candidates=candidates, fidelity=scored_by, **more), visibility=seen)
 
     return junction
 

@@ -10,6 +10,7 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search import greedy
 from placement_env.search.exact import cpsat
+from placement_env.setting import Setting
 
 pytest.importorskip("ortools")
 
@@ -90,7 +91,9 @@ def visible(objective, seed=0, objects=80):
 def test_search_beats_greedy_and_proves_it(make, views):
     parts = make(6, 2)
     seen = visible(parts)
-    objective = Objective.of(parts.candidates, Coverage(seen, views=views), "early", visibility=seen)
+    objective = Objective(
+        Setting(candidates=parts.candidates, fidelity=Coverage(seen, views=views), scheme="early"), visibility=seen
+    )
     found = cpsat.search(objective, 3, views=views)
     assert found.certificate.kind == "optimal"
     assert found.certificate.measure == "coverage"

@@ -27,10 +27,10 @@ SETS = np.array([[1, 1], [1, 0], [0, 1], [0, 0]], bool)
 
 def test_the_least_over_shares_and_failures():
     third = pytest.approx([1.0, 1 / 3, 2 / 3, 0.0])
-    assert Demand(0.9).reached(BY, SETS) == third
-    assert Demand(0.9, 1).reached(BY[:1], SETS) == pytest.approx([2 / 3, 0.0, 0.0, 0.0])
-    assert Demand(0.9, 1).reached(BY, SETS) == pytest.approx([1 / 3, 0.0, 0.0, 0.0])
-    assert Demand(0.9, 1).reached(BY, SETS[:0]).shape == (0,)
+    assert Demand(0.9).reach(BY, SETS) == third
+    assert Demand(0.9, 1).reach(BY[:1], SETS) == pytest.approx([2 / 3, 0.0, 0.0, 0.0])
+    assert Demand(0.9, 1).reach(BY, SETS) == pytest.approx([1 / 3, 0.0, 0.0, 0.0])
+    assert Demand(0.9, 1).reach(BY, SETS[:0]).shape == (0,)
 
 
 def test_equal_sets_are_told_apart_by_a_trace_of_the_intact_one():

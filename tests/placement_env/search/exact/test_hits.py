@@ -9,6 +9,7 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search.exact import hits
 from placement_env.search.exact.cheapest import levels_of
+from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 
 pytest.importorskip("ortools")
@@ -22,7 +23,7 @@ def objective(make):
     sent, near = np.full((10, 5), 100.0, np.float32), np.full((10, 50), 20.0, np.float32)
     seen = Visibility(points, near, np.repeat(np.arange(5), 10), np.zeros((50, 7)), sent, sent)
     model = HitModel("early", 0.7, -4.0, 1.8, 0.98, 0.7, 0.3, "made up", floor=5.0)
-    return Objective.of(candidates, Surrogate(seen, "early", model), visibility=seen)
+    return Objective(Setting(candidates=candidates, fidelity=Surrogate(seen, "early", model)), visibility=seen)
 
 
 def test_no_set_has_more(objective):

@@ -5,17 +5,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from placement_env.fidelity.combined.error_profiles import errors_of
+from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
-from placement_env.search.portfolio.evaluators import DetectorEvaluator, ProfileEvaluator
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator
+from placement_env.search.portfolio.portfolio import Judging
+from placement_env.setting import Setting
 
 
 def test_each_number_has_the_winner_of_its_race(street):
     """Cars: sensors 0 and 1 see two each, 2 one, beside a ghost, 3 one that 0 sees too."""
-    evaluator = DetectorEvaluator(street.detected)
-    points = budget_curve(street.objective, 3, evaluators=(evaluator, evaluator))
+    evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
+    points = budget_curve(street.objective, 3, judging=Judging(evaluators=(evaluator, evaluator)))
     assert [point.sensors for point in points] == [1, 2, 3]
     assert [point.ap for point in points] == pytest.approx([0.5, 0.75, 0.8])
     assert points[1].subset == (0, 1)
@@ -31,7 +33,7 @@ def test_each_number_has_the_winner_of_its_race(street):
 
 
 def test_what_costs_as_much_and_finds_less_does_not_pay(street):
-    class Worse(DetectorEvaluator):
+    class Worse(CasesEvaluator):
         """Finds half as much with three sensors."""
 
         def evaluate(self, sets, frames, progress=None):
@@ -39,46 +41,51 @@ def test_what_costs_as_much_and_finds_less_does_not_pay(street):
             share = np.where(sets.sum(axis=1) == 3, 0.5, 1.0)
             return found._replace(ap=found.ap * share, resamples=found.resamples * share[:, None])
 
-    worse = Worse(street.detected)
-    points = budget_curve(street.objective, 3, evaluators=(worse, worse))
+    worse = Worse((DetectorEvaluator(street.detected),))
+    points = budget_curve(street.objective, 3, judging=Judging(evaluators=(worse, worse)))
     assert [point.pays for point in points] == [True, True, False]
 
 
 def test_each_point_says_the_ap_at_each_error_profile(street):
     class Less(DetectorEvaluator):
-        def evaluate(self, sets, frames, progress=None):
-            found = super().evaluate(sets, frames, progress)
+        def at_thresholds(self, sets, frames, progress=None):
+            found = super().at_thresholds(sets, frames, progress)
             return found._replace(ap=found.ap - 0.25, resamples=found.resamples - 0.25)
 
     exact = DetectorEvaluator(street.detected)
-    both = ProfileEvaluator((exact, Less(street.detected)), errors_of(["paper", "poor"]))
-    points = budget_curve(street.objective, 2, evaluators=(both, both))
+    both = CasesEvaluator((exact, Less(street.detected)), Cases(errors=("paper", "poor")))
+    points = budget_curve(street.objective, 2, judging=Judging(evaluators=(both, both)))
     assert [point.ap for point in points] == pytest.approx([0.25, 0.5])
     assert [[(each.name, each.ap) for each in point.by_errors] for point in points] == [
         [("paper", 0.5), ("poor", 0.25)],
         [("paper", 0.75), ("poor", 0.5)],
     ]
-    assert [point.by_errors for point in budget_curve(street.objective, 2, evaluators=(exact, exact))] == [(), ()]
+    assert [
+        point.by_errors
+        for point in budget_curve(street.objective, 2, judging=Judging(evaluators=(CasesEvaluator((exact,)),) * 2))
+    ] == [(), ()]
 
 
 def test_nothing_to_build_has_no_curve(street):
-    poor = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=1.0)
-    evaluator = DetectorEvaluator(street.detected)
-    assert budget_curve(poor, 2, evaluators=(evaluator, evaluator)) == ()
+    poor = Objective(
+        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=1.0)
+    )
+    evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
+    assert budget_curve(poor, 2, judging=Judging(evaluators=(evaluator, evaluator))) == ()
     with pytest.raises(ValueError, match="budget must be a whole number"):
-        budget_curve(poor, 0, evaluators=(evaluator, evaluator))
+        budget_curve(poor, 0, judging=Judging(evaluators=(evaluator, evaluator)))
     with pytest.raises(ValueError, match="needs fresh traffic"):
         budget_curve(street.objective, 1)
 
 
 def test_every_amount_of_money_has_the_winner_of_its_race(street):
     """The sensors cost 11, 11, 10.5 and 23 and see cars 0 and 1, 1 and 2, 3 beside a ghost, and 0."""
-    evaluator = DetectorEvaluator(street.detected)
+    evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     prices = street.objective.price(np.eye(4, dtype=bool)).tolist()
     assert prices == [11.0, 11.0, 10.5, 23.0]
     amounts = amounts_up_to(street.objective, 3, 33.0)
     assert amounts == (10.5, 11.0, 21.0, 21.5, 22.0, 23.0, 31.5, 32.0, 32.5, 33.0)
-    points = budget_curve(street.objective, 3, amounts=amounts, evaluators=(evaluator, evaluator))
+    points = budget_curve(street.objective, 3, amounts=amounts, judging=Judging(evaluators=(evaluator, evaluator)))
     assert [(point.money, point.price, point.subset) for point in points[-2:]] == [
         (22.0, 22.0, (0, 1)),
         (32.5, 32.5, (0, 1, 2)),
@@ -92,8 +99,8 @@ def test_every_amount_of_money_has_the_winner_of_its_race(street):
 
 def test_amounts_within_what_was_allowed_before(street):
     poor = street.objective.weighed(street.objective.weights, most_price=22.0)
-    evaluator = DetectorEvaluator(street.detected)
-    points = budget_curve(poor, 4, amounts=(10.0, 50.0), evaluators=(evaluator, evaluator))
+    evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
+    points = budget_curve(poor, 4, amounts=(10.0, 50.0), judging=Judging(evaluators=(evaluator, evaluator)))
     assert [(point.money, point.subset) for point in points] == [(50.0, (0, 1))]
     assert amounts_up_to(poor, 1, 100.0) == (10.5, 11.0)
 
@@ -111,13 +118,13 @@ def test_too_many_amounts_are_spread_evenly(street, make):
     assert amounts_up_to(many, 2, 0.1) == ()
 
 
-class Mortal(DetectorEvaluator):
+class Mortal(CasesEvaluator):
     """Is killed when it is asked for the so-many-th time."""
 
     lives: list[int]
 
     def __init__(self, detected, lives):
-        super().__init__(detected)
+        super().__init__((DetectorEvaluator(detected),))
         object.__setattr__(self, "lives", [lives])
 
     def evaluate(self, sets, frames, progress=None):
@@ -129,8 +136,8 @@ class Mortal(DetectorEvaluator):
 
 @pytest.mark.parametrize("amounts", [(), (11.0, 22.0, 33.0)])
 def test_killed_again_and_again_it_gives_the_same_curve(street, tmp_path, amounts):
-    evaluator = DetectorEvaluator(street.detected)
-    whole = budget_curve(street.objective, 3, amounts=amounts, evaluators=(evaluator, evaluator))
+    evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
+    whole = budget_curve(street.objective, 3, amounts=amounts, judging=Judging(evaluators=(evaluator, evaluator)))
     assert len(whole) == 3
     answers: tuple[Any, ...] = ()
     ended = []
@@ -139,7 +146,7 @@ def test_killed_again_and_again_it_gives_the_same_curve(street, tmp_path, amount
             mortal = Mortal(street.detected, max(2, lives))
             kept = Checkpoint(tmp_path, every=0.0)
             answers = budget_curve(
-                street.objective, 3, amounts=amounts, evaluators=(mortal, evaluator), checkpoint=kept
+                street.objective, 3, amounts=amounts, judging=Judging(evaluators=(mortal, evaluator)), checkpoint=kept
             )
             break
         except KeyboardInterrupt:
@@ -148,7 +155,9 @@ def test_killed_again_and_again_it_gives_the_same_curve(street, tmp_path, amount
     assert sorted(ended) == ended
     assert ended[-1] in (1, 2)
     asked = Mortal(street.detected, 0)  # no race is run twice
-    again = budget_curve(street.objective, 3, amounts=amounts, evaluators=(asked, evaluator), checkpoint=kept)
+    again = budget_curve(
+        street.objective, 3, amounts=amounts, judging=Judging(evaluators=(asked, evaluator)), checkpoint=kept
+    )
     assert again == whole
 
 
@@ -160,7 +169,13 @@ def test_the_states_of_amounts_are_their_own(street):
             names.append(name)
             return super().part(name)
 
-    evaluator = DetectorEvaluator(street.detected)
+    evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     amounts = (22.0, 22.0000001)
-    budget_curve(street.objective, 2, amounts=amounts, evaluators=(evaluator, evaluator), checkpoint=Noting(None))
+    budget_curve(
+        street.objective,
+        2,
+        amounts=amounts,
+        judging=Judging(evaluators=(evaluator, evaluator)),
+        checkpoint=Noting(None),
+    )
     assert {"22.0", "22.0000001", "races"} <= set(names)

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Objective
-from placement_env.search.portfolio.entrants import Effort, Entrants, entrants, kept_entrants
+from placement_env.search.portfolio.entrants import Effort, Entrants, entrants, keep_entrants
+from placement_env.setting import Setting
 from toolkit.runtime.cache import Cache
+from toolkit.runtime.run import Run
 
 TWO = Effort((1, 2))
 
@@ -26,7 +28,9 @@ def test_every_size_has_the_best_set_of_all(street):
 
 def test_money_is_kept_to(street):
     # the sets cost 11, 11, 10.5 and 23
-    tight = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=22.0)
+    tight = Objective(
+        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=22.0)
+    )
     found = entrants(tight, Effort((1, 2, 3, 4)))
     assert tight.price(found.sets).max() == 22.0
     assert found.sets.sum(axis=1).max() == 2
@@ -42,28 +46,32 @@ def test_the_same_again(street):
 
 
 def test_nothing_to_build(street):
-    poor = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=1.0)
+    poor = Objective(
+        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=1.0)
+    )
     found = entrants(poor, Effort((1, 2)))
     assert (found.sets.shape, found.predicted.shape, found.searches) == ((0, 4), (0,), ())
 
 
 def test_large_pools(make):
     stages = []
-    found = entrants(
-        make(mounts=6, poses=4), Effort((1, 2), neighbours=3), progress=lambda *stage: stages.append(stage)
-    )
-    assert stages == [("searching", 1, 2), ("searching", 2, 2)]
+    free = make(mounts=6, poses=4)
+    objective = Objective(free.setting, Run(progress=lambda *stage: stages.append(stage)))
+    found = entrants(objective, Effort((1, 2), neighbours=3))
+    assert [stage for stage in stages if stage[0] == "searching"] == [("searching", 1, 2), ("searching", 2, 2)]
     assert not any("exhaustive" in names for names in found.searches)
     assert 4 <= len(found.sets) <= 14
 
 
 def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
     cache = Cache()
-    first = kept_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
+    first = keep_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
     assert first.searches == entrants(street.objective, TWO, seed=1).searches
-    rich = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=900.0)
+    rich = Objective(
+        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=900.0)
+    )
     monkeypatch.setattr("placement_env.search.portfolio.entrants.entrants", lambda *_, **__: pytest.fail("searched"))
-    again = kept_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
+    again = keep_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
     assert np.array_equal(first.sets, again.sets)
     assert np.array_equal(first.predicted, again.predicted)
     assert (first.searches, first.considered) == (again.searches, again.considered)
@@ -75,7 +83,7 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
         (rich, TWO, {}),
     ):
         with pytest.raises(pytest.fail.Exception, match="searched"):
-            kept_entrants(objective, effort, cache, **{"depends_on": "a", "seed": 1, **changes})
+            keep_entrants(objective, effort, cache, **{"depends_on": "a", "seed": 1, **changes})
 
 
 def test_none_are_kept_too():

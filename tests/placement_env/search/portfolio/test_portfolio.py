@@ -5,12 +5,14 @@ import time
 import numpy as np
 import pytest
 
-from placement_env.fidelity.combined.error_profiles import errors_of
+from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.search.portfolio import portfolio
-from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated, ProfileEvaluator
-from placement_env.setting import Weights
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated, ThresholdFigures
+from placement_env.search.portfolio.portfolio import Judging
+from placement_env.setting import Setting, Weights
+from toolkit.runtime.run import Run
 
 VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in truth
 
@@ -38,6 +40,10 @@ class Truth:
             progress(len(frames))
         return Evaluated(ap, 100.0 * sets.sum(axis=1), ap[:, None] + np.outer(np.arange(len(sets)), draws))
 
+    def at_thresholds(self, sets, frames, progress=None):
+        found = self.evaluate(sets, frames, progress)
+        return ThresholdFigures(found.ap[None], found.kbit, found.resamples[None])
+
 
 class Deceived:
     """Takes the first sensor for the best."""
@@ -51,14 +57,18 @@ class Deceived:
 
 @pytest.fixture
 def deceived(street):
-    return Objective.of(street.candidates, Deceived(), "late")
+    return Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late"))
 
 
-def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(deceived):
+def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(street):
+    def deceived(progress):
+        setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late")
+        return Objective(setting, Run(progress=progress))
+
     stages = []
     race, final = Truth(), Truth(frames=80, shift=-0.05)
     found = portfolio.search(
-        deceived, 2, evaluators=(race, final), confidence=0.9, progress=lambda *stage: stages.append(stage)
+        deceived(lambda *stage: stages.append(stage)), 2, judging=Judging(evaluators=(race, final), confidence=0.9)
     )
     said = found.assessment
     assert (found.method, found.best.subset) == ("portfolio", (1, 2))  # a neighbour of what all searches answered
@@ -77,7 +87,7 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(de
     assert own.subset == (0, 1)
     assert (own.predicted, own.ap, own.curse) == pytest.approx((0.7, 0.35, 0.35))
     assert [len(sets) for sets, _ in final.asked] == [2]
-    assert {stage[0] for stage in stages} == {"searching", "racing", "judging"}
+    assert {stage[0] for stage in stages} == {"sets scored", "searching", "racing", "judging"}
     assert found.certificate.note == f"raced by the detector: of the {said.entrants} entrants, not of all sets"
 
 
@@ -92,49 +102,57 @@ class Rough(Truth):
 
 def test_the_race_and_the_judgement_are_over_error_profiles(deceived):
     """With exact sensors 1 and 2 are the best two; with the others 1 and 3."""
-    errors = errors_of(["paper", "poor"])
-    race, final = (ProfileEvaluator((Truth(shift=shift), Rough(shift=shift)), errors) for shift in (0.0, -0.05))
-    found = portfolio.search(deceived, 2, evaluators=(race, final))
+    errors = Cases(errors=("paper", "poor"))
+    race, final = (CasesEvaluator((Truth(shift=shift), Rough(shift=shift)), errors) for shift in (0.0, -0.05))
+    found = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final)))
     assert found.best.subset == (1, 3)
     said = found.assessment
     assert (said.ap, said.errors_by) == (pytest.approx(0.45), "worst")
     assert [(each.name, each.ap) for each in said.by_errors] == [("paper", pytest.approx(0.45)), ("poor", said.ap)]
-    final = ProfileEvaluator((Truth(shift=0.1), Rough(shift=-0.1)), errors_of(["paper", "poor"], "mean"))
-    said = portfolio.search(deceived, 2, evaluators=(race, final)).assessment
+    final = CasesEvaluator((Truth(shift=0.1), Rough(shift=-0.1)), Cases(errors=("paper", "poor"), errors_by="mean"))
+    said = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final))).assessment
     assert (said.ap, said.errors_by) == (pytest.approx(0.5), "mean")
     assert [each.ap for each in said.by_errors] == pytest.approx([0.6, 0.4])
     assert all(each.low <= each.ap <= each.high for each in said.by_errors)
-    alone = portfolio.search(deceived, 2, evaluators=(Truth(), Truth())).assessment
+    alone = portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth()))).assessment
     assert (alone.by_errors, alone.errors_by) == ((), "")
 
 
 def test_what_sets_cost_counts_in_the_race(street):
-    poor = Objective.of(street.candidates, Deceived(), "late", Weights(price=0.01))
+    poor = Objective(
+        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=0.01))
+    )
     ran = portfolio.contest(poor, np.eye(4, dtype=bool), Truth())
     prices = poor.price(np.eye(4, dtype=bool))
     assert ran.ranking[0] == (VALUE - 0.01 * prices).argmax()
     assert ran.figures[0] == pytest.approx((VALUE - 0.01 * prices).max())
-    linked = Objective.of(street.candidates, Deceived(), "late", Weights(comm=0.001))
+    linked = Objective(
+        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(comm=0.001))
+    )
     sets = np.array([[0, 1, 1, 0]], bool)
     assert portfolio.costs_of(linked, sets, np.array([400.0])) == pytest.approx([0.2])
 
 
 def test_nothing_pays_or_nothing_may_be_built(street):
-    costly = Objective.of(street.candidates, Deceived(), "late", Weights(price=1.0))
-    found = portfolio.search(costly, 2, evaluators=(Truth(), Truth()))
+    costly = Objective(
+        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=1.0))
+    )
+    found = portfolio.search(costly, 2, judging=Judging(evaluators=(Truth(), Truth())))
     assert (found.best.subset, found.assessment) == ((), None)
-    poor = Objective.of(street.candidates, Deceived(), "late", most_price=1.0)
-    assert portfolio.search(poor, 2, evaluators=(Truth(), Truth())).best.subset == ()
-    barely = Objective.of(street.candidates, Deceived(), "late", Weights(price=0.01))
+    poor = Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", most_price=1.0))
+    assert portfolio.search(poor, 2, judging=Judging(evaluators=(Truth(), Truth()))).best.subset == ()
+    barely = Objective(
+        Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=0.01))
+    )
     worse = Truth(shift=-1.0)
-    lost = portfolio.search(barely, 1, evaluators=(worse, worse))
+    lost = portfolio.search(barely, 1, judging=Judging(evaluators=(worse, worse)))
     assert (lost.best.subset, lost.assessment) == ((), None)
     assert "none of the" in lost.certificate.note
 
 
 def test_seconds_bound_race_and_judgement_and_what_was_done_is_said(deceived):
     race, final = Truth(noise=50.0, seconds=0.03), Truth(frames=60, seconds=0.03)  # 11 s in all
-    found = portfolio.search(deceived, 2, evaluators=(race, final), seconds=1.0)
+    found = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final)), seconds=1.0)
     said = found.assessment
     assert said.confidence < 0.95
     assert 1 <= said.raced < 48
@@ -147,7 +165,7 @@ def test_seconds_bound_race_and_judgement_and_what_was_done_is_said(deceived):
 
 def test_with_time_enough_the_answers_of_searches_are_judged_on_the_same_frames(deceived):
     race, final = Truth(noise=0.0), Truth(frames=60)
-    found = portfolio.search(deceived, 2, evaluators=(race, final), seconds=20.0)
+    found = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final)), seconds=20.0)
     assert found.assessment.frames == 60
     assert found.assessment.confidence > 0.99
     (own,) = found.assessment.contenders
@@ -163,13 +181,13 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
 
     monkeypatch.setattr(portfolio, "contest", asked)
     for seconds in (None, 60.0):
-        portfolio.search(deceived, 2, evaluators=(Truth(), Truth()), seconds=seconds)
+        portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds)
     assert most == [1600.0, np.inf]
 
 
 def test_it_detects_on_a_real_evaluator(street):
-    evaluator = DetectorEvaluator(street.detected)
-    found = portfolio.search(street.objective, 3, evaluators=(evaluator, evaluator))
+    evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
+    found = portfolio.search(street.objective, 3, judging=Judging(evaluators=(evaluator, evaluator)))
     ap = street.detected.partial(street.objective.row(found.best.subset)[None], 8).ap[0]
     assert found.assessment.ap == pytest.approx(ap)
     assert found.assessment.ap == pytest.approx(0.8)
@@ -179,16 +197,16 @@ def test_it_refuses_what_does_not_fit(deceived):
     with pytest.raises(ValueError, match="a portfolio needs fresh traffic"):
         portfolio.search(deceived, 2)
     with pytest.raises(ValueError, match="confidence must lie between 0 and 1, got 1"):
-        portfolio.search(deceived, 2, confidence=1.0)
+        portfolio.search(deceived, 2, judging=Judging(confidence=1.0))
     with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
-        portfolio.search(deceived, 0, evaluators=(Truth(), Truth()))
+        portfolio.search(deceived, 0, judging=Judging(evaluators=(Truth(), Truth())))
 
 
 def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
-    objective = Objective("tjunction", 2, fidelity="coverage", cache=tmp_path)
-    asked = {"judge": "coverage", "race_frames": 3, "final_frames": 2}
-    first, again = (portfolio.search(objective, 2, seed=1, **asked) for _ in range(2))
+    objective = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2, cache=tmp_path))
+    judging = Judging(by="coverage", race_frames=3, final_frames=2)
+    first, again = (portfolio.search(objective, 2, seed=1, judging=judging) for _ in range(2))
     assert first.assessment == again.assessment
     assert (first.assessment.by, first.assessment.frames) == ("coverage", 2)
-    fresh = Objective("tjunction", 2, fidelity="coverage", seed=2)
+    fresh = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2, seed=2))
     assert first.assessment.ap == pytest.approx(fresh.score(first.best.subset).ap)

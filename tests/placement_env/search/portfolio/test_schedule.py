@@ -1,14 +1,14 @@
 """How a portfolio divides its time, on evaluators that take as long as they are said to."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from placement_env.fidelity.preparation import Preparation
 from placement_env.search.portfolio.evaluators import Evaluated
 from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
-from toolkit.detection.schemes import Early
+from toolkit.runtime.run import Run
 
 SETS = np.eye(3, dtype=bool)
 
@@ -88,11 +88,7 @@ def test_searches_races_and_judgement_share_the_time():
     assert free.racing(slow) is free.judging(slow) is slow
 
 
-def test_as_many_frames_at_once_as_keep_the_processes_busy(street):
-    def at_once(workers, ray=None):
-        made = Preparation(
-            site=street.site, candidates=street.candidates, frames=1, scheme=Early(), workers=workers, ray=ray
-        )
-        return Schedule.of(9.0, made).at_once
-
-    assert (at_once(1), at_once(4), at_once(1, "local"), Schedule.of(9.0, None).at_once) == (1, 8, 16, 1)
+def test_as_many_frames_at_once_as_keep_the_processes_busy():
+    cluster = SimpleNamespace(ray="local", alone=False, count=1)
+    runs = (Run(), Run(workers=4), cluster)
+    assert [Schedule.of(9.0, run).at_once for run in runs] == [1, 8, 16]

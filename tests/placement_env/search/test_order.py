@@ -4,12 +4,12 @@ import json
 
 import pytest
 
-from placement_env.candidates.pool import paper_candidates
-from placement_env.fidelity.combined.error_profiles import ErrorProfiles
-from placement_env.report.searching import SearchOrder, answered, question_of
-from placement_env.setting import Weights
+from placement_env.cases import Cases
+from placement_env.search.order import SearchOrder, run_search
+from placement_env.setting import AP_ONLY, Setting, Weights
 from toolkit.objects import Detections
 from toolkit.runtime.files import replace_infinite
+from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 
@@ -18,20 +18,17 @@ SITE = load_site("tjunction")
 
 @pytest.fixture(scope="module")
 def common(tmp_path_factory):
-    return {
-        "site": SITE,
-        "candidates": paper_candidates(SITE),
-        "method": "portfolio",
-        "budget": 2,
-        "fidelity": "coverage",
-        "judge": "coverage",
-        "frames": 2,
-        "settings": {"seed": 3, "cache": tmp_path_factory.mktemp("cache")},
-    }
+    def order(cases=Cases(), detector=None, fidelity="coverage", weights=AP_ONLY, **fields):
+        setting = Setting(SITE, fidelity=fidelity, cases=cases, detector=detector, weights=weights)
+        run = Run(frames=2, seed=3, cache=cache)
+        return SearchOrder(**{"setting": setting, "run": run, "budget": 2, "judge": "coverage", **fields})
+
+    cache = tmp_path_factory.mktemp("cache")
+    return order
 
 
 def test_a_portfolio_says_what_fresh_traffic_says(common):
-    found = answered(SearchOrder(**common))
+    found = run_search(common())
     said = json.loads(json.dumps(replace_infinite(found.summary)))["assessment"]
     assert found.met
     assert (said["by"], said["frames"]) == ("coverage", 2)
@@ -49,19 +46,19 @@ def test_a_portfolio_says_what_fresh_traffic_says(common):
 
 
 def test_without_a_sensor(common):
-    found = answered(SearchOrder(**common | {"weights": Weights(price=9.0)}))
+    found = run_search(common(weights=Weights(price=9.0)))
     assert (found.met, found.summary["sensors"]) == (False, [])
     assert found.lines == ("no sensors: no sensor is worth what it costs: lower --comm and --price",)
 
 
 def test_it_refuses_before_anything_is_rendered(common):
     with pytest.raises(ValueError, match=r"no surrogate of tjunction for early at IoU 0\.65"):
-        SearchOrder(**common | {"judge": "surrogate", "settings": {"iou": 0.65}})
+        common(judge="surrogate", cases=Cases(iou=0.65))
     with pytest.raises(ValueError, match="a table does not know"):
-        SearchOrder(**common | {"fidelity": "table"})
-    assert SearchOrder(**common | {"judge": "detector"}).detects
-    assert not SearchOrder(**common).detects
-    assert not SearchOrder(**common | {"judge": "detector", "method": "swap"}).detects
+        common(fidelity="table")
+    assert common(judge="detector").detects
+    assert not common().detects
+    assert not common(judge="detector", method="swap").detects
 
 
 class Wary:
@@ -74,19 +71,19 @@ class Wary:
 
 
 def test_a_question_says_all_its_error_profiles(common):
-    detected = common | {"judge": "detector", "detector": Wary()}
-    asked = [
-        question_of(SearchOrder(**detected | {"errors": errors}))["errors"]
-        for errors in ("poor", POOR, ("poor",), ("paper", "poor"), ErrorProfiles((PAPER_ERRORS, POOR), "mean"))
-    ]
-    assert asked[0] == asked[1] == asked[2] == POOR.origin
-    assert asked[3] == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
-    assert asked[4] == asked[3] | {"combine": "mean"}
+    def said(*errors, by="worst"):
+        cases = Cases(errors=errors, errors_by=by)
+        return common(judge="detector", detector=Wary(), cases=cases).question["errors"]
+
+    assert said("poor") == said(POOR) == POOR.origin
+    assert said("paper", "poor") == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
+    assert said("paper", "poor", by="mean")["combine"] == "mean"
 
 
 def test_several_error_profiles_are_judged_and_said(common):
-    asked = common | {"judge": "detector", "detector": Wary(), "errors": ("paper", "poor"), "budget": 1}
-    found = answered(SearchOrder(**asked))
+    both, poor = Cases(errors=("paper", "poor")), Cases(errors="poor")
+    asked = {"judge": "detector", "detector": Wary(), "budget": 1}
+    found = run_search(common(cases=both, **asked))
     said = json.loads(json.dumps(replace_infinite(found.summary)))
     assert said["errors"] == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
     assert said["assessment"]["by_errors"] == [
@@ -95,11 +92,11 @@ def test_several_error_profiles_are_judged_and_said(common):
     assert said["provenance"]["errors"] == PAPER_ERRORS.origin  # of the search
     assert "by_errors" not in said
     assert any(line.startswith("  the worst over error profiles: paper AP 0.0000") for line in found.lines)
-    curve = answered(SearchOrder(**asked | {"curve": True}))
+    curve = run_search(common(cases=both, curve=True, **asked))
     assert curve.summary["errors"] == said["errors"]
     assert [each["name"] for each in curve.summary["curve"][0]["by_errors"]] == ["paper", "poor"]
     assert any(line.startswith("    at each error profile: paper AP 0.0000") for line in curve.lines)
-    alone = answered(SearchOrder(**asked | {"errors": "poor"}))
+    alone = run_search(common(cases=poor, **asked))
     assert alone.summary["errors"] == POOR.origin
-    assert "errors" not in answered(SearchOrder(**common | {"errors": "poor"})).summary  # judged by coverage
-    assert alone.summary["assessment"]["by_errors"] == ()
+    assert not alone.summary["assessment"]["by_errors"]
+    assert "errors" not in run_search(common(cases=poor)).summary  # judged by coverage

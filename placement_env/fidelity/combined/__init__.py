@@ -1,1 +1,0 @@
-"""Fidelities made of fidelities: the mean over IoU thresholds, and what is left when sensors fail."""

@@ -1,0 +1,119 @@
+"""`CasesFidelity`: one figure of a set from fidelities of single cases, see `placement_env.cases`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from placement_env.cases import Cases
+from placement_env.classes import Classes
+from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
+from toolkit.arrays import Bool
+
+_Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
+
+
+@dataclass(frozen=True)
+class ProfileFidelities:
+    """Fidelities at one error profile: of all traffic, and of each level and IoU threshold."""
+
+    whole: Fidelity
+    levels: tuple[tuple[Fidelity, ...], ...]
+
+
+class CasesFidelity:
+    """Sets scored over all cases; kbit are those of the intact set in all traffic.
+
+    Of several error profiles all figures of a set are those of the profile of least AP, or means.
+    """
+
+    def __init__(self, profiles: Sequence[ProfileFidelities], cases: Cases) -> None:
+        self._profiles, self.cases = tuple(profiles), cases
+
+    @property
+    def name(self) -> str:
+        """Name of the fidelity."""
+        return self._first.name
+
+    @property
+    def classes(self) -> Classes:
+        """Classes that count."""
+        return cast(ByClass, self._first).classes
+
+    @property
+    def detector(self) -> Any:
+        """Detector that scores, None where there is none."""
+        return getattr(self._first, "detector", None)
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """Figures of each set."""
+        return self._reduce(subsets, lambda fidelity, rows: fidelity(rows))
+
+    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+        """Figures of each set for each class.
+
+        The worst failure or level of one class need not be that of another; the worst error profile is that of all
+        classes together.
+        """
+        found = self._at_profiles(subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows))
+        shares = self.cases.shares(np.stack([each.combined(self.classes).ap for each in found]))
+        ap, recall = ((shares[:, :, None] * np.stack(each)).sum(axis=0) for each in list(zip(*found, strict=True))[:2])
+        return ClassEstimates(ap, recall, (shares * np.stack([each.kbit for each in found])).sum(axis=0))
+
+    def at_each(self, subsets: Bool[np.ndarray, "n C"]) -> dict[str, Estimate]:
+        """Figures of each set at each error profile, by its name."""
+        found = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
+        return dict(zip(self.cases.names, found, strict=True))
+
+    @property
+    def _first(self) -> Fidelity:
+        return self._profiles[0].whole
+
+    def _reduce(
+        self, subsets: Bool[np.ndarray, "n C"], score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
+    ) -> Estimate:
+        ap, recall, kbit = (
+            np.stack(each) for each in zip(*self._at_profiles(subsets, score), strict=True)
+        )  # each [profile, set]
+        shares = self.cases.shares(ap)
+        return Estimate(*((shares * each).sum(axis=0) for each in (ap, recall, kbit)))
+
+    def _at_profiles(
+        self, subsets: Bool[np.ndarray, "n C"], score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
+    ) -> list[_Estimated]:
+        rows, owners = self.cases.expand(subsets)
+        found = []
+        for profile in self._profiles:
+            scored = [[score(fidelity, rows) for fidelity in level] for level in profile.levels]
+            ap, recall = (
+                self.cases.at_profiles(np.array([[[e[figure] for e in level] for level in scored]]), owners)[0]
+                for figure in (0, 1)
+            )
+            intact = scored[0][0] if profile.whole is profile.levels[0][0] else score(profile.whole, subsets)
+            found.append(type(intact)(ap, recall, intact.kbit[: len(subsets)]))
+        return found
+
+
+class CasesByFrames(CasesFidelity):
+    """`CasesFidelity` of fidelities that score some frames alone."""
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return cast(ByFrames, self._first).frames
+
+    def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
+        """Figures of each set over these frames."""
+        return self._reduce(subsets, lambda fidelity, rows: cast(ByFrames, fidelity).partial(rows, frames))
+
+
+def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
+    """Fidelity over the cases; the one that there is where they are one case."""
+    if cases.plain and len(profiles) == 1:
+        return profiles[0].whole
+    every = [each for profile in profiles for level in profile.levels for each in level]
+    made = CasesByFrames if all(isinstance(each, ByFrames) for each in every) else CasesFidelity
+    return made(profiles, cases)

@@ -1,0 +1,164 @@
+"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture; or those of a budget curve.
+
+Smaller than a plan: nothing is judged on traffic that the search did not see.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.visibility import see
+from placement_env.handover.exchange import EXCHANGE_FILES, safe_cell, write_exchange
+from placement_env.handover.ground import visible_ground
+from placement_env.handover.mounted import mounted_site, planned_sensors, unused_mounts
+from placement_env.objective import Objective
+from placement_env.search.cmaes import as_candidates
+from placement_env.search.order import Answer, SearchOrder
+from placement_env.search.portfolio.curve import AMOUNTS, CurvePoint
+from placement_env.search.portfolio.curve_chart import draw_curve
+from toolkit.arrays import Float64
+from toolkit.runtime.files import write_text, writing_together
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import save_site
+from toolkit.sites.georeference import longitude_latitude
+from toolkit.sites.site import Site
+
+ORIGIN, PICTURE = "search.json", "site.png"
+ANSWER_FILES = (*EXCHANGE_FILES, PICTURE, ORIGIN)
+CURVE_ORIGIN, CURVE_TABLE, CURVE_PICTURE = "curve.json", "curve.csv", "curve.png"
+CURVE_TABLES = (CURVE_ORIGIN, CURVE_TABLE, CURVE_PICTURE)
+CURVE_COLUMNS = (
+    *("sensors", "money", "price", "price_unit", "ap", "low", "high", "predicted", "confidence", "kbit_per_frame"),
+    *("pays", "searches", "set", "site"),
+)
+
+
+def check_georeference(site: Site) -> None:
+    """Raise what `longitude_latitude` raises for the site, before hours of search."""
+    longitude_latitude(site, np.zeros((1, 2)))
+
+
+def answer_files(order: SearchOrder) -> tuple[str, ...]:
+    """Files that the answer to an order may have; of a curve one site for each set there is."""
+    if not order.curve:
+        return ANSWER_FILES
+    most = order.budget if math.isinf(order.setting.most_price) else AMOUNTS
+    return *CURVE_TABLES, *(_site_file(n) for n in range(most))
+
+
+def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
+    """Write an answer's files into a folder, all of them or none, and return a line that names them.
+
+    Raises ValueError where no sensor is to be built, or the objective has no site.
+    """
+    if not answer.met or answer.objective.site is None:
+        raise ValueError("only a set of sensors at a site can be handed over, and this is an empty set or has no site")
+    if order.curve:
+        _write_curve(Path(folder), order, answer)
+        return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
+    _write_set(Path(folder), answer)
+    return f"written to {folder}: {', '.join(ANSWER_FILES)}"
+
+
+def _write_set(folder: Path, answer: Answer) -> None:
+    from toolkit.plots.plan_view import draw_site
+
+    objective, members = answer.objective, answer.chosen
+    moved = () if answer.result is None else answer.result.sensors
+    candidates, plain = objective.candidates, objective.setting.place
+    site = mounted_site(plain, candidates, members, moved)
+    per_frame = kbit_per_frame(objective, members, moved)
+    sensors = planned_sensors(
+        plain,
+        candidates,
+        members,
+        moved,
+        kbit=per_frame.mean(axis=1),
+        peak_kbit=per_frame.max(axis=1),
+        model_prices=candidates.model_prices[list(members)],
+    )
+    ground = visible_ground(site, site.sensors)
+    with writing_together(folder) as unfinished:
+        unused = unused_mounts(candidates, members, moved)
+        write_exchange(unfinished, site, sensors, ground, unused=unused)
+        draw_site(site, unfinished / PICTURE)
+        write_text(unfinished / ORIGIN, _json(answer.summary))
+
+
+def _json(summary: Mapping[str, Any]) -> str:
+    return json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def kbit_per_frame(
+    objective: Objective, members: Sequence[int], moved: Sequence[Sensor] = ()
+) -> Float64[np.ndarray, "sensors frames"]:
+    """kbit that each sensor of a set sends in each frame of the objective's traffic. moved: where they stand instead.
+
+    Of boxes, where the scheme sends them, a sensor is taken to send one for each object that it sees with `LEAST`
+    points.
+    """
+    made = objective.preparation
+    if made is None:
+        raise ValueError("kbit of each frame are known of an objective made from a site: Objective(site)")
+    if moved:
+        visibility = see(made.traffic, as_candidates(moved, objective.candidates.mounts), labels=made.classes.labels)
+    else:
+        known = made.visibility if objective.visibility is None else objective.visibility
+        visibility = known.select(members)
+    frames = visibility.frames
+    boxes = np.array([np.bincount(visibility.frame[row >= LEAST], minlength=frames) for row in visibility.points])
+    sent = boxes if objective.scheme.sends_boxes else np.zeros_like(boxes)
+    points = objective.scheme.sent_points(visibility).astype(np.float64)
+    return np.asarray(objective.codec.bits(points=points, boxes=sent) / 1000, np.float64)
+
+
+def _write_curve(folder: Path, order: SearchOrder, answer: Answer) -> None:
+    objective, points = answer.objective, answer.points
+    with writing_together(folder) as unfinished:
+        write_text(unfinished / CURVE_ORIGIN, _json(answer.summary))
+        write_text(unfinished / CURVE_TABLE, curve_csv(objective, points, order.currency))
+        draw_curve(points, unfinished / CURVE_PICTURE, judge=order.judge, currency=order.currency)
+        for n, point in enumerate(points):
+            site = mounted_site(objective.setting.place, objective.candidates, point.subset)
+            save_site(site, unfinished / _site_file(n))
+
+
+def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
+    """Table with a line per set: kbit of a whole set and frame, `money` empty where numbers of sensors were asked for.
+
+    After `CURVE_COLUMNS` come AP, low and high at each error profile, where there are several: `ap_typical` and so on.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\r\n")
+    profiles = [each.name for each in points[0].by_errors] if points else []
+    own = (safe_cell(f"{figure}_{name}") for name in profiles for figure in ("ap", "low", "high"))
+    writer.writerow([*CURVE_COLUMNS, *own])
+    for n, point in enumerate(points):
+        figures = (point.ap, point.low, point.high, point.predicted, point.confidence)
+        writer.writerow([
+            point.sensors,
+            "" if math.isinf(point.money) else f"{point.money:.10g}",
+            f"{point.price:.10g}",
+            safe_cell(currency or "ordinary poles"),
+            *(f"{figure:.6f}" for figure in figures),
+            f"{point.kbit:.1f}",
+            "yes" if point.pays else "no",
+            " and ".join(point.searches),
+            safe_cell(" ".join(objective.names[c] for c in point.subset)),
+            _site_file(n),
+            *(f"{figure:.6f}" for each in point.by_errors for figure in (each.ap, each.low, each.high)),
+        ])  # fmt: skip
+    return text.getvalue()
+
+
+def _site_file(n: int) -> str:
+    return f"site_{n + 1}.json"
