@@ -1,4 +1,4 @@
-"""Points in the world frame as plain (n, 3) float32 arrays: measured by which sensor, inside which area, how far away.
+"""Points in the world frame as plain (n, 3) float32 arrays: by sensor, area and distance.
 
 This is the fast path of every evaluation, and needs NumPy only; `toolkit.clouds` offers the same on Open3D clouds.
 Per sensor the rays are turned into the world once and kept, so that a frame costs one multiplication, one addition and

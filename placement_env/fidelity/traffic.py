@@ -17,7 +17,7 @@ from toolkit.bodies.fleet import fleet_named
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import has_centre_inside
 from toolkit.sites.site import Site
-from toolkit.traffic.snapshots import Snapshot, simulate
+from toolkit.traffic.snapshots import Mix, Snapshot, simulate
 from toolkit.traffic.spawner import LIFE
 
 if TYPE_CHECKING:
@@ -68,7 +68,9 @@ def simulate_traffic(
     """
     check_whole("frames", frames, least=1)
     drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1])) if bodies is None else bodies
-    return Traffic(site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=bodies is None, stay=LIFE)))
+    return Traffic(
+        site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=bodies is None, mix=Mix(stay=LIFE)))
+    )
 
 
 @lru_cache(maxsize=2)

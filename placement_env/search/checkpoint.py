@@ -99,7 +99,7 @@ def unfinished(
     """
     asked = json.loads(json.dumps(replace_infinite(dict(question))))
     shards = ShardFolder(folder, asked)
-    with shards.locked():
+    with shards.lock():
         shards.open(overwrite)
         depends_on = make_key(asked, code_digest(code))
         yield Checkpoint(folder, depends_on=depends_on)

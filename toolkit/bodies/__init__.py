@@ -1,1 +1,1 @@
-"""Bodies of what moves: cars, trucks, cyclists, pedestrians, and meshes of the user's."""
+"""Bodies of moving objects: a catalogue, drawn ones, and users' meshes."""

@@ -1,8 +1,8 @@
-"""Bodies of what moves: a triangle mesh per car, two-wheeler, person and truck, and the ground truth box it stands in.
+"""Bodies of moving objects: a triangle mesh and the ground truth box it stands in.
 
 A body's frame is its ground truth box: origin at the centre of the box, x forward, y left, z up. Wheels or soles touch
 its floor at z = -height / 2. The box is tight around the whole mesh, umbrellas and loads included, unless `truth` says
-otherwise: what is drawn afresh has wing mirrors that stick out of its box, as annotators of real data leave them out.
+otherwise: wing mirrors of drawn bodies stick out of their boxes, as annotators of real data leave them out.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The fleet: the bodies that traffic may use, those of the catalogue, drawn ones, and those of a folder of meshes."""
+"""Fleets: bodies that traffic may use, from the catalogue, drawn, or from meshes."""
 
 from __future__ import annotations
 

@@ -201,7 +201,7 @@ class MeshEntry:
     scale: float | None = None
 
     @property
-    def framed(self) -> bool:
+    def has_frame(self) -> bool:
         """True if the entry says how the mesh stands."""
         return self.up is not None or self.forward is not None
 
@@ -333,7 +333,7 @@ def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> Tak
     named = _find_label(called) if entry.label is None else entry.label
     labels = tuple(PLAUSIBLE) if named is None else (named,)
     gltf = path.suffix.lower() in (".glb", ".gltf")
-    turns = [entry.turn] if entry.framed else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
+    turns = [entry.turn] if entry.has_frame else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
     doubts = []
     for turn in turns:
         turned = vertices @ turn.T
@@ -342,7 +342,7 @@ def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> Tak
             continue
         shape = _shape(path, turned, triangles)
         clear = [label for label in fitting if named is not None or is_clearly(shape, label)]
-        doubt = find_wrong_stand(shape, clear[0]) if clear and not entry.framed else None
+        doubt = find_wrong_stand(shape, clear[0]) if clear and not entry.has_frame else None
         if len(clear) == 1 and doubt is None:
             body = _body(called.with_suffix("").as_posix(), clear[0], turned, triangles, mirrors)
             return TakenMesh(called.as_posix(), body, _how(body, shape, entry, named, turn))
@@ -388,9 +388,9 @@ def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np
     }
     forward, _, up = (axes[tuple(row)] for row in turn)
     frame = f"{up} up, {forward} forward"
-    if not entry.framed and body.label == VEHICLE:
+    if not entry.has_frame and body.label == VEHICLE:
         frame += " (its profile agrees)" if shape.ahead > _FRONT_CLEAR else " (assumed, its profile does not tell)"
-    elif not entry.framed:
+    elif not entry.has_frame:
         frame += " (front assumed)"
     mirrors = "" if body.truth is None else ", mirrors left out of its box"
     scale = "" if entry.scale is None else f", scaled by {entry.scale:g}"

@@ -62,7 +62,7 @@ def random_recording(
     from toolkit.bodies.fleet import fleet_named
     from toolkit.rendering.renderer import Renderer
     from toolkit.sites.random import random_sensors, random_site
-    from toolkit.traffic.snapshots import MOST_OBJECTS, simulate
+    from toolkit.traffic.snapshots import MOST_OBJECTS, Mix, simulate
 
     rng = np.random.default_rng([seed, number])
     site = random_site(rng)
@@ -73,7 +73,7 @@ def random_recording(
         bodies = tuple(stretch_randomly(body, rng) for body in bodies)
     parked = int(rng.integers(FEWEST_PARKED, MOST_PARKED + 1))
     most = MOST_OBJECTS * 4 // 5 + parked
-    snapshots = simulate(site, bodies, frames=frames, seed=rng, most=most, parked=parked, once=bool(fleet.drawn))
+    snapshots = simulate(site, bodies, frames=frames, seed=rng, mix=Mix(most, parked), once=bool(fleet.drawn))
     renderer = Renderer(site, bodies, sensors, threads=threads)
     recorded = tuple(
         Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)
@@ -135,9 +135,9 @@ def random_recordings_file(
     plan = {"random sites": count, "frames": frames, "seed": seed, "fleet": _describe_fleet(fleet), "code": code}
     shards = ShardFolder(out.with_name(out.name + ".parts"), plan)
     made: list[_Made] = []
-    with shards.locked(), shards.disk_errors_explained(out, lambda blocks: len(list(blocks))):
+    with shards.lock(), shards.explain_disk_errors(out, lambda blocks: len(list(blocks))):
         shards.open(overwrite)
-        safe = shards.verified()
+        safe = shards.check_shards()
         todo = [number for number in range(count) if number not in safe]
         tell = (lambda done: None) if progress is None else (lambda done: progress(min(count, len(safe) + done)))
         make_shards(_FileJob(seed, frames, encode, fleet), shards, todo, workers=workers, progress=tell)

@@ -222,9 +222,9 @@ class Renderer:
         Raises ValueError where a box is not the box of its body.
         """
         self._check(snapshot.objects.boxes, snapshot.bodies)
-        world_corners = self.reached_corners(snapshot.bodies, snapshot.objects.boxes)
+        world_corners = self.outer_corners(snapshot.bodies, snapshot.objects.boxes)
         movers = [
-            (self._scene_of(body), self.body_from_world(box))
+            (self._find_scene(body), self.body_from_world(box))
             for body, box in zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
         ]
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
@@ -240,7 +240,7 @@ class Renderer:
         reached[out, 3:6] = self._bounds[chosen[out], 3:]
         return reached
 
-    def reached_corners(
+    def outer_corners(
         self, chosen: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]
     ) -> Float64[np.ndarray, "n 8 3"]:
         """Corners of `reach`, world frame, sheared with the slope."""
@@ -264,7 +264,7 @@ class Renderer:
 
         In directions, infinite for a line that misses it.
         """
-        return self._lengths(self._scene_of(body), lines)
+        return self._lengths(self._find_scene(body), lines)
 
     def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
         """Length of each line (start, direction; world frame) to the static scene.
@@ -328,7 +328,7 @@ class Renderer:
     ) -> Float32[np.ndarray, "*shape"]:
         return scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
 
-    def _scene_of(self, body: int) -> o3d.t.geometry.RaycastingScene:
+    def _find_scene(self, body: int) -> o3d.t.geometry.RaycastingScene:
         chosen = self.bodies[body]
         if chosen not in self._scenes:
             self._scenes[chosen] = build_scene(chosen.vertices, chosen.triangles, self._threads)

@@ -1,8 +1,8 @@
-"""Which pixels of many sensors meet an object, how far off, and where: the windows of all of them in one cast of rays.
+"""Silhouettes: pixels of many sensors that meet an object, from one cast of rays.
 
 As in `toolkit.rendering.renderer`, a body has a scene of its own and only the rays in the window of its box are cast.
-Here the windows of all sensors go into one call, since a call costs more by itself than the rays of one window do, and
-rays that end before they can reach the box are left out.
+Here the windows of all sensors go into one call, since a call itself costs more than the rays of one window, and rays
+that end before they can reach the box are left out.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class SensorRays:
         each: list[Windows] = []
         for first in range(0, len(boxes), BOXES_TOGETHER):
             some = slice(first, first + BOXES_TOGETHER)
-            each += self._windows(self._renderer.reached_corners(bodies[some], boxes[some]))
+            each += self._windows(self._renderer.outer_corners(bodies[some], boxes[some]))
         return each
 
     def silhouette(self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None) -> Silhouette:

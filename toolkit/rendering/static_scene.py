@@ -1,9 +1,9 @@
-"""What stands still at a site, as one triangle mesh: ground, buildings, hedges, trees and street furniture.
+"""The static scene of a site as one mesh: ground, buildings, hedges, trees, street furniture.
 
-The ground follows `Site.ground`, which is what feet and wheels stand on too; footways are level with the street behind
-their kerbstones. Every solid is worked out by its kind: houses get windows set into their walls, hedges a rough
-surface, crowns of trees leaves one can see between, and a pond is a hole in the ground with its surface below. Chance
-is seeded by the site: the same site gives the same mesh.
+The ground follows `Site.ground`, on which feet and wheels stand too; footways are level with the street behind their
+kerbstones. Houses get windows set into their walls, hedges a rough surface, crowns of trees leaves with gaps between
+them, and a pond is a hole in the ground with its surface below. Chance is seeded by the site: the same site gives the
+same mesh.
 """
 
 from __future__ import annotations

@@ -311,7 +311,7 @@ class SuccessiveStrips:
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
         sectors = find_sectors(moment.ground, self._viewpoints, fine)
         hiders = may_hide(moment.ground, self._viewpoints, sectors)
-        kept, again = self._unchanged(objects, hiders, ~find_touching(moment.ground))
+        kept, again = self._find_unchanged(objects, hiders, ~find_touching(moment.ground))
         some = sectors.take(np.flatnonzero(~kept))
         strips = cast_strips(self._renderer, moment, self._viewpoints, self._counted, some)
         if len(again.item):
@@ -323,7 +323,9 @@ class SuccessiveStrips:
         self._last = None if alike else _Last(objects, hiders, strips)
         return strips
 
-    def _unchanged(self, objects: list[PlacedBody], hiders: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, Strips]:
+    def _find_unchanged(
+        self, objects: list[PlacedBody], hiders: np.ndarray, free: np.ndarray
+    ) -> tuple[np.ndarray, Strips]:
         """Mask of pairs of viewpoint and object without change, and their strips.
 
         free: mask of objects that touch no other.

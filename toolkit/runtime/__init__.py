@@ -1,1 +1,1 @@
-"""How jobs run: files written whole, processes and Ray, what is kept on disk, work that survives being killed."""
+"""Running jobs: whole files, processes and Ray, caches, resumable work."""

@@ -1,11 +1,11 @@
-"""`Cache`: arrays that took long to compute, kept under a key that says all they depend on, on disk and in one file.
+"""`Cache`: arrays that took long to compute, by a key that says all they depend on.
 
 The file is an SQLite database with a write-ahead log, so that several processes read and write it at once, and a
-process killed in mid-write leaves it as it was before. Each value is kept with a checksum over key and value; one that
-does not fit is computed anew. A file that is damaged is put aside under another name, with a warning, and begun anew.
+process killed while writing leaves it as it was before. Each value has a checksum over key and value; one that does not
+fit is computed again. A damaged file is put aside under another name, with a warning, and begun anew.
 
-A key is made by `make_key`; there is no way to change a value, since what it depends on is in the key. What depends on
-code has `toolkit.runtime.code_digest` in its key.
+`make_key` makes keys. Values never change, since everything they depend on is in the key; for code that is
+`toolkit.runtime.code_digest`.
 """
 
 from __future__ import annotations
@@ -117,10 +117,10 @@ class Cache:
 
     def _database(self) -> sqlite3.Connection:
         if self._open is None or self._open[0] != os.getpid():  # a forked process must not share the parent's handle
-            self._open = os.getpid(), self._opened()
+            self._open = os.getpid(), self._connect()
         return self._open[1]
 
-    def _opened(self) -> sqlite3.Connection:
+    def _connect(self) -> sqlite3.Connection:
         if self.path is not None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         database = sqlite3.connect(self.path or ":memory:", timeout=WAIT, isolation_level=None, check_same_thread=False)

@@ -1,8 +1,8 @@
-"""What is kept on disk is believed only while the code that computed it is the same: a digest of a job's source.
+"""Digest of a job's source: results on disk are valid only while their code is the same.
 
-The source of a job is its import closure: its module, what that imports, inside functions too, and so on, as far as it
-is ours. What stands under `if TYPE_CHECKING:` is not run and does not count. A package whose face loads lazily brings
-only the names that are asked of it, as its stub says. Of libraries the version counts.
+The source of a job is its import closure: its module, the imports of that, inside functions too, and so on, within the
+house. Code under `if TYPE_CHECKING:` does not run and does not count. A package whose face loads lazily adds only the
+names that are asked of it, as its stub says. Libraries count by their version.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def open_hdf5(path: str | Path) -> h5py.File:
     try:
         return h5py.File(path, "r")
     except _H5PY_RAISES as error:
-        size, claimed = path.stat().st_size, _claimed_size(path)
+        size, claimed = path.stat().st_size, _read_end_address(path)
         if size == 0:
             raise OSError(f"{path} is empty: copy or make it again") from None
         if claimed is None:
@@ -63,7 +63,7 @@ def open_hdf5(path: str | Path) -> h5py.File:
         raise OSError(f"{path} cannot be read as HDF5 ({_line(error)}): copy or make it again") from None
 
 
-def _claimed_size(path: Path) -> int | None:
+def _read_end_address(path: Path) -> int | None:
     """End-of-file address in the superblock; None without one."""
     with path.open("rb") as file:
         head = file.read(48)

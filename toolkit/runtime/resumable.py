@@ -1,7 +1,7 @@
-"""Work in blocks that survives being killed: every finished block is one file, complete or not there at all.
+"""Work in blocks that survives being killed: every finished block is one whole file.
 
-A shard is called `{block}.{crc32}.hdf5`. It is written under another name, brought to the disk, then renamed; what has
-its name but not its checksum is damaged and made again. What they are made from stands beside them in `plan.json`.
+A shard is called `{block}.{crc32}.hdf5`. It is written under another name, synced to disk, then renamed; a shard that
+does not fit its checksum is damaged and made again. The plan of the shards stands beside them in `plan.json`.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class ShardFolder:
             self._clear()
             write_text(note, json.dumps(self.plan, indent=1))
 
-    def verified(self) -> dict[int, Path]:
+    def check_shards(self) -> dict[int, Path]:
         """Undamaged shards by block; everything else is removed."""
         shards = {}
         for path in sorted(self.path.iterdir()):
@@ -113,7 +113,7 @@ class ShardFolder:
                 path.unlink()
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
+    def lock(self) -> Iterator[None]:
         """Keep a second run out; the lock ends with the process."""
         self.path.mkdir(parents=True, exist_ok=True)
         with (self.path / "lock").open("w") as lock:
@@ -125,7 +125,7 @@ class ShardFolder:
             yield
 
     @contextmanager
-    def disk_errors_explained(self, out: Path, frames: Callable[[Iterable[int]], int]) -> Iterator[None]:
+    def explain_disk_errors(self, out: Path, frames: Callable[[Iterable[int]], int]) -> Iterator[None]:
         """Turn a full or failing disk into one line that says what is safe.
 
         frames: function that counts the frames of blocks.

@@ -1,1 +1,1 @@
-"""Sensor models, a file each, behind the `SensorModel` protocol, and sensors: a model at a pose."""
+"""Sensors: models behind the `SensorModel` protocol, and errors of real ones."""

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import lru_cache
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.geometry import BODY_SE3_CAMERA, pose
 from toolkit.sensors.sensor import (
     NEAR,
+    Deviation,
     Measure,
     SensorModel,
     angle,
@@ -204,9 +205,47 @@ def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
     return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
 
 
+class _Lidar:
+    """Rays of a lidar on a grid of angles, and ranges with normal noise."""
+
+    measures: ClassVar[Measure] = "range"
+    sigma: float
+
+    @property
+    def _grid(self) -> AngleGrid:
+        raise NotImplementedError
+
+    @property
+    def body_SE3_sensor(self) -> Float64[np.ndarray, "4 4"]:
+        """Identity: the frame is the body's."""
+        return np.eye(4)
+
+    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+        """Unit ray per row and column, sensor frame."""
+        return unit_rays(self._grid)
+
+    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
+        """`sigma`, at every range."""
+        return np.float32(self.sigma)
+
+    def noisy(
+        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Add normal noise of the `deviation`; no return stays none."""
+        return with_noise(measurement, cast(SensorModel, self), rng)
+
+    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+        """Mask of points between the outermost rows and columns, in range."""
+        return in_grid(self._grid, points)
+
+    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+        """Pixels that may meet each box; a box across the seam of the turn comes twice."""
+        return grid_windows(self._grid, sensor_corners)
+
+
 @dataclass(frozen=True)
-class SpinningLidar:
-    """A spinning lidar; frame: x forward, y left, z up.
+class SpinningLidar(_Lidar):
+    """Spinning lidar; frame: x forward, y left, z up.
 
     channels: laser rows, top first; fov_up, fov_down: highest and lowest row (rad above the horizon);
     azimuth_step: rad between columns; azimuth_fov: rad swept, centred on +x; sigma: noise of the range (m);
@@ -214,8 +253,6 @@ class SpinningLidar:
     """
 
     kind: ClassVar[str] = "lidar"
-    measures: ClassVar[Measure] = "range"
-    body_SE3_sensor: ClassVar[np.ndarray] = np.eye(4)
 
     channels: int = 64
     fov_up: float = angle(np.deg2rad(10.0))
@@ -247,30 +284,8 @@ class SpinningLidar:
 
     @property
     def vertical_fov(self) -> float:
-        """From the lowest row to the highest (rad)."""
+        """Angle between the lowest row and the highest (rad)."""
         return self.fov_up - self.fov_down
-
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
-        """Unit ray per laser and azimuth, sensor frame."""
-        return unit_rays(self._grid)
-
-    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> np.float32:
-        """`sigma`, at every range."""
-        return np.float32(self.sigma)
-
-    def noisy(
-        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
-    ) -> Float32[np.ndarray, "rows columns"]:
-        """Ranges with N(0, sigma) added; what returned nothing still returns nothing."""
-        return with_noise(measurement, self, rng)
-
-    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Which points of the lidar's frame lie between its rows, in the azimuths it sweeps and in range."""
-        return in_grid(self._grid, points)
-
-    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Pixels that may meet each box; a box across the seam of the turn comes twice."""
-        return grid_windows(self._grid, sensor_corners)
 
     @property
     def _grid(self) -> AngleGrid:
@@ -278,8 +293,8 @@ class SpinningLidar:
 
 
 @dataclass(frozen=True)
-class SolidStateLidar:
-    """A solid-state lidar; frame: x forward, y left, z up.
+class SolidStateLidar(_Lidar):
+    """Solid-state lidar; frame: x forward, y left, z up.
 
     rows, columns: pixels; horizontal_fov, vertical_fov: its field of view (rad), centred on +x; sigma: noise of the
     range (m) at the sensor, which grows by `sigma_per_metre` with the range; max_range: range beyond which nothing
@@ -287,8 +302,6 @@ class SolidStateLidar:
     """
 
     kind: ClassVar[str] = "solidstate"
-    measures: ClassVar[Measure] = "range"
-    body_SE3_sensor: ClassVar[np.ndarray] = np.eye(4)
 
     rows: int = 64
     columns: int = 300
@@ -316,27 +329,9 @@ class SolidStateLidar:
         """Rows and columns."""
         return self.rows, self.columns
 
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
-        """Unit ray per pixel, sensor frame."""
-        return unit_rays(self._grid)
-
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
         """sigma + sigma_per_metre · range."""
         return np.float32(self.sigma) + np.float32(self.sigma_per_metre) * np.asarray(measurement, np.float32)
-
-    def noisy(
-        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
-    ) -> Float32[np.ndarray, "rows columns"]:
-        """Ranges with normal noise of their `deviation`; what returned nothing still returns nothing."""
-        return with_noise(measurement, self, rng)
-
-    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Which points of the lidar's frame lie in its field of view and range."""
-        return in_grid(self._grid, points)
-
-    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Pixels that may meet each box."""
-        return grid_windows(self._grid, sensor_corners)
 
     @property
     def _grid(self) -> AngleGrid:
@@ -349,8 +344,8 @@ _ELEVATIONS = tuple(np.deg2rad(_DEGREES).tolist())
 
 
 @dataclass(frozen=True)
-class RowLidar:
-    """A lidar of rows; frame: x forward, y left, z up.
+class RowLidar(_Lidar):
+    """Lidar of rows that need not be evenly spaced; frame: x forward, y left, z up.
 
     elevations: of its rows (rad above the horizon), top first; columns: of the azimuths it sweeps; azimuth_fov: rad
     swept, centred on `heading` (rad from +x to the left); sigma: noise of the range (m); max_range: range beyond which
@@ -358,7 +353,6 @@ class RowLidar:
     """
 
     kind: ClassVar[str] = "rowlidar"
-    measures: ClassVar[Measure] = "range"
 
     elevations: tuple[float, ...] = angle(_ELEVATIONS)
     columns: int = 1800
@@ -397,30 +391,20 @@ class RowLidar:
 
     @property
     def vertical_fov(self) -> float:
-        """From the lowest row to the highest (rad)."""
+        """Angle between the lowest row and the highest (rad)."""
         return self.elevations[0] - self.elevations[-1]
 
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Unit ray per row and azimuth, sensor frame; columns from the right to the left."""
         return _rays(self.elevations, self.columns, self.azimuth_fov, self.heading)
 
-    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> np.float32:
-        """`sigma`, at every range."""
-        return np.float32(self.sigma)
-
-    def noisy(
-        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
-    ) -> Float32[np.ndarray, "rows columns"]:
-        """Ranges with N(0, sigma) added; what returned nothing still returns nothing."""
-        return with_noise(measurement, self, rng)
-
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Which points of the lidar's frame lie between its rows, in the azimuths it sweeps and in range."""
-        return in_grid(self._grid(2), self._ahead(points))
+        """Mask of points between the outermost rows and columns, in range."""
+        return in_grid(self._grid, self._ahead(points))
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Pixels that may meet each box; a box across the seam of the turn comes twice."""
-        found = grid_windows(self._grid(1), self._ahead(sensor_corners))
+        found = grid_windows(self._grid, self._ahead(sensor_corners))
         middle = sensor_corners.mean(axis=1)
         radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
         distance = np.linalg.norm(middle, axis=1)
@@ -434,9 +418,11 @@ class RowLidar:
     def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
         return points @ self.body_SE3_sensor[:3, :3].T if self.heading else points
 
-    def _grid(self, rows: int) -> AngleGrid:
+    @property
+    def _grid(self) -> AngleGrid:
+        """Grid of one row, for its columns and outermost elevations."""
         up, down = self.elevations[0], self.elevations[-1]
-        return AngleGrid(rows, self.columns, up, down, self.azimuth_fov, self.max_range)
+        return AngleGrid(1, self.columns, up, down, self.azimuth_fov, self.max_range)
 
 
 @lru_cache(maxsize=64)

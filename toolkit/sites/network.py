@@ -1,4 +1,4 @@
-"""Road networks: SUMO's netconvert run on plain nodes and edges or on map files, and the road surface they describe.
+"""Road networks: SUMO's netconvert on plain nodes and edges or on maps, and road surfaces.
 
 Plain input is rows of attributes, named as SUMO's plain XML names them. Coordinates stay as given: network coordinates
 are site coordinates. https://sumo.dlr.de/docs/Networks/PlainXML.html

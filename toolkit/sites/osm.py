@@ -44,7 +44,7 @@ class Way:
     tags: Tags
 
     @property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         """True if it ends where it begins."""
         return len(self.nodes) > 3 and self.nodes[0] == self.nodes[-1]
 
@@ -195,7 +195,7 @@ def _areas(
     ways: Mapping[str, Way], relations: list[tuple[list[tuple[str, str]], Tags]]
 ) -> Iterator[tuple[shapely.Polygon, Tags]]:
     for way in ways.values():
-        if way.closed and (way.tags.get("highway") is None or way.tags.get("area") == "yes"):
+        if way.is_closed and (way.tags.get("highway") is None or way.tags.get("area") == "yes"):
             yield from ((polygon, way.tags) for polygon in _valid(shapely.Polygon(way.line)))
     for members, tags in relations:
         parts = [(ways[name], role) for name, role in members if name in ways]
@@ -244,7 +244,7 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
     near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
     street = [way for way in near if not _below(way.tags)]
     ground = [way for way in street if not _above(way.tags)]
-    kept = [way for way in street if not _above(way.tags) or not any(_is_over(way, other) for other in ground)]
+    kept = [way for way in street if not _above(way.tags) or not any(_crosses(way, other) for other in ground)]
     notes = [f"{len(near) - len(kept)} tunnels or bridges over a road were left out"] if len(near) > len(kept) else []
     return [piece for way in kept for piece in _cut(way, window, lefthand)], notes
 
@@ -257,7 +257,7 @@ def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
         if tags.get("highway") in ("pedestrian", "footway") or tags.get("area:highway") in ("pedestrian", "footway")
     ]
     for way in extract.ways:
-        is_area = way.closed and way.tags.get("area") == "yes"
+        is_area = way.is_closed and way.tags.get("area") == "yes"
         if way.tags.get("highway") in _PATHS and not is_area and not _below(way.tags) and not _above(way.tags):
             width = np.clip(metres(way.tags.get("width", "")) or 2.0, 1.0, 10.0)
             shapes.append(shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2))
@@ -316,7 +316,7 @@ def _above(tags: Tags) -> bool:
     return tags.get("bridge", "no") != "no"
 
 
-def _is_over(bridge: Way, road: Way) -> bool:
+def _crosses(bridge: Way, road: Way) -> bool:
     """True if a bridge crosses a road away from a common node."""
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]

@@ -1,6 +1,6 @@
-"""Junctions nobody made by hand: 3 to 5 legs or a roundabout, drawn with what stands beside them and what watches them.
+"""Random junctions: 3 to 5 legs or a roundabout, with surroundings, mounts and sensors.
 
-Training a detector for any junction, and testing a placement search, needs hundreds of them; a seed says which.
+Training a detector for any junction, and testing a placement search, needs hundreds of them; each has a seed.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Traffic: SUMO, what it spawns and parks, and the snapshots that come of it."""
+"""Traffic: SUMO, the spawner, parked vehicles, and snapshots of all of them."""

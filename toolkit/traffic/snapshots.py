@@ -145,7 +145,7 @@ class Parked:
         number = min(round(len(bays) * rng.uniform(*OCCUPIED)), most)
         places = rng.permutation(len(bays))[:number]
         none = Parked(bays, places, np.zeros(number, np.int64), np.zeros(number, np.int64), np.zeros((number, 3)))
-        return none._refilled(np.ones(number, bool), types, rng, ids, supply)
+        return none._refill(np.ones(number, bool), types, rng, ids, supply)
 
     def later(
         self, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], supply: Supply | None = None
@@ -154,9 +154,9 @@ class Parked:
 
         Each has left with probability 1 / `STAY`, and another stands in a free bay.
         """
-        return self._refilled(rng.random(len(self.ids)) < 1 / STAY, types, rng, ids, supply)
+        return self._refill(rng.random(len(self.ids)) < 1 / STAY, types, rng, ids, supply)
 
-    def _refilled(
+    def _refill(
         self,
         left: np.ndarray,
         types: VehicleTypes,
@@ -201,6 +201,33 @@ class Snapshot:
     repaired: int = 0
 
 
+@dataclass(frozen=True)
+class Mix:
+    """Shares of moving and parked objects.
+
+    most: objects at a time; parked: vehicles among them that park, a fifth at most by default; stay: frames that all
+    parked vehicles stay before others stand in other bays, which makes blocks of frames independent; by default
+    `STAY` on average, each vehicle on its own. Raises ValueError for impossible numbers.
+    """
+
+    most: int = MOST_OBJECTS
+    parked: int | None = None
+    stay: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.most < 1:
+            raise ValueError(f"most must be at least 1, got {self.most}")
+        if self.parked is not None and not 0 <= self.parked <= self.most:
+            raise ValueError(f"parked must lie in 0..most {self.most}, got {self.parked}")
+        if self.stay is not None and self.stay < 1:
+            raise ValueError(f"stay must be one frame or more, got {self.stay}")
+
+    @property
+    def most_parked(self) -> int:
+        """Largest number of parked vehicles."""
+        return self.most // 5 if self.parked is None else self.parked
+
+
 def simulate(
     site: Site,
     bodies: Sequence[Body],
@@ -208,20 +235,13 @@ def simulate(
     frames: int,
     seed: int | np.random.Generator,
     interval: float = INTERVAL,
-    most: int = MOST_OBJECTS,
-    parked: int | None = None,
+    mix: Mix | None = None,
     once: bool = False,
-    stay: int | None = None,
 ) -> Generator[Snapshot, None, None]:
-    """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects. Below
-    1 s objects live as long as ever, in more frames: 0.1 s is what sensors at 10 Hz see.
+    """Simulate `frames` snapshots of traffic on a site, `interval` (s) apart.
 
-    parked: how many of these are parked vehicles at most, a fifth when None;
-    once: no body is used again before all of its class have been, as is right for a fleet drawn afresh; some
-    pedestrians walk in groups then;
-    stay: frames for which parked vehicles stay, all alike, before others stand in other bays, more or fewer of them;
-    None for `toolkit.traffic.snapshots.STAY` in the mean, each by itself. Blocks of so many frames are then as
-    independent of each other as what moves makes them.
+    Below 1 s objects live as long as ever, in more frames: sensors at 10 Hz see one every 0.1 s. once: no body is used
+    again before all of its class have been, as is right for a fleet drawn afresh; some pedestrians walk in groups then.
     Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
 
     Raises ValueError where the site has no network, nothing can drive near its area, or an argument does not fit;
@@ -229,18 +249,12 @@ def simulate(
     """
     if not site.network:
         raise ValueError(f"site {site.name!r} has no network, so no traffic: import one from a map, or build_network")
-    if frames < 0 or most < 1:
-        raise ValueError(f"frames must be at least 0 and most at least 1, got {frames} and {most}")
+    if frames < 0:
+        raise ValueError(f"frames must be at least 0, got {frames}")
     sumo_step(interval)
     if not any(body.label == VEHICLE for body in bodies):
         raise ValueError(f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()")
-    parked = most // 5 if parked is None else parked
-    if not 0 <= parked <= most:
-        raise ValueError(f"parked must lie in 0..most {most}, got {parked}")
-    if stay is not None and stay < 1:
-        raise ValueError(f"stay must be one frame or more, got {stay}")
-    rng = np.random.default_rng(seed)
-    return _run(site, bodies, frames, rng, interval=interval, most=most, most_parked=parked, once=once, stay=stay)
+    return _run(site, bodies, frames, np.random.default_rng(seed), interval=interval, mix=mix or Mix(), once=once)
 
 
 def _run(
@@ -250,19 +264,17 @@ def _run(
     rng: np.random.Generator,
     *,
     interval: float,
-    most: int,
-    most_parked: int,
+    mix: Mix,
     once: bool,
-    stay: int | None,
 ) -> Generator[Snapshot, None, None]:
     ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
-    supply = Supply(len(bodies), once)
-    draw = partial(Parked.draw, site, obstacles, types, rng, ids, most=most_parked, supply=supply)
+    supply, stay = Supply(len(bodies), once), mix.stay
+    draw = partial(Parked.draw, site, obstacles, types, rng, ids, most=mix.most_parked, supply=supply)
     parked, periods = draw(), 0
-    standing = len(parked.ids) if stay is None else min(len(parked.bays), most_parked)
+    standing = len(parked.ids) if stay is None else min(len(parked.bays), mix.most_parked)
     step = sumo_step(interval)
     with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1)), step=step) as sumo:
-        spawner = Spawner(sumo, site, types, rng, ids, most=most - standing, supply=supply, step=step)
+        spawner = Spawner(sumo, site, types, rng, ids, most=mix.most - standing, supply=supply, step=step)
         spawner.advance(WARM_UP)
         for _ in range(COMING_AND_GOING if step < STEP else 0):
             _snapshot(site, types, spawner, parked, obstacles, time=0.0)

@@ -1,4 +1,4 @@
-"""SUMO inside this process: one simulation at a time, silent, its complaints raised as exceptions."""
+"""SUMO in this process: one simulation at a time, silent, its errors raised."""
 
 from __future__ import annotations
 

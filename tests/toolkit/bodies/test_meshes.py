@@ -385,7 +385,7 @@ def table_mesh_table(folder: Path, text: str) -> dict[Path, MeshEntry]:
 
 def test_no_table_says_nothing(tmp_path):
     assert read_mesh_table(tmp_path) == {}
-    assert not NOTHING_SAID.framed
+    assert not NOTHING_SAID.has_frame
     assert np.array_equal(NOTHING_SAID.turn, np.eye(3))
 
 
@@ -393,7 +393,7 @@ def test_what_an_entry_says(tmp_path):
     text = '[[mesh]]\nfile = "a.obj"\nlabel = "heavy"\nup = "y"\nforward = "-z"\nscale = 0.0254\n'
     (entry,) = table_mesh_table(tmp_path, text).values()
     assert entry == MeshEntry(HEAVY, "y", "-z", 0.0254)
-    assert entry.framed
+    assert entry.has_frame
     assert np.allclose(entry.turn @ [1, 2, 3], [-3, -1, 2])  # forward, left, up
 
 

@@ -39,9 +39,9 @@ def join(paths, target):
 if __name__ == "__main__":
     out, workers = Path(sys.argv[1]), int(sys.argv[2])
     parts = ShardFolder(out.with_name(out.name + ".parts"), {"letters": 12})
-    with parts.locked():
+    with parts.lock():
         parts.open(False)
-        safe = parts.verified()
+        safe = parts.check_shards()
         make_shards(Letters(), parts, [b for b in range(12) if b not in safe], workers=workers, progress=lambda n: None)
         parts.publish(out, join)
 """
@@ -122,7 +122,7 @@ def test_damaged_parts_are_found_and_removed(tmp_path):
     paths[1].write_bytes(paths[1].read_bytes()[:500])
     paths[2].write_bytes(b"x" + paths[2].read_bytes()[1:])
     (parts.path / "00004.00000000.hdf5.123.unfinished").write_bytes(b"half")
-    assert sorted(parts.verified()) == [0, 3]
+    assert sorted(parts.check_shards()) == [0, 3]
     assert len(list(parts.path.iterdir())) == 3
 
 
@@ -146,16 +146,16 @@ def test_a_damaged_plan_starts_anew(tmp_path):
 
 def test_one_run_at_a_time(tmp_path):
     parts = folder(tmp_path)
-    with parts.locked(), pytest.raises(FileExistsError, match="another run is writing"), parts.locked():
+    with parts.lock(), pytest.raises(FileExistsError, match="another run is writing"), parts.lock():
         pass
-    with parts.locked():
+    with parts.lock():
         pass
 
 
 def test_files_of_others_stay(tmp_path):
     parts = folder(tmp_path)
     (parts.path / "notes.txt").write_text("mine")
-    assert parts.verified() == {}
+    assert parts.check_shards() == {}
     parts.remove()
     assert [path.name for path in parts.path.iterdir()] == ["notes.txt"]
 
@@ -165,9 +165,9 @@ def test_a_full_disk_says_what_is_safe(tmp_path):
     parts.add(0, b"1")
     says = r"cannot write out: No space left on device \(\d+ MB free\); 50 frames are safe in .*f.parts, make room and"
     for error in (OSError(errno.ENOSPC, "full"), RuntimeError("write failed: errno = 28, error message = 'No space'")):
-        with pytest.raises(OSError, match=says), parts.disk_errors_explained(Path("out"), lambda p: 50 * len(list(p))):
+        with pytest.raises(OSError, match=says), parts.explain_disk_errors(Path("out"), lambda p: 50 * len(list(p))):
             raise error
-    with pytest.raises(RuntimeError, match="other"), parts.disk_errors_explained(Path("out"), len):
+    with pytest.raises(RuntimeError, match="other"), parts.explain_disk_errors(Path("out"), len):
         raise RuntimeError("other")
 
 

@@ -14,7 +14,18 @@ from toolkit.boxes import footprints, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site, Solid
-from toolkit.traffic.snapshots import GAP, MARGIN, MOST_OBJECTS, STAY, Obstacles, Parked, overlaps, separate, simulate
+from toolkit.traffic.snapshots import (
+    GAP,
+    MARGIN,
+    MOST_OBJECTS,
+    STAY,
+    Mix,
+    Obstacles,
+    Parked,
+    overlaps,
+    separate,
+    simulate,
+)
 from toolkit.traffic.spawner import LIFE, VehicleTypes
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
@@ -185,7 +196,6 @@ def test_lights_one_way_streets_and_dead_ends(lights_and_one_way_streets):
         ({"area": np.array([900.0, 900, 990, 990])}, {}, "no lane open to cars within 25 m"),
         ({}, {"frames": -1}, "frames must be at least 0"),
         ({}, {"interval": 0.25}, "whole number of SUMO's steps"),
-        ({}, {"stay": 0}, "stay must be one frame or more, got 0"),
         ({}, {"interval": 0.05}, "whole number of SUMO's steps"),
         ({}, {"interval": 0.0}, "whole number of SUMO's steps"),
         ({}, {"interval": 1.5}, "whole number of SUMO's steps"),
@@ -197,6 +207,19 @@ def test_refuses(site, changes, arguments, says):
     arguments = {"bodies": BODIES, "frames": 1, "seed": 0, **arguments}
     with pytest.raises(ValueError, match=says):
         list(simulate(replace(site, **changes), arguments.pop("bodies"), **arguments))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"stay": 0}, "stay must be one frame or more, got 0"),
+        ({"most": 0}, "most must be at least 1, got 0"),
+        ({"parked": 31}, "parked must lie in 0..most 30, got 31"),
+    ],
+)
+def test_a_mix_refuses(wrong, says):
+    with pytest.raises(ValueError, match=says):
+        Mix(**wrong)
 
 
 def test_no_frames(site):
@@ -221,7 +244,7 @@ def parked_in(site, snapshot):
 
 
 def test_all_who_park_go_at_once_where_it_is_said_how_long_they_stay(site):
-    parked = [parked_in(site, each) for each in simulate(site, BODIES, frames=33, seed=7, stay=4)]
+    parked = [parked_in(site, each) for each in simulate(site, BODIES, frames=33, seed=7, mix=Mix(stay=4))]
     blocks = [parked[first : first + 4] for first in range(0, 33, 4)]
     assert all(each == block[0] for block in blocks for each in block)
     assert not any(before[0] & after[0] for before, after in pairwise(blocks))
