@@ -1,4 +1,7 @@
-"""Exit codes, and how a command that failed says so: one line where the input was wrong, a traceback where we were."""
+"""Exit codes of the command line, and its last words after an error.
+
+Bad input gets one line, a fault of coview its traceback.
+"""
 
 from __future__ import annotations
 
@@ -16,19 +19,25 @@ REPORT = "this is a fault of coview, not of what you gave it: please report it w
 
 
 def report(error: BaseException, *, debug: bool = False) -> int:
-    """Say on stderr what went wrong and return the exit code; debug: with the traceback, whatever it was."""
+    """Print an error on stderr and return its exit code.
+
+    debug: print the traceback of any error.
+    """
     if isinstance(error, BrokenPipeError):
         _silence()
         return PIPE_CLOSED
-    code, message = _classified(error)
+    code, message = _classify(error)
     if debug or code == INTERNAL:
         traceback.print_exception(error)
     print(f"coview: {' '.join(message.split())}", file=sys.stderr)
     return code
 
 
-def _classified(error: BaseException) -> tuple[int, str]:
-    """Exit code and line, by the error's type: what checks input raises ValueError or OSError, and nothing else."""
+def _classify(error: BaseException) -> tuple[int, str]:
+    """Exit code and line of an error, by its type.
+
+    Checks of input raise ValueError or OSError, and nothing else.
+    """
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):
@@ -36,7 +45,7 @@ def _classified(error: BaseException) -> tuple[int, str]:
     if isinstance(error, ImportError) and not _is_ours(error.name):
         return MISSING, str(error)
     if isinstance(error, OSError):
-        return BAD_INPUT, _explained(error)
+        return BAD_INPUT, _explain(error)
     if isinstance(error, ValueError):
         return BAD_INPUT, str(error)
     return INTERNAL, REPORT
@@ -46,14 +55,14 @@ def _is_ours(module: str | None) -> bool:
     return module is not None and module.partition(".")[0] in OURS
 
 
-def _explained(error: OSError) -> str:
-    """What the system refused to do with which file, without its number."""
+def _explain(error: OSError) -> str:
+    """Describe what the system refused to do with a file, without the error's number."""
     if error.filename is None or error.strerror is None:
         return str(error)
     return f"cannot use {error.filename}: {error.strerror}; give another path, or make this one readable and writable"
 
 
 def _silence() -> None:
-    """Let what is still to be printed go nowhere: nobody reads it."""
+    """Discard further output: nobody reads it."""
     with suppress(OSError, ValueError):  # stdout may be no real file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

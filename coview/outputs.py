@@ -1,4 +1,4 @@
-"""Where a command may write: told before it works for minutes, not after."""
+"""Checks of output paths, made before a command works for minutes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from toolkit.runtime.files import check_output
 
 
 def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Raise ValueError where `out` is an input, OSError where it cannot be written or, unless told, is there; None is
-    nowhere."""
+    """Check that a command may write a file; None is always fine.
+
+    Raises ValueError if `out` is an input, OSError if it cannot be written or exists without `overwrite`.
+    """
     if out is None:
         return
     check_output(out, inputs=inputs, overwrite=overwrite)
@@ -21,14 +23,14 @@ def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool
 
 
 def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """As `check_file` of the file `holds` in a folder that may be there already."""
+    """Check that a command may write the file `holds` into a folder, new or old."""
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
     check_file(out / holds, inputs=inputs, overwrite=overwrite)
 
 
 def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """As `check_file` of a folder for many files: empty, or not there, or to be overwritten."""
+    """Check that a command may fill a folder: empty, new, or to be overwritten."""
     check_output(out, inputs=inputs, overwrite=overwrite)
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")
@@ -36,7 +38,7 @@ def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool 
 
 
 def check_writable(folder: Path, out: Path) -> None:
-    """Raise OSError where `out` cannot be written into a folder, or the folder cannot be made."""
+    """Raise OSError if the folder of `out` cannot be made or written."""
     there = next(each for each in (folder, *folder.parents) if each.exists())
     if not there.is_dir():
         raise NotADirectoryError(f"cannot write {out}: {there} is no folder; give another path")

@@ -1,4 +1,4 @@
-"""What a command prints: text for people, or one line of JSON."""
+"""Output of a command: text for people, or one line of JSON."""
 
 from __future__ import annotations
 

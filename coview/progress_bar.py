@@ -1,4 +1,7 @@
-"""A progress bar on stderr, and the callbacks that move it; there is none where nobody looks, or JSON is asked for."""
+"""Progress bar on stderr, and the callbacks that move it.
+
+It is hidden without a terminal and for JSON.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +14,22 @@ from tqdm import tqdm
 
 
 class Bar:
-    """Moves a bar to absolute counts, as the callbacks of the toolkit tell them."""
+    """Bar moved to absolute counts by the toolkit's callbacks."""
 
     def __init__(self, bar: Any, hidden: bool) -> None:
         self._bar, self._hidden, self._stage = bar, hidden, ""
 
     def to(self, done: int) -> None:
-        """So many are done."""
+        """Show `done` items."""
         self._bar.update(done - self._bar.n)
 
     def of(self, done: int, total: int) -> None:
-        """So many of so many are done."""
+        """Show `done` of `total` items."""
         self._bar.total = total
         self.to(done)
 
     def stage(self, name: str, done: int, total: int | None) -> None:
-        """So many are done of a stage; at a new stage the bar begins anew."""
+        """Show progress of a stage; a new stage restarts the bar."""
         if name != self._stage:
             self._stage = name
             self._bar.reset(total)
@@ -45,6 +48,6 @@ class Bar:
 
 @contextmanager
 def progress_bar(unit: str, total: int | None = None, *, hidden: bool = False) -> Iterator[Bar]:
-    """A bar while the block runs."""
+    """Show a bar while the block runs."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as bar:
         yield Bar(bar, hidden)

@@ -1,4 +1,4 @@
-"""A picture of one frame of a recording: what early fusion of all its sensors detects, beside the truth."""
+"""Picture of one frame of a recording: detections of early fusion beside the truth."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ IOU = 0.7  # at which a detection hits, in the paper's first column
 
 
 def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0) -> None:
-    """Draw the frame with the most objects from above: hits, misses and false alarms of vehicles at `IOU`; seed: of
-    the sensors' noise."""
+    """Draw the frame with the most objects from above.
+
+    It shows hits, misses and false alarms of vehicles at `IOU`; seed: of the sensors' noise.
+    """
     site = recording.site
     frame = noisy(max(recording, key=lambda frame: len(frame.objects)), seed)
     found = fuse_frame("early", frame, detector, site=site).detections
@@ -29,12 +31,15 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
         clouds=frame_points(frame, area=site),
         truth=frame.objects,
         detections=found,
-        outcome=outcome_of(found, frame.objects, site),
+        outcome=classify_frame(found, frame.objects, site),
         title=f"{site.name}, frame {frame.index}: early fusion of {sensors}, {detector_origin(detector)['detector']}",
     )
 
 
-def outcome_of(found: Detections, truth: Objects, site: Site, iou: float = IOU) -> FrameOutcome:
-    """What became of the detections and vehicles of one frame; objects centred outside the area do not count."""
+def classify_frame(found: Detections, truth: Objects, site: Site, iou: float = IOU) -> FrameOutcome:
+    """Classify detections and vehicles of one frame.
+
+    Objects centred outside the area do not count.
+    """
     result = match(found, truth, iou, counted=has_centre_inside(truth.boxes, site.area))
     return FrameOutcome(iou, result.hit, ~result.scored, result.truth >= 0, result.ignored)

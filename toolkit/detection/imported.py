@@ -1,4 +1,4 @@
-"""`ImportedDetector`: any Python detector, named by its import path, such as `my_package.my_module:detect`.
+"""`ImportedDetector`: any Python detector by its import path, such as `my_package.my_module:detect`.
 
 The name stands for one of:
 
@@ -27,10 +27,10 @@ from toolkit.sites.site import Site
 
 
 class ImportedDetector:
-    """A detector for a site, imported by its name `package.module:callable`, also from the current folder.
+    """Detector for a site, imported by its name `package.module:callable`.
 
-    Another process imports it again. Raises ValueError, in one line, where the import fails, or the detector returns
-    anything but `Detections` for a cloud without points.
+    The current folder is searched too, and another process imports it again. Raises ValueError, in one line, if the
+    import fails or the detector returns anything but `Detections` for a cloud without points.
     """
 
     def __init__(self, name: str, site: Site) -> None:
@@ -47,7 +47,10 @@ class ImportedDetector:
         self._check(detections)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
-        """Detect in one cloud. Raises ValueError, in one line, where that fails."""
+        """Detect in one cloud.
+
+        Raises ValueError, in one line, if that fails.
+        """
         try:
             detections = self._detect(points)
         except Exception as error:  # the detector may raise anything
@@ -59,12 +62,18 @@ class ImportedDetector:
 
     @property
     def digest(self) -> str:
-        """Digest of the detector. Raises AttributeError where it has none."""
+        """Digest of the detector.
+
+        Raises AttributeError if it has none.
+        """
         return str(self._detect.digest)  # type: ignore[attr-defined]
 
     @property
     def labels(self) -> Any:
-        """Classes that the detector says it knows. Raises AttributeError where it does not say."""
+        """Classes that the detector names.
+
+        Raises AttributeError if it names none.
+        """
         return self._detect.labels  # type: ignore[attr-defined]
 
     def __reduce__(self) -> tuple[Any, ...]:
