@@ -16,7 +16,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -89,7 +89,7 @@ def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
     return _keep_out(_read(Path(path)), site, str(path))
 
 
-def list_unknown(properties: Iterable[Mapping[str, Any]], *, areas: bool = False) -> str:
+def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
     """List the properties that coview does not know, each once, with what they may mean; "" if it knows all.
 
     areas: the features are polygons, which have many properties of their own: only those that may mean keep_out count.

@@ -1,1 +1,1 @@
-"""The Gymnasium environments, scalar and vector."""
+"""Gymnasium environments, scalar and vector."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -20,45 +20,54 @@ from toolkit.runtime.run import Run
 from toolkit.sites.site import Site
 
 Actions = Literal["flat", "factored"]
-ACTIONS = ("flat", "factored")
 Config = TypeVar("Config", bound="EnvConfig")
-OF_SETTING = {field.name for field in fields(Setting)} - {"site", "scheme"}
-OF_RUN = {field.name for field in fields(Run)}
+USUAL_SITE = "tjunction"
+SETTING_FIELDS = {field.name for field in fields(Setting)} - {"site", "scheme"}
+RUN_FIELDS = {field.name for field in fields(Run)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnvConfig:
-    """Configuration that all environments have.
+    """Configuration that all environments share.
 
-    site: a site, its name or file, or several of these; budget: sensors to place; scheme: of fusion, or several;
-    failures: number of candidates that have failed. Of several sites and schemes each episode draws one, of a budget or
-    failures given as (lowest, highest) it draws the number, and then which candidates have failed, all by the
-    environment's own generator; options of `reset` go before. setting: all else that is asked, at every site and
-    scheme; run: how sets are scored.
+    setting: what is asked; run: how sets are scored; site: a site, its name or file, or several of these, None for the
+    setting's; scheme: of fusion, or several, None for the setting's; budget: sensors to place; failures: number of
+    candidates that have failed.
 
-    Raises ValueError for a field that does not fit.
+    Each episode draws one of several sites and schemes, a number from a budget or failures given as (lowest, highest),
+    and the failed candidates, all by the environment's own generator; options of `reset` come first. Raises ValueError
+    where a field does not fit.
     """
 
-    site: Any = "tjunction"
-    budget: int | Sequence[int] = 4
-    scheme: Scheme | str | Sequence[Scheme | str] = "early"
-    failures: int | Sequence[int] = 0
     setting: Setting = Setting()
     run: Run = Run()
+    site: Site | str | Sequence[Site | str] | None = None
+    scheme: Scheme | str | Sequence[Scheme | str] | None = None
+    budget: int | Sequence[int] = 4
+    failures: int | Sequence[int] = 0
 
     def __post_init__(self) -> None:
         check_range("budget", self.budget, least=1, unit="sensor")
         check_range("failures", self.failures, least=0, unit="candidates")
+        if not self.sites:
+            raise ValueError("site must be one or several sites, got none")
         if not self.schemes:
             raise ValueError("scheme must be one or several schemes, got none")
 
-    def setting_at(self, site: Site, candidates: Candidates, scheme: Scheme) -> Setting:
-        """Setting of an episode at one site."""
-        return replace(self.setting, site=site, candidates=candidates, scheme=scheme)
+    @property
+    def sites(self) -> tuple[Site | str, ...]:
+        """Sites of which an episode draws one."""
+        if self.site is None:
+            return (USUAL_SITE if self.setting.site is None else self.setting.site,)
+        if isinstance(self.site, Sequence) and not isinstance(self.site, str):
+            return tuple(self.site)
+        return (self.site,)
 
     @cached_property
     def schemes(self) -> tuple[Scheme, ...]:
         """Schemes of which an episode draws one."""
+        if self.scheme is None:
+            return (self.setting.fusion,)
         several = self.scheme if isinstance(self.scheme, list | tuple) else (self.scheme,)
         return tuple(find_scheme(scheme) for scheme in several)
 
@@ -69,7 +78,7 @@ class EnvConfig:
 
     @cached_property
     def failure_counts(self) -> tuple[int, int]:
-        """Least and greatest number of candidates that have failed."""
+        """Lowest and highest number of failed candidates."""
         return _bounds(self.failures)
 
     @property
@@ -77,12 +86,17 @@ class EnvConfig:
         """True where an episode draws its scheme, budget or failed candidates."""
         return len(self.schemes) > 1 or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
 
+    def local_setting(self, site: Site, candidates: Candidates, scheme: Scheme) -> Setting:
+        """Return the setting of an episode."""
+        return replace(self.setting, site=site, candidates=candidates, scheme=scheme)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SubsetConfig(EnvConfig):
     """Configuration of `coview/SensorSubset-v0`.
 
-    slots: for candidates, None for what the largest of the sites needs; objective: in place of site, setting and run.
+    slots: for candidates, None for as many as the largest of the sites needs; objective: in place of setting, run, site
+    and scheme.
     """
 
     slots: int | None = None
@@ -109,7 +123,7 @@ class SelectConfig(SubsetConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.actions not in ACTIONS:
+        if self.actions not in get_args(Actions):
             raise ValueError(f"actions must be flat or factored, got {self.actions!r}")
 
 
@@ -126,25 +140,25 @@ class PoseConfig(EnvConfig):
         check_whole("moves", self.moves, least=1)
 
 
-ChoosingConfig = SelectConfig | SubsetConfig
+def build_config(kind: type[Config], config: Config | None, given: Mapping[str, object]) -> Config:
+    """Build a configuration from another one, or the usual one, and fields given by name.
 
-
-def build_config(kind: type[Config], config: Config | None, settings: Mapping[str, Any]) -> Config:
-    """Configuration of some kind with single settings given by name, as Gymnasium's `make` gives them.
-
-    Fields of `Setting` and `Run` are given by their own names, and `iou` of `Cases`. Raises TypeError for an unknown
-    name and for a configuration of another kind.
+    Gymnasium's `make` gives them so. Fields of `Setting` and `Run` go by their own names, and `iou` of `Cases`. Raises
+    TypeError for an unknown name and for a configuration of another kind.
     """
     config = kind() if config is None else config
     if type(config) is not kind:
         raise TypeError(f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as site=...")
-    asked = {name: value for name, value in settings.items() if name in OF_SETTING}
-    if "iou" in settings:
-        asked["cases"] = replace(asked.get("cases", config.setting.cases), iou=settings["iou"])
-    computed = {name: value for name, value in settings.items() if name in OF_RUN}
-    own = {name: value for name, value in settings.items() if name not in {*asked, *computed, "iou"}}
-    setting, run = replace(config.setting, **asked), replace(config.run, **computed)
-    return replace(config, **{"setting": setting, "run": run, **own})
+    own = cast(dict[str, Any], dict(given))
+    asked = {name: own.pop(name) for name in given if name in SETTING_FIELDS}
+    computed = {name: own.pop(name) for name in given if name in RUN_FIELDS}
+    if "iou" in own:
+        asked["cases"] = replace(asked.get("cases", config.setting.cases), iou=own.pop("iou"))
+    if asked:
+        own["setting"] = replace(own.get("setting", config.setting), **asked)
+    if computed:
+        own["run"] = replace(own.get("run", config.run), **computed)
+    return replace(config, **own)
 
 
 def _bounds(number: int | Sequence[int]) -> tuple[int, int]:

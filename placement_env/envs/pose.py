@@ -1,20 +1,18 @@
-"""`coview/SensorPose-v0`: turn, tilt, raise and lower the chosen sensors; what has moved is rendered again."""
+"""`coview/SensorPose-v0`: turn, tilt, raise and lower the chosen sensors; those that moved are rendered again."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Space
+from gymnasium.spaces import Box
 
 from placement_env.candidates.candidates import Axes, Candidates, aim_sensor
 from placement_env.envs.config import PoseConfig, build_config
-from placement_env.envs.env import PlacementEnv, observation_space
-from placement_env.envs.episode import Conditions, Episode, Sites, check_options, check_scored, draw_conditions
-from placement_env.envs.scenario import Scenario, poses
-from placement_env.envs.state import State
+from placement_env.envs.env import ActionSpace, PlacementEnv, PlacementVectorEnv, observation_space
+from placement_env.envs.scenario import Conditions, Episode, Options, Scenario, Sites, poses
+from placement_env.envs.state import Info, State
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility, see
 from placement_env.objective import Objective
@@ -27,30 +25,35 @@ TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad b
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Sensors on their mounts. candidates: they as they were chosen; aim: (B, 3) height above the mount's foot (m),
-    heading and tilt (rad) of each now."""
+    """Sensors on their mounts.
+
+    candidates: the sensors as chosen; aim: (B, 3) present height above the mount's foot (m), heading and tilt (rad).
+    """
 
     candidates: Candidates
     aim: Float64[np.ndarray, "B 3"]
 
     @staticmethod
     def of(candidates: Candidates) -> Rig:
-        """Sensors where they are."""
+        """Make a rig of sensors as they stand."""
         position, heading, tilt, _, _ = poses(candidates)
         return Rig(candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1))
 
-    def moved(self, action: Float64[np.ndarray, "B 3"]) -> Rig:
-        """After an action: within the mounts' heights, and `TILT_LIMITS`; one that was beyond them may stay there."""
+    def move(self, action: Float64[np.ndarray, "B 3"]) -> Rig:
+        """Return the rig after an action, within the mounts' heights and `TILT_LIMITS`.
+
+        A sensor that was beyond them may stay there.
+        """
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T
         low = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
         high = np.maximum([mount.max_height for mount in mounts], self.aim[:, 0])
-        turned = np.arctan2(np.sin(heading), np.cos(heading))
+        around = np.arctan2(np.sin(heading), np.cos(heading))
         tilts = np.minimum(TILT_LIMITS[0], self.aim[:, 2]), np.maximum(TILT_LIMITS[1], self.aim[:, 2])
-        return Rig(self.candidates, np.stack([np.clip(height, low, high), turned, np.clip(tilt, *tilts)], axis=1))
+        return Rig(self.candidates, np.stack([np.clip(height, low, high), around, np.clip(tilt, *tilts)], axis=1))
 
-    def placed(self) -> Candidates:
-        """The sensors where they are now."""
+    def to_candidates(self) -> Candidates:
+        """Return the sensors as they stand now."""
         height, heading, tilt = self.aim.T
         count = np.arange(len(self.aim))
         models = tuple(dict.fromkeys(sensor.model for sensor in self.candidates.sensors))
@@ -68,18 +71,20 @@ class Rig:
 
 @dataclass(frozen=True, eq=False)
 class PoseEpisode:
-    """How an episode starts: with which sensors, at what site and traffic."""
+    """Start of an episode: site and traffic, and sensors."""
 
     preparation: Preparation
     rig: Rig
 
 
 class PoseScenarios:
-    """Where the sensors of an episode come from. Raises ValueError where a site has too few mounts for the budget, or
-    no surrogate for it."""
+    """Sites and sensors of the episodes.
+
+    Raises ValueError where a site has too few mounts for the budget, or no surrogate for it.
+    """
 
     def __init__(self, config: PoseConfig) -> None:
-        self.config, self.sites = config, Sites(config.site, config.setting)
+        self.config, self.sites = config, Sites(config)
         needed = config.budgets[1] + config.failure_counts[1]
         for index in range(len(self.sites)):
             mounts = len(np.unique(self.sites.candidates(index).mount))
@@ -88,13 +93,12 @@ class PoseScenarios:
                     f"{self.sites[index].name} has {mounts} mounts with candidates, too few for a budget of "
                     f"{config.budgets[1]} and {config.failure_counts[1]} failures: lower them"
                 )
-        check_scored(config, self.sites)
+        self.sites.check_scorable()
         self._made: dict[tuple[int, str], Preparation] = {}
 
-    def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> PoseEpisode:
-        """Sensors drawn among those that have not failed, on mounts of their own. Raises ValueError where there are too
-        few."""
-        conditions = draw_conditions(self.config, self.sites, rng, check_options(options))
+    def draw(self, rng: np.random.Generator, options: Options | None) -> PoseEpisode:
+        """Draw sensors that have not failed, on mounts of their own. Raises ValueError if there are too few."""
+        conditions = self.sites.draw(rng, options)
         budget, most = conditions.budget, self.config.budgets[1]
         if budget > most:
             raise ValueError(f"budget must lie in 1..{most}, the sensors that an action moves, got {budget}")
@@ -115,37 +119,45 @@ class PoseScenarios:
         return PoseEpisode(preparation, Rig.of(candidates.select(chosen)))
 
     def scenario(self, preparation: Preparation, rig: Rig, before: tuple[Rig, Visibility | None] | None) -> Scenario:
-        """Sensors where they are now. before: where they were and what they saw; what stands still is not rendered
-        again."""
-        candidates = rig.placed()
+        """Score sensors as they stand now.
+
+        before: the rig and its view before the move; sensors that stand still are not rendered again.
+        """
+        candidates = rig.to_candidates()
         still, visibility = np.zeros(len(candidates), np.bool_), None
         if before is not None:
             still, visibility = (rig.aim == before[0].aim).all(axis=1), before[1]
-        seen = see_moved(preparation, candidates, visibility, still)
+        seen = see_again(preparation, candidates, visibility, still)
         objective = Objective.of_moved(preparation, candidates, seen, self.config.setting.weights)
         return Scenario(objective, self.config.budgets[1])
 
     def _preparation(self, conditions: Conditions) -> Preparation:
         key = conditions.site, conditions.scheme.digest
         if key not in self._made:
-            site, candidates = self.sites[conditions.site], self.sites.candidates(conditions.site)
-            setting = self.config.setting_at(site, candidates, conditions.scheme)
+            setting = self.sites.setting(conditions.site, conditions.scheme)
             self._made[key] = Preparation(setting, replace(self.config.run, workers=1, ray=None))
         return self._made[key]
 
 
 class PoseTask:
-    """n episodes of moving sensors; each has an objective of its own, made anew after each move."""
+    """n episodes of moving sensors, each with an objective of its own, made anew after each move."""
 
     def __init__(self, n: int, scenarios: PoseScenarios) -> None:
         slots = scenarios.config.budgets[1]
         self.scenarios, self.state = scenarios, State(n, slots, max_steps=scenarios.config.moves, fixed=True)
-        self.action_space: Space[Any] = Box(-1.0, 1.0, (3 * slots,), np.float32)
+        self.action_space: ActionSpace = Box(-1.0, 1.0, (3 * slots,), np.float32)
         self.observation_space = observation_space(slots)
         self._now: dict[int, PoseEpisode] = {}
 
-    def reset(self, rows: Int64[np.ndarray, " m"], episodes: list[PoseEpisode]) -> None:
-        """New episodes in some rows, whose sensors are scored where they are."""
+    def resize(self, n: int) -> PoseTask:
+        """Return the same rules, at the same scenarios, for n episodes."""
+        return PoseTask(n, self.scenarios)
+
+    def reset(
+        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
+    ) -> None:
+        """Start new episodes in some rows and score their sensors as they stand."""
+        episodes = [self.scenarios.draw(rng, options) for rng in rngs]
         starts, slots = [], np.arange(self.state.slots)
         for episode in episodes:
             count = len(episode.rig.aim)
@@ -157,12 +169,12 @@ class PoseTask:
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Move the sensors of each active row; a move that overloads a link, or more than it was, is undone."""
+        """Move the sensors of each active row; a move that overloads a link more than before is undone."""
         state, moves = self.state, np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
         illegal, scenarios = np.zeros(state.n, np.bool_), dict[int, Scenario]()
         for row in np.flatnonzero(active).tolist():
-            now, (objective, _) = self._now[row], state.placed(row)
-            rig = now.rig.moved(moves[row, : len(now.rig.aim)])
+            now, (objective, _) = self._now[row], state.placement(row)
+            rig = now.rig.move(moves[row, : len(now.rig.aim)])
             if (rig.aim == now.rig.aim).all():
                 continue
             scenario = self.scenarios.scenario(now.preparation, rig, (now.rig, objective.visibility))
@@ -173,24 +185,24 @@ class PoseTask:
         state.move(active, scenarios, illegal)
         return state.gain, np.zeros(state.n, np.bool_), active & (state.steps >= state.max_steps)
 
-    def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
-        """Observations and info."""
+    def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
+        """Return observations and info."""
         return self.state.observe(), {**self.state.info(), "action_mask": self.action_masks().astype(np.int8)}
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Which entries of an action move a sensor."""
+        """Tell which entries of an action move a sensor."""
         return np.repeat(self.state.chosen, 3, axis=1)
 
 
 def overloads(after: Objective, before: Objective) -> bool:
-    """Whether a link that carries more than it can carries more than before."""
+    """Return True if an overloaded link carries more than before."""
     return bool((~after.linked & (after.sent > before.sent)).any())
 
 
-def see_moved(
+def see_again(
     preparation: Preparation, candidates: Candidates, visibility: Visibility | None, still: Bool[np.ndarray, " C"]
 ) -> Visibility:
-    """What candidates see of the traffic, of which those that stand `still` saw what `visibility` says."""
+    """Return the candidates' view of the traffic, taken from `visibility` for those that stand `still`."""
     moved = np.flatnonzero(~still)
     there = candidates if len(moved) == len(still) else candidates.select(moved)
     live = preparation.live
@@ -209,21 +221,21 @@ class SensorPoseEnv(PlacementEnv):
     ## Action Space
     `Box(-1, 1, (3 · budget,), float32)`: for each sensor how far to move: height above the foot of its mount (1 is
     0.5 m), heading (15°, counter-clockwise) and tilt (5°, downwards). Sensors keep their mount; heights stay in the
-    mount's range, tilts in −10°..60° below the horizon. Where the option `budget` is smaller, the entries of absent
+    mount's range, tilts in −10°..60° below the horizon. If the option `budget` is smaller, the entries of absent
     sensors do nothing.
 
-    An illegal action, after which a link would have to carry more than it can and than before, changes nothing: the
-    reward is 0, `info["illegal"]` is True, and a move is used up. `action_masks()` says which entries move a sensor.
+    An illegal action, one that overloads a link more than before, changes nothing: the reward is 0, `info["illegal"]`
+    is True, and a move is used up. `action_masks()` tells which entries move a sensor.
 
     ## Observation Space
     `Box(-1, 1, (14 · budget + 13,), float32)`, as of `coview/SensorSelect-v0`, a slot for each sensor.
 
     ## Rewards
-    By how much the move raised the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price.
+    Increase of the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price.
 
     ## Starting State
-    Sensors drawn from the candidates that have not failed, at most one of a mount. What the config leaves open (site,
-    scheme, budget, failed candidates) is drawn before.
+    Sensors drawn from the candidates that have not failed, at most one from each mount. Everything that the config
+    leaves open (site, scheme, budget, failed candidates) is drawn first.
 
     ## Episode End
     Never terminates; truncated after `moves` moves.
@@ -232,21 +244,30 @@ class SensorPoseEnv(PlacementEnv):
     As of `coview/SensorSelect-v0`.
 
     ## Arguments
-    config: a `placement_env.envs.config.PoseConfig`; or its settings by name. site: a site, its name, or several;
-    budget: sensors; failures: candidates that have failed; scheme: or several. Each episode draws one of several, and a
-    number from a budget or failures given as (lowest, highest). moves: of an episode; fidelity: surrogate, coverage or
-    detector; rendering: "full" casts every ray of a sensor that has moved, "panorama" looks up what it sees in
-    panoramas from its mount, made when a sensor is first there, and is some fifty times faster; "auto" takes these
-    where at least four candidates share a place, as in a pool; cache: folder where panoramas are kept; frames, weights,
-    candidates, detector, codec, iou, seed, classes, surrogate: of `placement_env.objective.Objective`. `reset` takes
-    the options site, scheme, budget (up to the environment's) and failed.
+    config: a `placement_env.envs.config.PoseConfig`; or its fields by name. site, scheme: one or several; budget:
+    sensors; failures: candidates that have failed. Each episode draws one of several, and a number from a budget or
+    failures given as (lowest, highest). moves: of an episode; fidelity: surrogate, coverage or detector; rendering:
+    "full" casts every ray of a sensor that has moved, "panorama" looks its view up in panoramas from its mount, made
+    when a sensor is first there, and is some fifty times faster; "auto" takes these where at least four candidates
+    share a place, as in a pool; cache: folder that keeps panoramas; the other fields of
+    `placement_env.setting.Setting` and `toolkit.runtime.run.Run`, and iou. `reset` takes the options site, scheme,
+    budget (up to the environment's) and failed.
 
     ## Version History
     v0: first version.
     """
 
-    def __init__(self, config: PoseConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(PoseTask(1, PoseScenarios(build_config(PoseConfig, config, settings))), render_mode)
+    def __init__(self, config: PoseConfig | None = None, *, render_mode: str | None = None, **given: object) -> None:
+        super().__init__(PoseTask(1, PoseScenarios(build_config(PoseConfig, config, given))), render_mode)
+
+
+class SensorPoseVectorEnv(PlacementVectorEnv):
+    """n of `SensorPoseEnv`, which describes the arguments."""
+
+    def __init__(
+        self, num_envs: int = 1, config: PoseConfig | None = None, *, render_mode: str | None = None, **given: object
+    ) -> None:
+        super().__init__(PoseTask(num_envs, PoseScenarios(build_config(PoseConfig, config, given))), render_mode)
 
 
 def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:

@@ -1,6 +1,6 @@
-"""The environments' names in Gymnasium, which has them once it and `placement_env` are imported, in either order.
+"""Registration of the environments with Gymnasium, once it and `placement_env` are imported, in either order.
 
-Gymnasium imports a package that stands before the name by itself: `gymnasium.make("placement_env:coview/...")`.
+Gymnasium itself imports a package named before the environment: `gymnasium.make("placement_env:coview/...")`.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 
 ENVIRONMENTS: dict[str, tuple[str, str]] = {
-    "coview/SensorSelect-v0": ("select:SensorSelectEnv", "vector:SensorSelectVectorEnv"),
-    "coview/SensorSubset-v0": ("subset:SensorSubsetEnv", "vector:SensorSubsetVectorEnv"),
-    "coview/SensorPose-v0": ("pose:SensorPoseEnv", "vector:SensorPoseVectorEnv"),
+    "coview/SensorSelect-v0": ("select:SensorSelectEnv", "select:SensorSelectVectorEnv"),
+    "coview/SensorSubset-v0": ("subset:SensorSubsetEnv", "subset:SensorSubsetVectorEnv"),
+    "coview/SensorPose-v0": ("pose:SensorPoseEnv", "pose:SensorPoseVectorEnv"),
 }
 
 
 def register() -> None:
-    """Make the environments known to Gymnasium. Raises ImportError, with the remedy, where Gymnasium is missing."""
+    """Register the environments. Raises ImportError, with the remedy, if Gymnasium is missing."""
     try:
         from gymnasium.envs.registration import register as register_one
         from gymnasium.envs.registration import registry
@@ -31,7 +31,7 @@ def register() -> None:
 
 
 def register_with_gymnasium() -> None:
-    """Register now where Gymnasium is imported, else as soon as it is: importing `placement_env` does not load it."""
+    """Register now if Gymnasium is imported, else as soon as it is, without importing it here."""
     if sys.modules.get("gymnasium"):
         register()
     else:
@@ -39,7 +39,7 @@ def register_with_gymnasium() -> None:
 
 
 class AfterImport(MetaPathFinder):
-    """Import hook (PEP 451) that calls `then` once a module has been imported, and is gone afterwards."""
+    """Import hook (PEP 451) that calls `then` once a module has been imported, then removes itself."""
 
     def __init__(self, name: str, then: Callable[[], None]) -> None:
         self.name, self.then = name, then
@@ -47,15 +47,15 @@ class AfterImport(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The module's own spec, whose loader calls `then` when it is done; None for other modules."""
+        """Return the module's own spec, whose loader calls `then` when done; None for other modules."""
         if fullname != self.name:
             return None
         spec = PathFinder.find_spec(fullname, path, target)
         if spec is not None and spec.loader is not None:
-            spec.loader = _ThenLoader(spec.loader, self._imported)
+            spec.loader = _ThenLoader(spec.loader, self._finish)
         return spec
 
-    def _imported(self) -> None:
+    def _finish(self) -> None:
         if self in sys.meta_path:
             sys.meta_path.remove(self)
         self.then()

@@ -1,4 +1,4 @@
-"""Pictures of a set of sensors: the area from above with what they see of the traffic, and a few lines of text."""
+"""Pictures of a set of sensors: the area from above with their view of the traffic, or a few lines of text."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from placement_env.classes import VEHICLES
-from placement_env.envs.scenario import area_of
+from placement_env.envs.scenario import find_area
 from placement_env.objective import Objective
 from toolkit.arrays import Shaped
 from toolkit.boxes import footprints
@@ -28,17 +28,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_VEHICLES = 300  # that are drawn
-MARGIN = 6.0  # m round area and sensors
+MOST_VEHICLES = 300  # drawn
+MARGIN = 6.0  # m around area and sensors
 _SIDE, _HEAD, _FOOT = 6.4, 0.5, 0.42  # inches of a square picture, and of the strips above and below its map
 
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:
-    """Lanes, solids and the detection area from above, vehicles coloured by the points on them (darker is more, pale
-    grey none), places where sensors may hang, the chosen sensors with their fields of view. RGB, uint8; a square of
-    the same size for every site."""
+    """Draw the area from above, RGB uint8, as a square of the same size for every site.
+
+    Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is more, pale grey
+    none), places where sensors may hang, and the chosen sensors with their fields of view.
+    """
     sensors = objective.candidates.sensors
-    places, area = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2), area_of(objective)
+    places, area = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2), find_area(objective)
     feet = np.concatenate([[area[:2], area[2:]], places])
     side = _SIDE - _HEAD - _FOOT
     low, high = feet.min(axis=0) - MARGIN, feet.max(axis=0) + MARGIN
@@ -70,12 +72,11 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
 
 
 def _noun(objective: Objective) -> str:
-    """What is counted, in words."""
     return "vehicles" if objective.classes.names == VEHICLES.names else " and ".join(objective.classes.names)
 
 
 def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
-    """Some vehicles of all frames, coloured by the points that the members have on them, and what to say of them."""
+    """Draw some vehicles of all frames, coloured by the members' points on them, and return a caption."""
     from matplotlib.collections import PolyCollection
 
     if objective.visibility is None or not len(objective.visibility.boxes):
@@ -92,7 +93,7 @@ def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
 
 
 def _draw_strips(figure: Figure, scale: float) -> Axes:
-    """Below the map, in inches: a scale bar and what the colours of vehicles mean."""
+    """Draw, below the map and in inches, a scale bar and the legend of colours."""
     strip = figure.add_axes((0, 0, 1, _FOOT / _SIDE))
     strip.set(xlim=(0, _SIDE), ylim=(0, _FOOT))
     strip.set_axis_off()
@@ -112,7 +113,7 @@ def _draw_strips(figure: Figure, scale: float) -> Axes:
 
 
 def summary(objective: Objective, members: list[int]) -> str:
-    """Site, scheme, chosen sensors and their score in a few lines."""
+    """Describe site, scheme, chosen sensors and their score in a few lines."""
     score = objective.score(members)
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
     where = objective.site.name if objective.site is not None else "a site"

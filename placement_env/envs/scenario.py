@@ -1,32 +1,41 @@
-"""Scenarios: what an episode takes place at, an objective with what of it an agent may observe.
+"""Scenarios: an objective as an agent observes it, and the episodes that are drawn from several.
 
-A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. What
-a candidate sees is taken at up to `PLACES` places: vehicles of the traffic where it is known, else spots of the area.
+A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. The
+view of a candidate is taken at up to `PLACES` places: vehicles of the traffic if known, else spots of the area.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aims
+from placement_env.checks import check_range
+from placement_env.envs.config import EnvConfig, SubsetConfig
 from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
+from placement_env.setting import Setting
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.schemes import PAPER_SCHEMES
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
 
 PLACES = 512
 STATIC = ("x", "y", "z", "cos heading", "sin heading", "tilt", "field of view", "lidar", "price", "kbit", "seen")
-REACH = 30.0  # m within which a sensor is taken to see the spots in its field of view, where no traffic is known
+REACH = 30.0  # m within which a sensor sees the spots in its field of view, where no traffic is known
+Options = Mapping[str, Any]  # of `reset`
+OPTIONS = ("site", "scheme", "budget", "failed")
 
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """An objective, its C candidates in `slots` slots."""
+    """An objective with its C candidates in `slots` slots."""
 
     objective: Objective
     slots: int
@@ -40,38 +49,38 @@ class Scenario:
 
     @cached_property
     def mount(self) -> Int64[np.ndarray, " slots"]:
-        """Mount of each candidate; the empty slots share one of their own."""
-        return padded(self.objective.candidates.mount, self.slots, fill=len(self.objective.candidates.mounts))
+        """Mount of each candidate; the empty slots share a mount of their own."""
+        return pad(self.objective.candidates.mount, self.slots, fill=len(self.objective.candidates.mounts))
 
     @cached_property
     def mounts(self) -> int:
-        """How many mounts there are, with that of the empty slots."""
+        """Number of mounts, including that of the empty slots."""
         return int(self.mount.max()) + 1
 
     @cached_property
-    def carried(self) -> Int64[np.ndarray, " mounts"]:
-        """How many sensors each mount may carry."""
+    def mount_places(self) -> Int64[np.ndarray, " mounts"]:
+        """Most sensors that each mount may carry."""
         return np.append(self.objective.candidates.places, 1)[: self.mounts]
 
     @cached_property
     def load(self) -> Float64[np.ndarray, " slots"] | None:
-        """The share of its mount's link that each candidate takes, where links are shared; else None."""
+        """Share of its mount's link that each candidate takes; None unless links are shared."""
         sent = self.objective.shared_links
-        return None if sent is None else padded(sent / self.objective.candidates.capacity, self.slots)
+        return None if sent is None else pad(sent / self.objective.candidates.capacity, self.slots)
 
     @cached_property
     def width(self) -> int:
-        """How many candidates there are."""
+        """Number of candidates."""
         return len(self.objective.candidates)
 
     @cached_property
     def usable(self) -> Bool[np.ndarray, " slots"]:
-        """Which slots hold a candidate whose link carries what it sends."""
-        return padded(self.objective.linked, self.slots)
+        """True for slots with a candidate whose link carries its data."""
+        return pad(self.objective.linked, self.slots)
 
     @cached_property
     def seen(self) -> Shaped[np.ndarray, "words slots"]:
-        """Which places each candidate sees, a bit each."""
+        """Places that each candidate sees, a bit each."""
         seen = self._places_seen
         whole = np.zeros((self.slots, PLACES), np.bool_)
         whole[: len(seen), : seen.shape[1]] = seen
@@ -79,7 +88,7 @@ class Scenario:
 
     @cached_property
     def places(self) -> int:
-        """How many places there are."""
+        """Number of places."""
         return self._places_seen.shape[1]
 
     @cached_property
@@ -88,34 +97,37 @@ class Scenario:
 
     @cached_property
     def static(self) -> Float32[np.ndarray, "features slots"]:
-        """`STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to the area, whose sides lie
-        at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view of a full turn; price and kbit are
-        x / (x + 1) of the price, and of what is sent in Mbit; seen is a share of the places."""
+        """`STATIC` of each candidate, in -1..1; 0 in the empty slots.
+
+        x and y are relative to the area, whose sides lie at ±0.5; z is in units of 20 m, tilt of a right angle, the
+        field of view of a full turn; price and kbit are x / (x + 1) of the price, and of the data in Mbit; seen is a
+        share of the places.
+        """
         features = np.zeros((len(STATIC), self.slots), np.float32)
         own = np.bitwise_count(self.seen).sum(axis=0) / max(1, self.places)
-        described = candidate_features(self.objective, own[: len(self.objective.candidates)])
-        features[:, : described.shape[1]] = np.clip(described, -1, 1)
+        filled = candidate_features(self.objective, own[: len(self.objective.candidates)])
+        features[:, : filled.shape[1]] = np.clip(filled, -1, 1)
         return features
 
     @cached_property
     def constants(self) -> Float32[np.ndarray, "5"]:
-        """The last of what is observed of the whole: weights, of a kbit in Mbit, as x / (x + 1), and the scheme."""
+        """Last features of the whole: both weights, of a Mbit and of a mount, as x / (x + 1), and the scheme."""
         weights = np.array([1000 * self.objective.weights.comm, self.objective.weights.price])
         scheme = [self.objective.scheme.name == name for name in PAPER_SCHEMES]
         return np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
-    def failed_row(self, failed: Iterable[Any]) -> Bool[np.ndarray, " slots"]:
-        """Candidates, given by index or name, as a row over the slots."""
-        return padded(self.objective.row(failed), self.slots)
+    def mark_failed(self, failed: Iterable[Any]) -> Bool[np.ndarray, " slots"]:
+        """Return a row over the slots, True for these candidates, given by index or name."""
+        return pad(self.objective.row(failed), self.slots)
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
-    """Which of the places each candidate sees: vehicles with enough points on them, or spots of the area in view."""
+    """Tell which places each candidate sees: vehicles with enough points on them, or spots of the area in view."""
     if objective.visibility is not None:
         points = objective.visibility.points
         some = np.unique(np.linspace(0, points.shape[1] - 1, PLACES).round().astype(np.int64))[: points.shape[1]]
         return np.asarray(points[:, some] >= LEAST)
-    xmin, ymin, xmax, ymax = area_of(objective)
+    xmin, ymin, xmax, ymax = find_area(objective)
     x, y = np.meshgrid(np.linspace(xmin, xmax, 22), np.linspace(ymin, ymax, 22))
     positions, headings, _, widths, _ = poses(objective.candidates)
     dx, dy = x.ravel() - positions[:, :1], y.ravel() - positions[:, 1:2]
@@ -123,8 +135,8 @@ def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
     return np.asarray((np.abs(bearing) <= widths[:, None] / 2) & (np.hypot(dx, dy) <= REACH))
 
 
-def area_of(objective: Objective) -> Float64[np.ndarray, "4"]:
-    """xmin ymin xmax ymax of the detection area, or of all mounts where the site is not known."""
+def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
+    """xmin ymin xmax ymax of the detection area, or of all mounts if the site is unknown."""
     if objective.site is not None:
         return objective.site.area
     feet = np.array([mount.position[:2] for mount in objective.candidates.mounts])
@@ -132,8 +144,7 @@ def area_of(objective: Objective) -> Float64[np.ndarray, "4"]:
 
 
 def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of each candidate position (C, 3), heading, tilt, horizontal field of view (rad), and whether it measures range,
-    as a lidar does."""
+    """Position (C, 3), heading, tilt and horizontal field of view (rad), and True for lidars, of each candidate."""
     sensors = candidates.sensors
     lidar = np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_)
     width = [sensor.model.horizontal_fov for sensor in sensors]
@@ -141,16 +152,176 @@ def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 
 
 def candidate_features(objective: Objective, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
-    """`STATIC` of each candidate; `seen`: the share of places that it sees."""
+    """`STATIC` of each candidate; seen: share of places that it sees."""
     position, heading, tilt, width, lidar = poses(objective.candidates)
-    area = area_of(objective)
+    area = find_area(objective)
     middle, size = (area[:2] + area[2:]) / 2, area[2:] - area[:2]
     x, y = ((position[:, :2] - middle) / size).T
     price, megabit = objective.candidates.prices, objective.sent / 1000
-    turned = (np.cos(heading), np.sin(heading), tilt / (np.pi / 2), width / (2 * np.pi))
-    return np.stack([x, y, position[:, 2] / 20, *turned, lidar, price / (price + 1), megabit / (megabit + 1), seen])
+    aim = (np.cos(heading), np.sin(heading), tilt / (np.pi / 2), width / (2 * np.pi))
+    return np.stack([x, y, position[:, 2] / 20, *aim, lidar, price / (price + 1), megabit / (megabit + 1), seen])
 
 
-def padded(row: Shaped[np.ndarray, " C"], slots: int, fill: int = 0) -> Shaped[np.ndarray, " slots"]:
-    """A row over the candidates as one over the slots."""
+def pad(row: Shaped[np.ndarray, " C"], slots: int, fill: int = 0) -> Shaped[np.ndarray, " slots"]:
+    """Extend a row over the candidates to the slots."""
     return np.concatenate([row, np.full(slots - len(row), fill, row.dtype)])
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """Start of an episode.
+
+    budget: sensors to place; failed, chosen: rows over the slots, chosen those that stand from the start.
+    """
+
+    scenario: Scenario
+    budget: int
+    failed: Bool[np.ndarray, " slots"]
+    chosen: Bool[np.ndarray, " slots"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """Conditions of an episode, drawn or given by options.
+
+    site: its number; failed: candidates, by index or name.
+    """
+
+    site: int
+    scheme: Scheme
+    budget: int
+    failed: Iterable[Any]
+
+
+class Sites:
+    """Sites of an environment, with their candidates: those to draw from, and those that options name later."""
+
+    def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
+        self.config, self._given = config, list(config.sites)
+        self._known = [_load(each) for each in self._given]
+        self.drawn = len(self._known)
+        self._of_all = candidates
+        self._candidates: dict[int, Candidates] = {}
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def __getitem__(self, index: int) -> Site:
+        return self._known[index]
+
+    def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
+        """Return the number of a site, drawn for None; a new one joins the others."""
+        if site is None:
+            return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
+        for index, (given, known) in enumerate(zip(self._given, self._known, strict=True)):
+            if known is site or (isinstance(site, str) and site in (given, known.name)):
+                return index
+        self._known.append(_load(site))
+        self._given.append(site)
+        return len(self._known) - 1
+
+    def candidates(self, index: int) -> Candidates:
+        """Return the candidates at a site."""
+        if self._of_all is not None:
+            return self._of_all
+        if index not in self._candidates:
+            self._candidates[index] = replace(self.config.setting, site=self[index]).pool
+        return self._candidates[index]
+
+    def setting(self, index: int, scheme: Scheme) -> Setting:
+        """Return the setting at a site with one scheme."""
+        return self.config.local_setting(self[index], self.candidates(index), scheme)
+
+    def check_scorable(self) -> None:
+        """Raise ValueError if no table, surrogate or detector scores the candidates of some site as asked."""
+        for index in range(len(self)):
+            for scheme in self.config.schemes:
+                Preparation(self.setting(index, scheme)).check()
+
+    def draw(self, rng: np.random.Generator, options: Options | None) -> Conditions:
+        """Take site, scheme, budget and failed candidates from the options, else draw them, in this order.
+
+        What the config does not leave open takes nothing from the generator. Raises ValueError for an option that is
+        unknown or does not fit.
+        """
+        options, config = _check_options(options), self.config
+        site = self.index(options.get("site"), rng)
+        schemes = config.schemes
+        scheme = options["scheme"] if "scheme" in options else schemes[_within((0, len(schemes) - 1), rng)]
+        budget = options["budget"] if "budget" in options else _within(config.budgets, rng)
+        failed = options["failed"] if "failed" in options else self._draw_failures(site, rng)
+        return Conditions(site, find_scheme(scheme), int(budget), failed)
+
+    def _draw_failures(self, site: int, rng: np.random.Generator) -> list[int]:
+        if not self.config.failure_counts[1]:
+            return []
+        count = len(self.candidates(site))
+        number = min(_within(self.config.failure_counts, rng), count)
+        return sorted(rng.choice(count, number, replace=False).tolist())
+
+
+class Scenarios:
+    """Scenarios of an environment that chooses among candidates, each made when first drawn.
+
+    Raises ValueError where the sets of a site cannot be scored as asked, before anything is rendered.
+    """
+
+    def __init__(self, config: SubsetConfig) -> None:
+        self.config, objective = config, config.objective
+        self.sites = Sites(config, None if objective is None else objective.candidates)
+        whole = [self.sites.candidates(index) for index in range(len(self.sites))]
+        self.slots = max(map(len, whole)) if config.slots is None else config.slots
+        self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
+        if max(map(len, whole)) > self.slots:
+            raise ValueError(f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}")
+        if objective is None:
+            self.sites.check_scorable()
+        self._made: dict[tuple[int, str], Scenario] = {}
+        self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
+
+    def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
+        """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
+        if options:
+            return self._draw(rng, options)
+        episode = self._always or self._draw(rng, {})
+        if not self.config.leaves_open and self.sites.drawn == 1:
+            self._always = episode
+        return episode
+
+    def _draw(self, rng: np.random.Generator, options: Options) -> Episode:
+        objective = self.config.objective
+        other = "scheme" in options and objective and find_scheme(options["scheme"]) != objective.scheme
+        if objective and ("site" in options or other):
+            raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
+        conditions = self.sites.draw(rng, options)
+        key = conditions.site, conditions.scheme.digest
+        if key not in self._made:
+            made = objective or Objective(self.sites.setting(conditions.site, conditions.scheme), self.config.run)
+            self._made[key] = Scenario(made, self.slots)
+        scenario = self._made[key]
+        return Episode(scenario, conditions.budget, scenario.mark_failed(conditions.failed))
+
+
+def _load(site: Site | str) -> Site:
+    if isinstance(site, Site):
+        return site
+    if not isinstance(site, str):
+        raise ValueError(f"a site must be a Site, or the name or file of one, got {site!r}")
+    return load_site(site)
+
+
+def _within(ends: tuple[int, int], rng: np.random.Generator) -> int:
+    return ends[0] if ends[0] == ends[1] else int(rng.integers(ends[0], ends[1] + 1))
+
+
+def _check_options(options: Options | None) -> Options:
+    options = options or {}
+    if unknown := set(options) - set(OPTIONS):
+        raise ValueError(f"options are {', '.join(OPTIONS)}, got {', '.join(map(repr, sorted(unknown)))}")
+    budget, failed = options.get("budget", 1), options.get("failed", ())
+    if isinstance(budget, list | tuple):
+        raise ValueError(f"budget of an episode must be a whole number, got {budget!r}")
+    check_range("budget", budget, least=1, unit="sensor")
+    if isinstance(failed, str) or not isinstance(failed, Iterable):
+        raise ValueError(f"failed must be a list of candidates, by index or name, got {failed!r}")
+    return options

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-from gymnasium.spaces import Discrete, MultiDiscrete, Space
+from gymnasium.spaces import Discrete, MultiDiscrete
 
 from placement_env.envs.config import SelectConfig, build_config
-from placement_env.envs.env import PlacementEnv, observation_space
-from placement_env.envs.episode import Episode, Scenarios
-from placement_env.envs.scenario import Scenario
-from placement_env.envs.state import State
+from placement_env.envs.env import ActionSpace, PlacementEnv, PlacementVectorEnv, observation_space
+from placement_env.envs.scenario import Options, Scenario, Scenarios
+from placement_env.envs.state import Info, State
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 
 
@@ -23,13 +22,20 @@ class SelectTask:
         assert isinstance(config, SelectConfig)
         self.scenarios, self.state, self.flat = scenarios, State(n, slots), config.actions == "flat"
         self.factors = (scenarios.shape[0] + 1, *scenarios.shape[1:])
-        self.action_space: Space[Any] = Discrete(slots + 1) if self.flat else MultiDiscrete(list(self.factors))
+        self.action_space: ActionSpace = Discrete(slots + 1) if self.flat else MultiDiscrete(list(self.factors))
         self.observation_space = observation_space(slots)
         self._rows, self._always = np.arange(n), np.ones((n, 1), np.bool_)
         self._one_hot: dict[Scenario, np.ndarray] = {}
 
-    def reset(self, rows: Int64[np.ndarray, " m"], episodes: list[Episode]) -> None:
-        """New episodes in some rows, with nothing chosen."""
+    def resize(self, n: int) -> SelectTask:
+        """Return the same rules, at the same scenarios, for n episodes."""
+        return SelectTask(n, self.scenarios)
+
+    def reset(
+        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
+    ) -> None:
+        """Start new episodes in some rows, with no sensors."""
+        episodes = [self.scenarios.draw(rng, options) for rng in rngs]
         for shape in {each.scenario.objective.candidates.shape for each in episodes if not self.flat}:
             if any(size > known for size, known in zip(shape, self.scenarios.shape, strict=True)):
                 raise ValueError(
@@ -41,7 +47,7 @@ class SelectTask:
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """One candidate more in each active row, or none for the last action, which ends the episode."""
+        """Add a candidate in each active row, or none for the last action, which ends the episode."""
         slot, stops = self._slots(actions)
         state, acting = self.state, active & ~stops
         places = acting & (slot >= 0) & state.allowed[self._rows, slot]
@@ -51,27 +57,27 @@ class SelectTask:
         terminated = active & (stops | ~state.allowed.any(axis=1))
         return state.gain, terminated, active & ~terminated & (state.steps >= state.max_steps)
 
-    def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
-        """Observations and info."""
+    def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
+        """Return observations and info."""
         info = self.state.info()
         info["action_mask"] = self.action_masks().astype(np.int8)
         return self.state.observe(), info
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Which actions are legal; of factored ones, which values of each factor some legal candidate has."""
+        """Tell which actions are legal; of factored ones, which values of each factor a legal candidate has."""
         allowed = self.state.allowed
         if self.flat:
             return np.concatenate([allowed, self._always], axis=1)
         masks = np.zeros((len(allowed), sum(self.factors)), np.bool_)
         for scenario, rows in self.state.by_scenario():
-            masks[rows] = allowed[rows].astype(np.float32) @ self._factors_of(scenario) > 0
+            masks[rows] = allowed[rows].astype(np.float32) @ self._one_hot_factors(scenario) > 0
         first = np.cumsum([0, *self.factors[:-1]])
         masks[:, first[1] - 1] = True
         masks[:, first[1:]] |= ~allowed.any(axis=1, keepdims=True)  # a factor needs a value, to stop too
         return masks
 
     def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Which candidate each action means, -1 for none there is, and which actions stop."""
+        """Candidate of each action, -1 for none, and True for actions that stop."""
         if self.flat:
             slot, last = actions.astype(np.int64).reshape(-1), self.scenarios.slots
             if ((slot < 0) | (slot > last)).any():
@@ -85,7 +91,7 @@ class SelectTask:
         stops = factors[:, 0] == self.factors[0] - 1
         return np.where(stops, -1, slot), stops
 
-    def _factors_of(self, scenario: Scenario) -> Float32[np.ndarray, "slots choices"]:
+    def _one_hot_factors(self, scenario: Scenario) -> Float32[np.ndarray, "slots choices"]:
         if scenario not in self._one_hot:
             factors = scenario.objective.candidates.factors
             values = [np.arange(size) == factors[:, axis, None] for axis, size in enumerate(self.factors)]
@@ -102,25 +108,25 @@ class SensorSelectEnv(PlacementEnv):
     `Discrete(slots + 1)`: the candidate to place; the last action stops. With `actions="factored"`, for large pools,
     `MultiDiscrete([mounts + 1, heights, headings, tilts, models])`: the factors of the candidate; the last mount stops.
 
-    An illegal action, a candidate that is chosen already or has failed, on a mount that is taken, whose link cannot
-    carry what it sends, or an empty slot, changes nothing: the reward is 0, `info["illegal"]` is True, and a step
-    is used up. `info["action_mask"]` and `action_masks()` say what is legal; of factored actions, which values of each
-    factor some legal candidate has, one factor after another, so a combination of them may still be illegal.
+    An illegal action changes nothing: the reward is 0, `info["illegal"]` is True, and a step is used up. Illegal are an
+    empty slot and a candidate that is chosen already, has failed, is on a full mount, or sends more than its link
+    carries. `info["action_mask"]` and `action_masks()` tell the legal actions; of factored actions, the values of each
+    factor that some legal candidate has, one factor after another, so a combination of them may still be illegal.
 
     ## Observation Space
     `Box(-1, 1, (14 · slots + 13,), float32)`. 14 features of every slot, each for all slots before the next: x, y, z,
-    cosine and sine of heading, tilt, field of view, lidar or camera, price, kbit, what it sees alone, what it would add
-    to what the chosen ones see, whether chosen, whether allowed (`placement_env.envs.scenario.STATIC`,
+    cosine and sine of heading, tilt, field of view, lidar or camera, price, kbit, share of places seen, share it would
+    add to the chosen ones', chosen, allowed (`placement_env.envs.scenario.STATIC`,
     `placement_env.envs.state.DYNAMIC`), all relative to the area, so that a policy may go from site to site; then 13 of
     the whole (`placement_env.envs.state.GLOBAL`): budget and steps left, AP, recall, kbit, price, share seen, weights,
     scheme.
 
     ## Rewards
-    What the placed sensor adds to the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price. The rewards
-    of an episode add up to that of its set.
+    Increase of the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price. The rewards of an episode add
+    up to that of its set.
 
     ## Starting State
-    No sensors. What the config leaves open (site, scheme, budget, failed candidates) is drawn.
+    No sensors. Everything that the config leaves open (site, scheme, budget, failed candidates) is drawn.
 
     ## Episode End
     Terminates when the agent stops, the budget is used up, or nothing more may be placed. Truncated after two steps for
@@ -132,17 +138,30 @@ class SensorSelectEnv(PlacementEnv):
     several classes also `class_ap`, the AP of each by its name.
 
     ## Arguments
-    config: a `placement_env.envs.config.SelectConfig`; or its settings by name. site: a site, its name, or several;
-    budget: sensors to place; failures: candidates that have failed; scheme: or several. Each episode draws one of
-    several, and a number from a budget or failures given as (lowest, highest). actions: flat or factored; slots: for
-    candidates, None for what the largest of the sites needs; objective: in place of a site and all that follows;
-    fidelity, frames, weights, candidates, detector, codec, iou, seed, cache, workers, ray, classes (of road users that
-    count: names, or `placement_env.classes.Classes`), surrogate, table: of `placement_env.objective.Objective`. `reset`
-    takes the options site, scheme, budget and failed.
+    config: a `placement_env.envs.config.SelectConfig`; or its fields by name. site, scheme: one or several; budget:
+    sensors to place; failures: candidates that have failed. Each episode draws one of several, and a number from a
+    budget or failures given as (lowest, highest). actions: flat or factored; slots: for candidates, None for as many as
+    the largest of the sites needs; objective: in place of a site and all that follows; the fields of
+    `placement_env.setting.Setting` (fidelity, weights, candidates, classes, ...) and of `toolkit.runtime.run.Run`
+    (frames, seed, cache, workers, ray), and iou. `reset` takes the options site, scheme, budget and failed.
 
     ## Version History
     v0: first version.
     """
 
-    def __init__(self, config: SelectConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(SelectTask(1, Scenarios(build_config(SelectConfig, config, settings))), render_mode)
+    def __init__(self, config: SelectConfig | None = None, *, render_mode: str | None = None, **given: object) -> None:
+        super().__init__(SelectTask(1, Scenarios(build_config(SelectConfig, config, given))), render_mode)
+
+
+class SensorSelectVectorEnv(PlacementVectorEnv):
+    """n of `SensorSelectEnv`, which describes the arguments."""
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        config: SelectConfig | None = None,
+        *,
+        render_mode: str | None = None,
+        **given: object,
+    ) -> None:
+        super().__init__(SelectTask(num_envs, Scenarios(build_config(SelectConfig, config, given))), render_mode)

@@ -1,4 +1,4 @@
-"""State of n episodes of choosing sensors side by side: what is chosen in each, its score, and what an agent observes.
+"""State of n episodes side by side: the chosen sensors of each, their score, and the observation of an agent.
 
 The scalar environments have one row, the vector environments many, under the same rules in the same arrays.
 """
@@ -12,8 +12,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import ROUNDED
 from placement_env.checks import check_whole
-from placement_env.envs.episode import Episode
-from placement_env.envs.scenario import STATIC, Scenario
+from placement_env.envs.scenario import STATIC, Episode, Scenario
 from placement_env.objective import Objective, Scores
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.detection.schemes import PAPER_SCHEMES
@@ -24,18 +23,20 @@ GLOBAL = (
     *("weight of kbit", "weight of price", *PAPER_SCHEMES),
 )
 STEPS = 2  # for each sensor of the budget
+Info = dict[str, Any]  # of an episode, or arrays (n, ...) of n
+Rows = slice | Int64[np.ndarray, " m"]
 
 
 class State:
     """State of n episodes, written by its own methods alone.
 
     chosen, failed, allowed: over the slots, allowed are the candidates that may join; budget: sensors to place; steps:
-    taken; scores: of the chosen sets; gain: reward that the last step added; illegal: whether it was; repeated: whether
-    it needed no new score (`scores.cache_hit` says whether a score was in the objective's memory, which depends on the
-    episodes before; `info["cache_hit"]` must not, so it is `repeated`).
+    taken; scores: of the chosen sets; gain: reward that the last step added; illegal: True if that step was; repeated:
+    True if it needed no new score (`scores.cache_hit` tells whether a score was in the objective's memory, which
+    depends on earlier episodes; `info["cache_hit"]` must not, so it is `repeated`).
 
-    ready: whether an episode has started in every row; max_steps: of an episode, None for `STEPS` for each sensor of
-    the budget; fixed: sensors are moved, none may join.
+    ready: an episode has started in every row; max_steps: of an episode, None for `STEPS` for each sensor of the
+    budget; fixed: sensors are moved, none may join.
     """
 
     def __init__(self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False) -> None:
@@ -43,7 +44,7 @@ class State:
         self.n, self.slots, self.fixed, self._max_steps = n, slots, fixed, max_steps
         self.scenarios: list[Scenario | None] = [None] * n
         self.ready = False
-        self._groups: list[tuple[Scenario, Any]] = []
+        self._groups: list[tuple[Scenario, Rows]] = []
         self._weights, self._constants = np.zeros((2, n)), np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
         self._fidelity = np.full(n, None, object)
         self.chosen, self.failed = np.zeros((n, slots), np.bool_), np.zeros((n, slots), np.bool_)
@@ -54,7 +55,7 @@ class State:
         self.illegal, self.repeated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
 
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
-        """New episodes in some rows; what stands from the start is scored."""
+        """Start new episodes in some rows and score the sensors that stand from the start."""
         self.budget[rows] = [episode.budget for episode in episodes]
         self.max_steps[rows] = STEPS * self.budget[rows] if self._max_steps is None else self._max_steps
         self.chosen[rows] = self.illegal[rows] = self.repeated[rows] = False
@@ -72,7 +73,7 @@ class State:
     def place(
         self, active: Bool[np.ndarray, " n"], chosen: Bool[np.ndarray, "n slots"], illegal: Bool[np.ndarray, " n"]
     ) -> None:
-        """A step of the active episodes: these sets are chosen now, unless the step was illegal."""
+        """Step the active episodes to these chosen sets, unless the step was illegal."""
         changed = active & (chosen != self.chosen).any(axis=1)
         before = self.scores.reward.copy()
         self.chosen[changed] = chosen[changed]
@@ -81,7 +82,7 @@ class State:
     def move(
         self, active: Bool[np.ndarray, " n"], scenarios: Mapping[int, Scenario], illegal: Bool[np.ndarray, " n"]
     ) -> None:
-        """A step of the active episodes: the chosen sensors of some rows stand as in these scenarios now."""
+        """Step the active episodes, the sensors of some rows being moved as in these scenarios."""
         changed = np.zeros(self.n, np.bool_)
         changed[list(scenarios)] = True
         before = self.scores.reward.copy()
@@ -89,26 +90,28 @@ class State:
         self._step(active, changed, illegal, before)
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, " n"]:
-        """Which of these sets may be built: of sensors that have not failed, feasible, no larger than the budget."""
+        """Tell which of these sets may be built: feasible, within the budget, no failed sensor."""
         fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
         for scenario, rows in self.by_scenario():
             inside, outside = chosen[rows, : scenario.width], chosen[rows, scenario.width :]
             fits[rows] &= scenario.objective.feasible(inside) & ~outside.any(axis=1)
         return fits
 
-    def by_scenario(self) -> list[tuple[Scenario, Any]]:
-        """The rows apart by scenario: each scenario and an index of its rows."""
+    def by_scenario(self) -> list[tuple[Scenario, Rows]]:
+        """Each scenario and an index of its rows."""
         return self._groups
 
-    def placed(self, row: int) -> tuple[Objective, list[int]]:
-        """The objective of a row and the candidates chosen in it."""
+    def placement(self, row: int) -> tuple[Objective, list[int]]:
+        """Return the objective of a row and its chosen candidates."""
         scenario = self.scenarios[row]
         assert scenario is not None
         return scenario.objective, np.flatnonzero(self.chosen[row]).tolist()
 
     def observe(self) -> Float32[np.ndarray, "n size"]:
-        """`STATIC` and `DYNAMIC` of each slot, feature after feature, then `GLOBAL`; all in -1..1. Price and kbit (in
-        Mbit) of the chosen set come as x / (x + 8) and x / (x + 1), the budget as the former."""
+        """Return `STATIC` and `DYNAMIC` of each slot, feature after feature, then `GLOBAL`; all in -1..1.
+
+        Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1).
+        """
         n, static, own = self.n, len(STATIC), len(STATIC) + len(DYNAMIC)
         whole = np.empty((n, own * self.slots + len(GLOBAL)), np.float32)
         features = whole[:, : -len(GLOBAL)].reshape(n, own, self.slots)
@@ -122,8 +125,8 @@ class State:
         self._observe_globally(whole[:, -len(GLOBAL) :], covered)
         return whole
 
-    def info(self) -> dict[str, Any]:
-        """What `step` tells beside the observation, an array (n, ...) each, `reward_terms` a dictionary of these."""
+    def info(self) -> Info:
+        """Return the info beside the observation, an array (n, ...) each; `reward_terms` is a dictionary of these."""
         comm, price = self._weights
         scores = self.scores
         return self._class_ap() | {
@@ -144,8 +147,8 @@ class State:
             "illegal": self.illegal.copy(),
         }
 
-    def _class_ap(self) -> dict[str, Any]:
-        """AP of each class, where several count."""
+    def _class_ap(self) -> Info:
+        """AP of each class, if several count."""
         names = self._groups[0][0].objective.classes.names if self._groups else ()
         if len(names) < 2:
             return {}
@@ -168,29 +171,23 @@ class State:
         self._find_allowed()
 
     def _score(self, rows: Int64[np.ndarray, " m"]) -> None:
-        """Score what is chosen in these rows."""
         if not len(rows):
             return
-        single = len(self._groups) == 1
         for scenario, members in self._groups:
-            some = rows if single else rows[np.isin(rows, members)]
+            some = rows if isinstance(members, slice) else rows[np.isin(rows, members)]
             if len(some):
                 scores = scenario.objective.scores(self.chosen[some, : scenario.width])
                 for figure, value in zip(self.scores, scores, strict=True):
                     figure[some] = value
 
     def _enter(self, scenarios: Mapping[int, Scenario]) -> None:
-        """Put rows into scenarios."""
         changed = {row: scenario for row, scenario in scenarios.items() if self.scenarios[row] is not scenario}
         if not changed:
             return
         for row, scenario in changed.items():
             objective = scenario.objective
-            self.scenarios[row], self._fidelity[row], self._constants[row] = (
-                scenario,
-                objective.fidelity,
-                scenario.constants,
-            )
+            self.scenarios[row], self._fidelity[row] = scenario, objective.fidelity
+            self._constants[row] = scenario.constants
             self._weights[:, row] = objective.weights.comm, objective.weights.price
         members: dict[Scenario, list[int]] = {}
         for row, entered in enumerate(self.scenarios):
@@ -201,22 +198,20 @@ class State:
         self._groups = [(each, slice(None) if alone else np.array(rows)) for each, rows in members.items()]
 
     def _find_allowed(self) -> None:
-        """Which candidates may join: that have not failed, within their link's capacity, on a mount with room, while
-        budget is left."""
+        """Find the candidates that may join: not failed, within their link's capacity, with room on their mount."""
         if self.fixed:
             return
         allowed = ~self.failed
         for scenario, rows in self._groups:
             allowed[rows] &= scenario.usable
             if scenario.objective.candidates.several:
-                allowed[rows] &= with_room(scenario.mount, scenario.carried, self.chosen[rows], scenario.load)
+                allowed[rows] &= with_room(scenario.mount, scenario.mount_places, self.chosen[rows], scenario.load)
             else:
-                allowed[rows] &= free(scenario.mount, scenario.mounts, self.chosen[rows])
+                allowed[rows] &= on_free_mounts(scenario.mount, scenario.mounts, self.chosen[rows])
         allowed &= (self.chosen.sum(axis=1) < self.budget)[:, None]
         self.allowed = allowed
 
     def _observe_globally(self, whole: Float32[np.ndarray, "n globals"], covered: Float64[np.ndarray, " n"]) -> None:
-        """Write `GLOBAL`."""
         scores, megabit = self.scores, self.scores.kbit_per_sensor / 1000
         whole[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
         whole[:, 1] = self.budget / (self.budget + 8.0)
@@ -226,10 +221,10 @@ class State:
         whole[:, 7], whole[:, 8:] = covered, self._constants
 
 
-def free(
+def on_free_mounts(
     mount: Int64[np.ndarray, " slots"], mounts: int, chosen: Bool[np.ndarray, "n slots"]
 ) -> Bool[np.ndarray, "n slots"]:
-    """Which candidates are on a mount of which none is chosen."""
+    """Tell which candidates are on a mount without a chosen one."""
     empty = np.ones((len(chosen), mounts), np.bool_)
     row, slot = chosen.nonzero()
     empty[row, mount[slot]] = False
@@ -242,8 +237,10 @@ def with_room(
     chosen: Bool[np.ndarray, "n slots"],
     load: Float64[np.ndarray, " slots"] | None,
 ) -> Bool[np.ndarray, "n slots"]:
-    """Which candidates that are not chosen have a place left on their mount, and room on its link. load: the share of
-    it that each takes, None where that always fits."""
+    """Tell which candidates, not chosen yet, have room on their mount and its link.
+
+    load: share of the link that each takes, None if links always suffice.
+    """
     count, taken = np.zeros((len(chosen), len(places)), np.int64), np.zeros((len(chosen), len(places)))
     row, slot = chosen.nonzero()
     np.add.at(count, (row, mount[slot]), 1)
@@ -257,7 +254,7 @@ def with_room(
 def coverage_gain(
     seen: Shaped[np.ndarray, "words slots"], chosen: Bool[np.ndarray, "n slots"]
 ) -> tuple[Int64[np.ndarray, " n"], Shaped[np.ndarray, "n slots"]]:
-    """How many places each set sees, and how many more with each candidate beside it."""
+    """Count the places that each set sees, and those that each candidate would add."""
     together = np.zeros((len(chosen), len(seen)), np.uint64)
     row, slot = chosen.nonzero()
     np.bitwise_or.at(together, row, seen.T[slot])

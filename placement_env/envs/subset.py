@@ -1,16 +1,16 @@
-"""`coview/SensorSubset-v0`: say at once which sensors to build."""
+"""`coview/SensorSubset-v0`: choose all sensors at once."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-from gymnasium.spaces import MultiBinary, Space
+from gymnasium.spaces import MultiBinary
 
 from placement_env.envs.config import SubsetConfig, build_config
-from placement_env.envs.env import PlacementEnv, observation_space
-from placement_env.envs.episode import Episode, Scenarios
-from placement_env.envs.state import State
+from placement_env.envs.env import ActionSpace, PlacementEnv, PlacementVectorEnv, observation_space
+from placement_env.envs.scenario import Options, Scenarios
+from placement_env.envs.state import Info, State
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 
 
@@ -19,17 +19,23 @@ class SubsetTask:
 
     def __init__(self, n: int, scenarios: Scenarios) -> None:
         self.scenarios, self.state = scenarios, State(n, scenarios.slots)
-        self.action_space: Space[Any] = MultiBinary(scenarios.slots)
+        self.action_space: ActionSpace = MultiBinary(scenarios.slots)
         self.observation_space = observation_space(scenarios.slots)
 
-    def reset(self, rows: Int64[np.ndarray, " m"], episodes: list[Episode]) -> None:
-        """New episodes in some rows."""
-        self.state.reset(rows, episodes)
+    def resize(self, n: int) -> SubsetTask:
+        """Return the same rules, at the same scenarios, for n episodes."""
+        return SubsetTask(n, self.scenarios)
+
+    def reset(
+        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
+    ) -> None:
+        """Start new episodes in some rows."""
+        self.state.reset(rows, [self.scenarios.draw(rng, options) for rng in rngs])
 
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """The set of each active row; a set that may not be built is left empty."""
+        """Choose the set of each active row; one that may not be built is left empty."""
         chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
         if (actions.reshape(chosen.shape) != chosen).any():
             raise ValueError(f"actions must be 0 or 1 for each slot, got {actions.tolist()}")
@@ -37,27 +43,27 @@ class SubsetTask:
         self.state.place(active, chosen & legal[:, None], active & ~legal)
         return self.state.gain, active.copy(), np.zeros(self.state.n, np.bool_)
 
-    def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
-        """Observations and info."""
+    def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
+        """Return observations and info."""
         mask = self.state.allowed | self.state.chosen
         return self.state.observe(), {**self.state.info(), "action_mask": mask.astype(np.int8)}
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """For each slot whether it may be left out, which is always so, and whether it may be chosen."""
+        """Tell for each slot that it may be left out, always True, and whether it may be chosen."""
         may = self.state.allowed | self.state.chosen
         return np.stack([np.ones_like(may), may], axis=2).reshape(self.state.n, -1)
 
 
 class SensorSubsetEnv(PlacementEnv):
-    """Say in one action which sensors to build at a junction.
+    """Choose in one action the sensors to build at a junction.
 
     ## Action Space
-    `MultiBinary(slots)`: which candidates to build.
+    `MultiBinary(slots)`: 1 for each candidate to build.
 
-    A set that may not be built (more sensors than the budget, more on a mount than it carries, one that has failed, a
-    link that cannot carry what is sent, a slot without a candidate) is an illegal action: nothing is built, the reward
-    is 0, `info["illegal"]` is True. `info["action_mask"]` says which candidates may be in a set by themselves;
-    `action_masks()` gives for each slot whether it may be 0 and whether it may be 1.
+    A set that may not be built (more sensors than the budget, more on a mount than it carries, a failed one, too much
+    data for a link, a slot without a candidate) is an illegal action: nothing is built, the reward is 0,
+    `info["illegal"]` is True. `info["action_mask"]` tells the candidates that may be in a set by themselves;
+    `action_masks()` tells for each slot whether it may be 0 and whether it may be 1.
 
     ## Observation Space
     `Box(-1, 1, (14 · slots + 13,), float32)`, as of `coview/SensorSelect-v0`.
@@ -75,12 +81,26 @@ class SensorSubsetEnv(PlacementEnv):
     As of `coview/SensorSelect-v0`.
 
     ## Arguments
-    config: a `placement_env.envs.config.SubsetConfig`; or its settings by name, which are those of
-    `coview/SensorSelect-v0` but for `actions`.
+    config: a `placement_env.envs.config.SubsetConfig`; or its fields by name, which are those of
+    `coview/SensorSelect-v0` except `actions`.
 
     ## Version History
     v0: first version.
     """
 
-    def __init__(self, config: SubsetConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(SubsetTask(1, Scenarios(build_config(SubsetConfig, config, settings))), render_mode)
+    def __init__(self, config: SubsetConfig | None = None, *, render_mode: str | None = None, **given: object) -> None:
+        super().__init__(SubsetTask(1, Scenarios(build_config(SubsetConfig, config, given))), render_mode)
+
+
+class SensorSubsetVectorEnv(PlacementVectorEnv):
+    """n of `SensorSubsetEnv`, which describes the arguments."""
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        config: SubsetConfig | None = None,
+        *,
+        render_mode: str | None = None,
+        **given: object,
+    ) -> None:
+        super().__init__(SubsetTask(num_envs, Scenarios(build_config(SubsetConfig, config, given))), render_mode)

@@ -16,13 +16,12 @@ import numpy as np
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from placement_env.envs.env import PlacementEnv
+from placement_env.envs.env import PlacementEnv, PlacementVectorEnv, side_by_side
 from placement_env.envs.pose import SensorPoseEnv
 from placement_env.envs.scenario import STATIC
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.state import GLOBAL
 from placement_env.envs.subset import SensorSubsetEnv
-from placement_env.envs.vector import PlacementVectorEnv, side_by_side
 from toolkit.arrays import Float32
 
 X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come next

@@ -268,7 +268,7 @@ def _sensors(env: gym.Env[Any, Any]) -> tuple[Sensor, ...]:
     """Sensors that one of our environments holds now; empty for other environments."""
     if not isinstance(env.unwrapped, PlacementEnv):
         return ()
-    objective, members = env.unwrapped.placed()
+    objective, members = env.unwrapped.placement()
     return tuple(objective.candidates.sensors[member] for member in members)
 
 

@@ -308,7 +308,7 @@ def test_environments_take_both(name):
     for _ in range(8):
         env.reset()
         _, reward, _, _, info = env.step(env.action_space.sample() if "Pose" in name else legal(env, name))
-        objective = env.unwrapped.placed()[0]
+        objective = env.unwrapped.placement()[0]
         assert objective.codec == codec
         assert np.isfinite(reward)
         assert info["kbit"] > 0
@@ -317,10 +317,10 @@ def test_environments_take_both(name):
     if "Pose" not in name:
         assert (sent[4] < sent[2]).all()
     env.reset(options={"scheme": Unhashable(8)})
-    assert env.unwrapped.placed()[0].scheme.every == 8
+    assert env.unwrapped.placement()[0].scheme.every == 8
     paper: Any = gym.make(name, fidelity="coverage", frames=1, budget=2)
     paper.reset(seed=0)
-    assert paper.unwrapped.placed()[0].codec == PAPER
+    assert paper.unwrapped.placement()[0].codec == PAPER
 
 
 def legal(env, name):

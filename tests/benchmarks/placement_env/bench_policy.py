@@ -93,7 +93,7 @@ def main() -> None:
     print(f"{'junction':14s} {'random':>7s} {'greedy':>7s} {'ms':>6s} {'policy':>7s} {'ms':>6s} {'same time':>9s}")
     for site in unseen:
         tried.reset(options={"site": site})
-        objective = tried.placed()[0]
+        objective = tried.placement()[0]
         objective.forget()
         begun = perf_counter()
         best = greedy.search(objective, asked.budget)

@@ -52,7 +52,7 @@ class Best(gym.Wrapper):
         self.reward, self.sensors, self.steps = -np.inf, (), 0
 
     def _look(self) -> None:
-        objective, members = self.env.unwrapped.placed()  # type: ignore[attr-defined]
+        objective, members = self.env.unwrapped.placement()  # type: ignore[attr-defined]
         reward = objective.score(members).reward
         if reward > self.reward:
             self.reward, self.sensors = reward, objective.candidates.sensors
@@ -100,7 +100,7 @@ def played(policy: Any, env: Best) -> np.ndarray:
         while not over:
             observation, _, terminated, truncated, _ = env.step(policy.predict(observation, deterministic=True)[0])
             over = terminated or truncated
-        objective, members = env.unwrapped.placed()  # type: ignore[attr-defined]
+        objective, members = env.unwrapped.placement()  # type: ignore[attr-defined]
         ends.append(objective.score(members).reward)
     return np.array(ends)
 

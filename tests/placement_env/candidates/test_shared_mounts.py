@@ -158,7 +158,7 @@ def test_masks_of_environments_are_what_the_objective_allows(make, capacity):
     sets = exhaustive.every_set(12, 4)
     sets = sets[objective.feasible(sets)][::41]
     slots = np.pad(sets, ((0, 0), (0, 2)))
-    masks = with_room(scenario.mount, scenario.carried, slots, scenario.load) & scenario.usable
+    masks = with_room(scenario.mount, scenario.mount_places, slots, scenario.load) & scenario.usable
     for row, mask in zip(sets, masks, strict=True):
         assert mask[:12].tolist() == objective.allowed(row).tolist()
         assert not mask[12:].any()

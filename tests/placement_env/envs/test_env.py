@@ -40,7 +40,7 @@ def test_nothing_is_answered_before_the_first_reset(name: str) -> None:
         lambda: env.step(0),
         env.action_masks,
         env.render,
-        env.placed,
+        env.placement,
         lambda: vector.step(np.zeros(vector.action_space.shape, np.int64)),
         vector.action_masks,
         vector.render,

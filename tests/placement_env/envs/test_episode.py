@@ -49,7 +49,7 @@ def test_everything_that_is_open_is_drawn_and_nothing_else() -> None:
     env.reset(seed=0)
     for _ in range(60):
         env.reset()
-        state, objective = env.task.state, env.placed()[0]
+        state, objective = env.task.state, env.placement()[0]
         seen["site"].add(objective.site.name)
         seen["scheme"].add(str(objective.scheme))
         seen["budget"].add(int(state.budget[0]))

@@ -32,7 +32,7 @@ def env() -> gym.Env[Any, Any]:
 
 def test_a_rig_stands_where_its_sensors_are() -> None:
     some = paper_candidates(load_site("tjunction"))
-    for before, after in zip(some.sensors, Rig.of(some).placed().sensors, strict=True):
+    for before, after in zip(some.sensors, Rig.of(some).to_candidates().sensors, strict=True):
         assert np.allclose(before.pose, after.pose, atol=1e-6)
 
 
@@ -40,12 +40,12 @@ def test_a_rig_stays_in_its_ranges() -> None:
     some = paper_candidates(load_site("roundabout"))
     rig = Rig.of(some)
     for _ in range(40):
-        rig = rig.moved(np.ones((len(some), 3)))
+        rig = rig.move(np.ones((len(some), 3)))
     highest = [some.mounts[index].max_height for index in some.mount]
     assert np.allclose(rig.aim[:, 0], highest)
     assert np.allclose(rig.aim[:, 2], TILT_LIMITS[1])
     assert (np.abs(rig.aim[:, 1]) <= np.pi).all()
-    still = rig.moved(np.zeros((len(some), 3)))
+    still = rig.move(np.zeros((len(some), 3)))
     assert np.array_equal(still.aim, rig.aim)
 
 
@@ -59,9 +59,9 @@ def test_what_has_not_moved_is_as_if_rendered_again(env: gym.Env[Any, Any]) -> N
     env.reset(seed=1)
     env.step(np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0], np.float32))
     task = env.unwrapped.task  # type: ignore[attr-defined]
-    objective, members = task.state.placed(0)
+    objective, members = task.state.placement(0)
     now = task._now[0]
-    again = see(now.preparation.traffic, now.rig.placed())
+    again = see(now.preparation.traffic, now.rig.to_candidates())
     assert members == [0, 1]
     for column in ("points", "distance", "sent", "far"):
         assert np.array_equal(getattr(again, column), getattr(objective.visibility, column))
@@ -136,14 +136,14 @@ def test_in_panoramas_a_step_sees_what_full_rendering_sees(tmp_path: Path) -> No
             action = both[0].action_space.sample()
             rewards = [float(env.step(action)[1]) for env in both]
             apart.append(abs(rewards[0] - rewards[1]))
-            quick, full = (task.state.placed(0)[0].visibility for task in tasks)
+            quick, full = (task.state.placement(0)[0].visibility for task in tasks)
             off = np.abs(quick.points - full.points)
             near.append((off <= np.maximum(0.03 * full.points, 8)).mean())
             assert (quick.points != full.points).any()
     assert np.mean(near) > 0.97
     assert np.mean(apart) < 0.02  # one vehicle with some ten points may be there for the one and not for the other
     now = tasks[0]._now[0]
-    again = now.preparation.live.see(now.rig.placed())
+    again = now.preparation.live.see(now.rig.to_candidates())
     assert np.array_equal(again.points, quick.points)
     assert tasks[1]._now[0].preparation.live is None
     assert len(Cache(tmp_path / "cache.sqlite")) > 2

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from placement_env.envs.registration import register
-from placement_env.envs.scenario import PLACES, STATIC, Scenario, area_of, padded, places_seen, poses
+from placement_env.envs.scenario import PLACES, STATIC, Scenario, find_area, pad, places_seen, poses
 from placement_env.fidelity.coverage import LEAST
 from placement_env.objective import Objective
 from placement_env.setting import Setting, Weights
@@ -46,7 +46,7 @@ def test_slots_without_a_candidate_are_of_no_use_and_on_a_mount_of_their_own(obj
     assert scenario.usable.tolist() == [True] * 6 + [False] * 2
     assert scenario.mount.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
     assert (scenario.mounts, scenario.width) == (4, 6)
-    assert scenario.failed_row([1]).tolist() == [slot == 1 for slot in range(8)]
+    assert scenario.mark_failed([1]).tolist() == [slot == 1 for slot in range(8)]
 
 
 def test_what_is_seen_is_kept_as_bits(objective: Any) -> None:
@@ -73,13 +73,13 @@ def test_without_traffic_spots_in_the_field_of_view_are_seen() -> None:
 
 def test_without_a_site_the_area_is_that_of_the_mounts(objective: Any) -> None:
     scored = objective()
-    assert area_of(scored).tolist() == [-20, -20, 20, 20]
+    assert find_area(scored).tolist() == [-20, -20, 20, 20]
     without = Objective(
         Setting(candidates=scored.candidates, fidelity=scored.scored_by, weights=Weights()),
         visibility=scored.visibility,
     )
-    assert area_of(without).tolist() == [-11, 11, 11, 13]
+    assert find_area(without).tolist() == [-11, 11, 11, 13]
 
 
 def test_rows_are_padded() -> None:
-    assert padded(np.array([1, 2]), 4, fill=9).tolist() == [1, 2, 9, 9]
+    assert pad(np.array([1, 2]), 4, fill=9).tolist() == [1, 2, 9, 9]

@@ -49,7 +49,7 @@ def test_rewards_add_up_to_the_reward_of_the_set(objective: Any, actions: str) -
             assert env.observation_space.contains(observation)
             total += float(reward)
             done = terminated or truncated
-        score = env.unwrapped.placed()[0].score(np.flatnonzero(info["subset"]).tolist())  # type: ignore[attr-defined]
+        score = env.unwrapped.placement()[0].score(np.flatnonzero(info["subset"]).tolist())  # type: ignore[attr-defined]
         assert total == pytest.approx(score.reward, abs=1e-12)
         assert info["ap"] == score.ap
         assert sum(info["reward_terms"].values()) == pytest.approx(score.reward)

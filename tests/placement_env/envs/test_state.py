@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import placement_env
-from placement_env.envs.state import State, coverage_gain, free
+from placement_env.envs.state import State, coverage_gain, on_free_mounts
 
 FOLDER = Path(placement_env.__file__).parent
 
@@ -29,7 +29,12 @@ def test_coverage_gain_counts_bits() -> None:
 def test_candidates_are_free_on_mounts_without_a_chosen_one() -> None:
     mount = np.array([0, 0, 1, 2, 2, 3])
     chosen = np.array([[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 1, 0]], np.bool_)
-    assert free(mount, 4, chosen).astype(int).tolist() == [[1, 1, 1, 1, 1, 1], [0, 0, 1, 1, 1, 1], [1, 1, 0, 0, 0, 1]]
+    free = on_free_mounts(mount, 4, chosen)
+    assert free.astype(int).tolist() == [
+        [1, 1, 1, 1, 1, 1],
+        [0, 0, 1, 1, 1, 1],
+        [1, 1, 0, 0, 0, 1],
+    ]
 
 
 def test_it_is_ready_when_every_row_has_an_episode() -> None:
