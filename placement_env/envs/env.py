@@ -28,6 +28,7 @@ from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 RENDER_MODES = ["rgb_array", "ansi"]
 METADATA = {"render_modes": RENDER_MODES, "render_fps": 2}
 ActionSpace = Space[Any]
+AnyEnv = gym.Env[Any, Any]
 Picture = Shaped[np.ndarray, "height width 3"] | str
 
 

@@ -15,12 +15,13 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from placement_env.envs.env import PlacementEnv, PlacementVectorEnv, side_by_side
+from placement_env.envs.env import AnyEnv, PlacementEnv, PlacementVectorEnv, side_by_side
 from placement_env.envs.pose import SensorPoseEnv
 from placement_env.envs.scenario import STATIC
 from placement_env.envs.select import SensorSelectEnv
-from placement_env.envs.state import GLOBAL
+from placement_env.envs.state import GLOBAL, Info
 from placement_env.envs.subset import SensorSubsetEnv
 from toolkit.arrays import Float32
 
@@ -39,9 +40,7 @@ def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False
     return SB3VecEnv(native, augment=augment)
 
 
-def vectorize(
-    first: gym.Env[Any, Any], make_env: Callable[[], gym.Env[Any, Any]], n: int, *, augment: bool = False
-) -> VecEnv:
+def vectorize(first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment: bool = False) -> VecEnv:
     """Step n episodes of an environment and others like it together.
 
     Coview's own environments share its scenarios. Raises ValueError for `augment`, see `SB3VecEnv`, with any other
@@ -89,14 +88,14 @@ class SB3VecEnv(VecEnv):
         """Keep the actions until `step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Info]]:
         """Take the actions: observations, rewards, ends and infos."""
         observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
         observations = self._as_seen(observations)
         self._returns += rewards
         self._lengths += 1
         ended = terminated | truncated
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos: list[Info] = [{} for _ in range(self.num_envs)]
         for row in np.flatnonzero(ended).tolist():
             infos[row] = {
                 "episode": {"r": float(self._returns[row]), "l": int(self._lengths[row])},
@@ -131,20 +130,24 @@ class SB3VecEnv(VecEnv):
         """Picture of each episode, None without a render mode."""
         return self.vector.render() or (None,) * self.num_envs
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Attribute of the vector environment, for each episode asked for."""
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the vector environment, which all episodes share."""
         setattr(self.vector, attr_name, value)
 
-    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+    def env_method(
+        self, method_name: str, *method_args: object, indices: VecEnvIndices = None, **method_kwargs: object
+    ) -> list[Any]:
         """Result of a method such as `action_masks`, for each episode asked for."""
         answers = getattr(self.vector, method_name)(*method_args, **method_kwargs)
         return [answers[index] for index in self._get_indices(indices)]
 
-    def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
         """Return True for `Monitor`, whose infos these are."""
         return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 

@@ -9,7 +9,7 @@ again ends with the same weights. Checkpoints hold tensors and numbers only.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 
-from placement_env.envs.env import PlacementEnv
+from placement_env.envs.env import AnyEnv, PlacementEnv
 from placement_env.envs.select import SensorSelectEnv
+from placement_env.envs.state import Info
 from placement_env.objective import Objective, Score
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.progress import Limits
@@ -29,6 +30,8 @@ from toolkit.sensors.sensor import Sensor
 if TYPE_CHECKING:
     from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
+Watch = Callable[[list[Info]], None]
+Rounds = list[list[Any]]  # [steps, state of a search] each
 CHECKPOINT = "policy.pt"
 DEFAULT_STEPS = 50_000  # that `search` trains for where no limit is given
 EPISODES = 20  # of the trained policy, after that
@@ -85,7 +88,7 @@ def search(
     def make_env() -> SensorSelectEnv:
         return SensorSelectEnv(objective=objective, budget=budget)
 
-    def watch(infos: list[dict[str, Any]]) -> None:
+    def watch(infos: list[Info]) -> None:
         nonlocal best, chosen
         limits.count += len(infos)
         for info in infos:
@@ -126,7 +129,7 @@ def search(
 
 
 def train_policy(
-    make_env: Callable[[], gym.Env[Any, Any]],
+    make_env: Callable[[], AnyEnv],
     out: Path,
     *,
     steps: int | None = None,
@@ -134,7 +137,7 @@ def train_policy(
     seed: int = 0,
     learning: Learning = PLAIN,
     progress: Callable[[int, float], None] | None = None,
-    watch: Callable[[list[dict[str, Any]]], None] | None = None,
+    watch: Watch | None = None,
 ) -> OnPolicyAlgorithm:
     """Train until `steps` environment steps are done in all, or `seconds` in this call.
 
@@ -169,7 +172,7 @@ def train_policy(
     return model
 
 
-def restore_rounds(folder: Path, rounds: list[list[Any]]) -> KeptState | None:
+def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
     """Return the state of a search up to the round of the kept policy.
 
     A policy without such a state is removed. rounds: steps and state of each, ascending; later ones are dropped.
@@ -186,10 +189,10 @@ def restore_rounds(folder: Path, rounds: list[list[Any]]) -> KeptState | None:
     return None
 
 
-def _callback(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[[dict[str, Any], Any], bool] | None:
+def _callback(watch: Watch | None) -> Callable[[Info, object], bool] | None:
     """Wrap a function as a callback of Stable-Baselines3 that never stops the training."""
 
-    def callback(local: dict[str, Any], _: Any) -> bool:
+    def callback(local: Info, _: object) -> bool:
         assert watch is not None
         watch(local["infos"])
         return True
@@ -198,7 +201,7 @@ def _callback(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[
 
 
 def load_policy(
-    path: Path, make_env: Callable[[], gym.Env[Any, Any]], *, seed: int = 0, learning: Learning = PLAIN
+    path: Path, make_env: Callable[[], AnyEnv], *, seed: int = 0, learning: Learning = PLAIN
 ) -> OnPolicyAlgorithm:
     """Load the policy of a checkpoint or its folder, for environments with the same spaces.
 
@@ -211,12 +214,12 @@ def load_policy(
 
 def rollout(
     policy: OnPolicyAlgorithm,
-    env: gym.Env[Any, Any],
+    env: AnyEnv,
     *,
     episodes: int = 1,
     seed: int = 0,
     seconds: float | None = None,
-    options: dict[str, Any] | None = None,
+    options: Info | None = None,
 ) -> Result:
     """Return the best set that a policy meets in some episodes from the same reset.
 
@@ -252,7 +255,7 @@ def rollout(
     )
 
 
-def _score(info: dict[str, Any]) -> Score:
+def _score(info: Info) -> Score:
     """Score of the set that an environment holds."""
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
@@ -264,7 +267,7 @@ def _score(info: dict[str, Any]) -> Score:
     return Score(tuple(members.tolist()), ap, recall, per_sensor, kbit, price, reward, terms, fidelity, known)
 
 
-def _sensors(env: gym.Env[Any, Any]) -> tuple[Sensor, ...]:
+def _sensors(env: AnyEnv) -> tuple[Sensor, ...]:
     """Sensors that one of our environments holds now; empty for other environments."""
     if not isinstance(env.unwrapped, PlacementEnv):
         return ()
@@ -272,13 +275,13 @@ def _sensors(env: gym.Env[Any, Any]) -> tuple[Sensor, ...]:
     return tuple(objective.candidates.sensors[member] for member in members)
 
 
-def _has_masks(env: gym.Env[Any, Any]) -> bool:
+def _has_masks(env: AnyEnv) -> bool:
     """Return True if the environment has action masks that MaskablePPO takes."""
     discrete = isinstance(env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary)
     return discrete and env.has_wrapper_attr("action_masks")
 
 
-def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: int) -> OnPolicyAlgorithm:
+def _model(make_env: Callable[[], AnyEnv], learning: Learning, seed: int) -> OnPolicyAlgorithm:
     try:
         from sb3_contrib import MaskablePPO
         from stable_baselines3 import PPO
@@ -306,7 +309,7 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
     return model
 
 
-def _network(env: gym.Env[Any, Any]) -> Any:
+def _network(env: AnyEnv) -> Any:
     """Choose the network.
 
     Candidates chosen one after another are all judged alike; other environments get a plain network.
@@ -317,7 +320,7 @@ def _network(env: gym.Env[Any, Any]) -> Any:
     return CandidatePolicy if one_by_one else "MlpPolicy"
 
 
-def _identity(model: OnPolicyAlgorithm, learning: Learning, seed: int) -> dict[str, Any]:
+def _identity(model: OnPolicyAlgorithm, learning: Learning, seed: int) -> Mapping[str, object]:
     """Settings that two trainings must share to be the same."""
     return {
         "algorithm": type(model).__name__,
@@ -327,7 +330,7 @@ def _identity(model: OnPolicyAlgorithm, learning: Learning, seed: int) -> dict[s
     }
 
 
-def _state(model: OnPolicyAlgorithm) -> dict[str, Any]:
+def _state(model: OnPolicyAlgorithm) -> Mapping[str, object]:
     return {
         "steps": model.num_timesteps,
         "policy": model.policy.state_dict(),
@@ -335,7 +338,7 @@ def _state(model: OnPolicyAlgorithm) -> dict[str, Any]:
     }
 
 
-def _restore(model: OnPolicyAlgorithm, path: Path, identity: dict[str, Any]) -> None:
+def _restore(model: OnPolicyAlgorithm, path: Path, identity: Mapping[str, object]) -> None:
     from models.weight_files import read_checkpoint
 
     state = read_checkpoint(path)
