@@ -1,4 +1,4 @@
-"""What of an objective an agent may observe: features of candidates, in slots, and the places that they see."""
+"""Scenarios: features of candidates in slots, the places they see, and episodes drawn alike in scalar and vector."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import SyncVectorEnv
+from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.envs.registration import register
 from placement_env.envs.scenario import PLACES, STATIC, Scenario, find_area, pad, places_seen, poses
+from placement_env.envs.state import DYNAMIC, GLOBAL
 from placement_env.fidelity.coverage import LEAST
 from placement_env.objective import Objective
 from placement_env.setting import Setting, Weights
@@ -83,3 +87,92 @@ def test_without_a_site_the_area_is_that_of_the_mounts(objective: Any) -> None:
 
 def test_rows_are_padded() -> None:
     assert pad(np.array([1, 2]), 4, fill=9).tolist() == [1, 2, 9, 9]
+
+
+OPEN: dict[str, Any] = {
+    "site": ["tjunction", "roundabout"],
+    "budget": (2, 4),
+    "scheme": ("early", "late"),
+    "failures": (0, 2),
+}
+CASES: list[tuple[str, dict[str, Any]]] = [
+    ("coview/SensorSelect-v0", {**OPEN, "fidelity": "table"}),
+    ("coview/SensorSelect-v0", {**OPEN, "fidelity": "table", "actions": "factored"}),
+    ("coview/SensorSubset-v0", {**OPEN, "fidelity": "table"}),
+    ("coview/SensorPose-v0", {"budget": (1, 2), "failures": (0, 2), "fidelity": "coverage", "frames": 1, "moves": 2}),
+]
+
+
+@pytest.mark.parametrize(("name", "given"), [*CASES[:-1], pytest.param(*CASES[-1], marks=pytest.mark.slow)])
+def test_a_vector_draws_what_scalars_draw(name: str, given: dict[str, Any]) -> None:
+    vector: Any = gym.make_vec(name, num_envs=4, **given)
+    scalar = SyncVectorEnv([lambda: gym.make(name, **given)] * 4)
+    assert np.array_equal(vector.reset(seed=3)[0], scalar.reset(seed=3)[0])
+    scalar.action_space.seed(0)
+    for _ in range(3 * given.get("moves", 4)):
+        actions = scalar.action_space.sample()
+        one, other = vector.step(actions), scalar.step(actions)
+        for left, right in zip(one[:4], other[:4], strict=True):
+            assert np.array_equal(left, right)
+        assert np.array_equal(one[4]["action_mask"], other[4]["action_mask"])
+
+
+def test_everything_that_is_open_is_drawn_and_nothing_else() -> None:
+    env: Any = gym.make(CASES[0][0], **CASES[0][1]).unwrapped
+    seen: dict[str, set[Any]] = {"site": set(), "budget": set(), "scheme": set(), "failed": set()}
+    env.reset(seed=0)
+    for _ in range(60):
+        env.reset()
+        state, objective = env.task.state, env.placement()[0]
+        seen["site"].add(objective.site.name)
+        seen["scheme"].add(str(objective.scheme))
+        seen["budget"].add(int(state.budget[0]))
+        seen["failed"].add(int(state.failed[0].sum()))
+        assert not (env.action_masks()[:-1] & state.failed[0]).any()
+        assert not state.failed[0, len(objective.candidates) :].any()
+    assert {key: len(values) for key, values in seen.items()} == {"site": 2, "budget": 3, "scheme": 2, "failed": 3}
+
+
+def test_what_is_drawn_is_observed() -> None:
+    env: Any = gym.make("coview/SensorSelect-v0", fidelity="table", budget=(2, 4), failures=(0, 2)).unwrapped
+    slots, allowed = env.task.state.slots, len(STATIC) + DYNAMIC.index("allowed")
+    env.reset(seed=1)
+    for _ in range(20):
+        observation, _ = env.reset()
+        budget = env.task.state.budget[0]
+        assert observation[len(observation) - len(GLOBAL) + 1] == pytest.approx(budget / (budget + 8))
+        assert np.array_equal(
+            observation[allowed * slots : (allowed + 1) * slots], (~env.task.state.failed[0]).astype(np.float32)
+        )
+
+
+def test_a_seed_settles_every_draw_and_options_go_before() -> None:
+    env: Any = gym.make(CASES[0][0], **CASES[0][1]).unwrapped
+
+    def run(options: dict[str, Any] | None = None) -> list[np.ndarray]:
+        return [env.reset(seed=7, options=options)[0], *[env.reset(options=options)[0] for _ in range(8)]]
+
+    for one, other in zip(run(), run(), strict=True):
+        assert np.array_equal(one, other)
+    told = {"site": "roundabout", "scheme": "late", "budget": 3, "failed": [2]}
+    assert len({each.tobytes() for each in run(told)}) == 1
+    assert np.flatnonzero(env.task.state.failed[0]).tolist() == [2]
+    assert len({each.tobytes() for each in run()}) > 4
+    with pytest.raises(ValueError, match="budget of an episode must be a whole number"):
+        env.reset(options={"budget": (1, 2)})
+
+
+def test_where_nothing_is_open_nothing_is_drawn() -> None:
+    env = gym.make("coview/SensorSelect-v0", fidelity="table")
+    env.reset(seed=5)
+    before = env.unwrapped.np_random.bit_generator.state
+    env.reset()
+    assert env.unwrapped.np_random.bit_generator.state == before
+
+
+@pytest.mark.parametrize(("name", "given"), CASES[:3])
+@pytest.mark.filterwarnings("error")
+def test_both_checkers_pass_where_episodes_differ(name: str, given: dict[str, Any]) -> None:
+    env = gym.make(name, disable_env_checker=True, **given)
+    check_env(env.unwrapped, skip_render_check=True)
+    check_env_sb3(env)
