@@ -1,39 +1,46 @@
-"""Progress bar on stderr, and the callbacks that move it.
-
-It is hidden without a terminal and for JSON.
-"""
+"""Progress of long work on stderr: a bar on a terminal, else a line now and then; nothing where JSON is asked for."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Event, Thread
 from typing import Any
 
 from tqdm import tqdm
 
+EVERY_S = 10.0  # between two lines where there is no terminal
+
 
 class Bar:
-    """Bar moved to absolute counts by the toolkit's callbacks."""
+    """Shows absolute counts, as the callbacks of the toolkit tell them."""
 
-    def __init__(self, bar: Any, hidden: bool) -> None:
-        self._bar, self._hidden, self._stage = bar, hidden, ""
+    def __init__(self, bar: Any, hidden: bool, unit: str = "") -> None:
+        self._bar, self._hidden, self._stage = bar, hidden, unit
+        self._done = self._first = 0
+        self._began = time.monotonic()
 
     def to(self, done: int) -> None:
-        """Show `done` items."""
+        """Show that so many are done."""
+        if done < self._done:  # the stage begins anew
+            self._began, self._first = time.monotonic(), done
         self._bar.update(done - self._bar.n)
+        self._done = done
 
     def of(self, done: int, total: int) -> None:
-        """Show `done` of `total` items."""
+        """Show that so many of so many are done."""
         self._bar.total = total
         self.to(done)
 
     def stage(self, name: str, done: int, total: int | None) -> None:
-        """Show progress of a stage; a new stage restarts the bar."""
+        """Show that so many of a stage are done; at a new stage the bar begins anew."""
         if name != self._stage:
-            self._stage = name
+            self._stage, self._done, self._first, self._began = name, 0, 0, time.monotonic()
             self._bar.reset(total)
             self._bar.set_description(name, refresh=False)
+        self._bar.total = total
         self.to(done)
 
     def figures(self, values: dict[str, float]) -> None:
@@ -45,9 +52,40 @@ class Bar:
         if not self._hidden:
             self._bar.write(text, file=sys.stderr)
 
+    def describe(self) -> str:
+        """Words for where the work is: stage, done, to do, and time left at the pace of this stage."""
+        done, total, spent = self._done, self._bar.total, time.monotonic() - self._began
+        text = f"{self._stage or 'working'}: {done}{f' of {total}' if total else ''}"
+        if not total or done <= self._first:
+            return f"{text}, for {_describe_time(spent)}"
+        left = spent / (done - self._first) * max(0, total - done)
+        return f"{text}, about {_describe_time(left)} left"
+
+
+def _describe_time(seconds: float) -> str:
+    """Words for a span of time.
+
+    >>> _describe_time(12.3), _describe_time(600.0), _describe_time(9000.0)
+    ('12 s', '10 min', '2.5 h')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _talk(bar: Bar, ended: Event) -> None:
+    while not ended.wait(EVERY_S):
+        print(f"coview: {bar.describe()}", file=sys.stderr, flush=True)
+
 
 @contextmanager
 def progress_bar(unit: str, total: int | None = None, *, hidden: bool = False) -> Iterator[Bar]:
-    """Show a bar while the block runs."""
-    with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as bar:
-        yield Bar(bar, hidden)
+    """Bar while the block runs; without a terminal a line every `EVERY_S` seconds."""
+    with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
+        bar, ended = Bar(inner, hidden, unit), Event()
+        if not hidden and not sys.stderr.isatty():
+            Thread(target=_talk, args=(bar, ended), daemon=True).start()
+        try:
+            yield bar
+        finally:
+            ended.set()
