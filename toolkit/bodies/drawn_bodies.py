@@ -46,15 +46,21 @@ from toolkit.bodies.people import (
     striding,
     trolley,
     umbrella,
-)  # fmt: skip
+)
 from toolkit.bodies.vehicles import make_wheel
 from toolkit.mesh import Mesh, Vector, box, flip_sides, loft, merge, shift, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
 
 SUPERSTRUCTURES = {
-    "box": 0.32, "curtain": 0.12, "flatbed": 0.16, "tipper": 0.13, "tank": 0.07, "refuse": 0.07, "container": 0.08,
+    "box": 0.32,
+    "curtain": 0.12,
+    "flatbed": 0.16,
+    "tipper": 0.13,
+    "tank": 0.07,
+    "refuse": 0.07,
+    "container": 0.08,
     "mixer": 0.05,
-}  # fmt: skip
+}
 BUSES = ("minibus", "bus", "bendy_bus")
 
 Built = tuple[str, Mesh, Mesh]  # kind, the body in its box, mirrors outside it
@@ -148,13 +154,20 @@ def _superstructure(
         sides = width if kind != "container" else min(width, 2.44)
         return kind, merge([deck, _loft_chamfered([(rear, sides, floor, top), (front, sides, floor, top)])])
     if kind == "refuse":
-        rings = [(rear, 0.9 * width, floor - 0.2, floor + 1.2), (rear + 0.2 * length, width, floor, top),
-                 (front, width, floor, top - 0.15)]  # fmt: skip
+        rings = [
+            (rear, 0.9 * width, floor - 0.2, floor + 1.2),
+            (rear + 0.2 * length, width, floor, top),
+            (front, width, floor, top - 0.15),
+        ]
         return kind, merge([deck, _loft_chamfered(rings)])
     if kind == "tank":
         radius = min(width / 2, float(rng.uniform(0.75, 1.2)))
-        line = [(rear, 0.0, floor + radius), (rear + 0.15, 0.0, floor + radius), (front - 0.15, 0.0, floor + radius),
-                (front, 0.0, floor + radius)]  # fmt: skip
+        line = [
+            (rear, 0.0, floor + radius),
+            (rear + 0.15, 0.0, floor + radius),
+            (front - 0.15, 0.0, floor + radius),
+            (front, 0.0, floor + radius),
+        ]
         return kind, merge(
             [deck, tube(line, [0.7 * radius, radius, radius, 0.7 * radius], 14, flat=width / 2 / radius)]
         )
@@ -422,8 +435,16 @@ def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     if rng.random() < RIDERLESS:
         return "scooter_alone", bike
     height = float(np.clip(rng.normal(1.71, 0.09), 1.5, 1.98))
-    on = [rider(height, 0.79 * scale, (0.42 * scale, 0.27, 0.98 * scale), upright=float(rng.uniform(0.9, 0.98)),
-                stout=float(rng.uniform(0.9, 1.15)), rest=(0.31 * scale, 0.32 * scale))]  # fmt: skip
+    on = [
+        rider(
+            height,
+            0.79 * scale,
+            (0.42 * scale, 0.27, 0.98 * scale),
+            upright=float(rng.uniform(0.9, 0.98)),
+            stout=float(rng.uniform(0.9, 1.15)),
+            rest=(0.31 * scale, 0.32 * scale),
+        )
+    ]
     if rng.random() < 0.25:
         pack = backpack(height)  # a courier's
         on.append(Mesh(pack.vertices * [1.6, 1.4, 1.0] + [-0.2, 0.0, 0.79 * scale - 0.45 * height], pack.triangles))
@@ -480,10 +501,12 @@ def possible_names() -> tuple[str, ...]:
         CYCLIST: [*TWO_WHEELERS, *(f"{kind}_alone" for kind in TWO_WHEELERS)],
         PEDESTRIAN: list(PEOPLE),
         HEAVY: [
-            *(f"{load}_truck" for load in SUPERSTRUCTURES), *(f"articulated_{load}" for load in SUPERSTRUCTURES),
-            *BUSES, *(f"{car}_with_{behind}" for car in cars for behind in TRAILERS),
+            *(f"{load}_truck" for load in SUPERSTRUCTURES),
+            *(f"articulated_{load}" for load in SUPERSTRUCTURES),
+            *BUSES,
+            *(f"{car}_with_{behind}" for car in cars for behind in TRAILERS),
         ],
-    }  # fmt: skip
+    }
     return tuple(f"{LABELS[label]}/{name}" for label, names in kinds.items() for name in names)
 
 

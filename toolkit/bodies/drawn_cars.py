@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.bodies.vehicles import make_wheel
+from toolkit.bodies.vehicles import make_wheel, parse_profile
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, shift, tube
 
 LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads
@@ -46,66 +46,41 @@ class Kind:
     clearance: tuple[float, float] = (0.13, 0.2)
 
 
-CAR_KINDS = (
-    Kind(
-        "kei", 0.07, (3.0, 3.5), (1.45, 1.56), (1.45, 1.95),
-        ((0, 0.34), (0.02, 0.44), (0.15, 0.53), (0.3, 0.96), (0.42, 1), (0.93, 0.985), (0.985, 0.66), (1, 0.42)),
-        (0.25, 0.3), (0.05, 0.14), (0.5, 0.6),
-    ),
-    Kind(
-        "city", 0.09, (3.1, 3.8), (1.5, 1.72), (1.4, 1.62),
-        ((0, 0.36), (0.02, 0.46), (0.22, 0.61), (0.41, 0.965), (0.55, 1), (0.87, 0.955), (0.97, 0.62), (1, 0.48)),
-        (0.27, 0.31), (0.14, 0.24),
-    ),
-    Kind(
-        "hatchback", 0.16, (3.75, 4.5), (1.66, 1.86), (1.4, 1.6),
-        ((0, 0.38), (0.02, 0.47), (0.24, 0.62), (0.43, 0.965), (0.56, 1), (0.85, 0.955), (0.965, 0.62), (1, 0.5)),
-        (0.29, 0.34), (0.16, 0.27),
-    ),
-    Kind(
-        "sedan", 0.14, (4.1, 5.3), (1.66, 1.94), (1.36, 1.55),
-        ((0, 0.38), (0.02, 0.48), (0.27, 0.63), (0.42, 0.965), (0.53, 1), (0.68, 0.955), (0.85, 0.7), (0.98, 0.66),
-         (1, 0.5)),
-        (0.3, 0.36), (0.17, 0.28),
-    ),
-    Kind(
-        "estate", 0.09, (4.2, 5.05), (1.68, 1.92), (1.4, 1.58),
-        ((0, 0.38), (0.02, 0.48), (0.26, 0.63), (0.4, 0.965), (0.52, 1), (0.9, 0.95), (0.985, 0.63), (1, 0.48)),
-        (0.3, 0.35), (0.14, 0.24),
-    ),
-    Kind(
-        "suv", 0.16, (3.9, 5.2), (1.72, 2.03), (1.5, 1.95),
-        ((0, 0.42), (0.015, 0.54), (0.24, 0.64), (0.37, 0.965), (0.48, 1), (0.89, 0.96), (0.975, 0.62), (1, 0.5)),
-        (0.33, 0.41), (0.13, 0.25), (0.57, 0.67), (0.17, 0.25),
-    ),
-    Kind(
-        "offroader", 0.04, (3.4, 5.0), (1.62, 2.0), (1.65, 2.1),
-        ((0, 0.44), (0.01, 0.58), (0.27, 0.63), (0.335, 0.97), (0.4, 1), (0.96, 0.985), (0.985, 0.8), (1, 0.4)),
-        (0.35, 0.44), (0.03, 0.12), (0.56, 0.63), (0.2, 0.3),
-    ),
-    Kind(
-        "minivan", 0.07, (4.0, 5.3), (1.7, 2.0), (1.58, 1.95),
-        ((0, 0.36), (0.02, 0.45), (0.16, 0.57), (0.35, 0.96), (0.48, 1), (0.91, 0.965), (0.98, 0.6), (1, 0.46)),
-        (0.3, 0.35), (0.1, 0.2), (0.52, 0.6),
-    ),
-    Kind(
-        "van", 0.08, (4.3, 6.0), (1.75, 2.14), (1.78, 2.6),
-        ((0, 0.3), (0.015, 0.42), (0.1, 0.53), (0.24, 0.955), (0.33, 1), (0.975, 0.985), (0.99, 0.7), (1, 0.4)),
-        (0.31, 0.37), (0.03, 0.13), (0.46, 0.58),
-    ),
-    Kind(
-        "pickup", 0.05, (4.6, 6.0), (1.7, 2.12), (1.6, 2.02),
-        ((0, 0.46), (0.015, 0.58), (0.23, 0.655), (0.34, 0.97), (0.44, 1), (0.555, 0.97), (0.61, 0.62), (0.985, 0.61),
-         (1, 0.5)),
-        (0.34, 0.43), (0.1, 0.2), (0.58, 0.65), (0.2, 0.3),
-    ),
-    Kind(
-        "coupe", 0.05, (3.6, 4.9), (1.64, 2.0), (1.25, 1.42),
-        ((0, 0.36), (0.03, 0.48), (0.34, 0.7), (0.5, 0.975), (0.56, 1), (0.66, 0.965), (0.9, 0.74), (0.985, 0.71),
-         (1, 0.52)),
-        (0.3, 0.36), (0.22, 0.34), (0.6, 0.68), (0.1, 0.15),
-    ),
-)  # fmt: skip
+# name, share, then from .. to: length, width, height, wheel, lean, belt, clearance; below it the profile
+_KINDS = """
+kei       0.07 3    3.5  1.45 1.56 1.45 1.95 0.25 0.3  0.05 0.14 0.5  0.6  0.13 0.2
+    0 0.34, 0.02 0.44, 0.15 0.53, 0.3 0.96, 0.42 1, 0.93 0.985, 0.985 0.66, 1 0.42
+city      0.09 3.1  3.8  1.5  1.72 1.4  1.62 0.27 0.31 0.14 0.24 0.56 0.66 0.13 0.2
+    0 0.36, 0.02 0.46, 0.22 0.61, 0.41 0.965, 0.55 1, 0.87 0.955, 0.97 0.62, 1 0.48
+hatchback 0.16 3.75 4.5  1.66 1.86 1.4  1.6  0.29 0.34 0.16 0.27 0.56 0.66 0.13 0.2
+    0 0.38, 0.02 0.47, 0.24 0.62, 0.43 0.965, 0.56 1, 0.85 0.955, 0.965 0.62, 1 0.5
+sedan     0.14 4.1  5.3  1.66 1.94 1.36 1.55 0.3  0.36 0.17 0.28 0.56 0.66 0.13 0.2
+    0 0.38, 0.02 0.48, 0.27 0.63, 0.42 0.965, 0.53 1, 0.68 0.955, 0.85 0.7, 0.98 0.66, 1 0.5
+estate    0.09 4.2  5.05 1.68 1.92 1.4  1.58 0.3  0.35 0.14 0.24 0.56 0.66 0.13 0.2
+    0 0.38, 0.02 0.48, 0.26 0.63, 0.4 0.965, 0.52 1, 0.9 0.95, 0.985 0.63, 1 0.48
+suv       0.16 3.9  5.2  1.72 2.03 1.5  1.95 0.33 0.41 0.13 0.25 0.57 0.67 0.17 0.25
+    0 0.42, 0.015 0.54, 0.24 0.64, 0.37 0.965, 0.48 1, 0.89 0.96, 0.975 0.62, 1 0.5
+offroader 0.04 3.4  5    1.62 2    1.65 2.1  0.35 0.44 0.03 0.12 0.56 0.63 0.2  0.3
+    0 0.44, 0.01 0.58, 0.27 0.63, 0.335 0.97, 0.4 1, 0.96 0.985, 0.985 0.8, 1 0.4
+minivan   0.07 4    5.3  1.7  2    1.58 1.95 0.3  0.35 0.1  0.2  0.52 0.6  0.13 0.2
+    0 0.36, 0.02 0.45, 0.16 0.57, 0.35 0.96, 0.48 1, 0.91 0.965, 0.98 0.6, 1 0.46
+van       0.08 4.3  6    1.75 2.14 1.78 2.6  0.31 0.37 0.03 0.13 0.46 0.58 0.13 0.2
+    0 0.3, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4
+pickup    0.05 4.6  6    1.7  2.12 1.6  2.02 0.34 0.43 0.1  0.2  0.58 0.65 0.2  0.3
+    0 0.46, 0.015 0.58, 0.23 0.655, 0.34 0.97, 0.44 1, 0.555 0.97, 0.61 0.62, 0.985 0.61, 1 0.5
+coupe     0.05 3.6  4.9  1.64 2    1.25 1.42 0.3  0.36 0.22 0.34 0.6  0.68 0.1  0.15
+    0 0.36, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52
+"""
+
+
+def _parse_kind(figures: str, profile: str) -> Kind:
+    name, share, *cells = figures.split()
+    length, width, height, *rest = zip(map(float, cells[::2]), map(float, cells[1::2]), strict=True)
+    return Kind(name, float(share), length, width, height, parse_profile(profile), *rest)
+
+
+_KIND_LINES = _KINDS.strip().splitlines()
+CAR_KINDS = tuple(map(_parse_kind, _KIND_LINES[::2], _KIND_LINES[1::2]))
 
 
 @dataclass(frozen=True)
@@ -154,13 +129,22 @@ def draw_proportions(rng: np.random.Generator) -> Proportions:
     while length - front - rear < 0.5 * length:  # cars of any length stand on a wheelbase of half of it and more
         front, rear = wheel + 0.8 * (front - wheel), wheel + 0.8 * (rear - wheel)
     return Proportions(
-        kind.name, length, float(np.clip(width, *WIDTHS)), float(np.clip(height, *HEIGHTS)), profile,
-        (front, length - rear), wheel, float(rng.uniform(*kind.clearance)), float(rng.uniform(*kind.belt)),
+        kind.name,
+        length,
+        float(np.clip(width, *WIDTHS)),
+        float(np.clip(height, *HEIGHTS)),
+        profile,
+        (front, length - rear),
+        wheel,
+        float(rng.uniform(*kind.clearance)),
+        float(rng.uniform(*kind.belt)),
         float(rng.uniform(*kind.lean)),
         (float(rng.uniform(0.03, 0.2)), float(rng.uniform(0.02, 0.15))),
         (float(rng.uniform(0.5, 0.88)), float(rng.uniform(0.6, 0.95))),
-        float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.015, 0.06)), float(rng.uniform(0.004, 0.03)),
-    )  # fmt: skip
+        float(rng.uniform(0.0, 0.05)),
+        float(rng.uniform(0.015, 0.06)),
+        float(rng.uniform(0.004, 0.03)),
+    )
 
 
 def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
@@ -209,15 +193,23 @@ def build_block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
     floor = float(rng.choice([0.02, shape.clearance], p=[0.25, 0.75]))
     chamfer = float(rng.uniform(0.0, 0.06))
     lower = _blocks(
-        [(floor, 0.5 - 0.01, -0.49, half - chamfer), (floor + chamfer + 0.01, 0.5, -0.5, half),
-         (belt - chamfer - 0.01, 0.5, -0.5, half), (belt, 0.5 - 0.02, -0.49, half - chamfer)], length,
-    )  # fmt: skip
+        [
+            (floor, 0.5 - 0.01, -0.49, half - chamfer),
+            (floor + chamfer + 0.01, 0.5, -0.5, half),
+            (belt - chamfer - 0.01, 0.5, -0.5, half),
+            (belt, 0.5 - 0.02, -0.49, half - chamfer),
+        ],
+        length,
+    )
     edge = half * (1 - shape.lean)
     base = (0.5 - cabin[0] + 0.03, 0.5 - cabin[1] - 0.02)
     upper = _blocks(
-        [(belt - 0.02, max(base[0], 0.5 - roof[0]), min(base[1], 0.5 - roof[1]), half - chamfer),
-         (shape.height, 0.5 - roof[0], 0.5 - roof[1], edge)], length,
-    )  # fmt: skip
+        [
+            (belt - 0.02, max(base[0], 0.5 - roof[0]), min(base[1], 0.5 - roof[1]), half - chamfer),
+            (shape.height, 0.5 - roof[0], 0.5 - roof[1], edge),
+        ],
+        length,
+    )
     sides, breadth = int(rng.choice([4, 8, 12])), float(rng.uniform(0.15, 0.26))
     wheels = []
     for axle in shape.axles if floor > 0.05 or rng.random() < 0.5 else ():
@@ -297,13 +289,32 @@ def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[
     edge = w * (0.965 - lean)
     zero, bottom = np.zeros_like(s), np.where(arch > floor, low, floor)
     y = [
-        zero, 0.74 * w, 0.74 * w, 0.965 * w, w, 0.995 * w, 0.965 * w, 0.4775 * w + 0.5 * edge + 0.012, edge,
-        0.93 * edge, 0.72 * edge, 0.38 * edge, zero,
-    ]  # fmt: skip
+        zero,
+        0.74 * w,
+        0.74 * w,
+        0.965 * w,
+        w,
+        0.995 * w,
+        0.965 * w,
+        0.4775 * w + 0.5 * edge + 0.012,
+        edge,
+        0.93 * edge,
+        0.72 * edge,
+        0.38 * edge,
+        zero,
+    ]
     z = [
-        floor, floor, bottom, low, flank, flank + 0.6 * (shoulder - flank), shoulder,
-        shoulder + 0.52 * (crown - shoulder), crown - 0.25 * np.minimum(0.16, crown - shoulder), *roof.T[1:],
-    ]  # fmt: skip
+        floor,
+        floor,
+        bottom,
+        low,
+        flank,
+        flank + 0.6 * (shoulder - flank),
+        shoulder,
+        shoulder + 0.52 * (crown - shoulder),
+        crown - 0.25 * np.minimum(0.16, crown - shoulder),
+        *roof.T[1:],
+    ]
     sections = np.stack(np.broadcast_arrays(shape.length * (0.5 - s)[:, None], np.stack(y, 1), np.stack(z, 1)), axis=-1)
     if shape.kind == "pickup":
         bed = find_bed(shape)
@@ -400,8 +411,16 @@ def draw_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
         return "rack", _rack(middle, 0.8 * room, width, z, rng)
     if shape.kind in ("estate", "suv", "minivan") and chance < 0.5:
         y = 0.42 * width
-        rail = tube([(rear + 0.1 * room, y, z - 0.03), (rear + 0.15 * room, y, z + 0.03),
-                     (front - 0.15 * room, y, z + 0.03), (front - 0.1 * room, y, z - 0.03)], 0.02, 4)  # fmt: skip
+        rail = tube(
+            [
+                (rear + 0.1 * room, y, z - 0.03),
+                (rear + 0.15 * room, y, z + 0.03),
+                (front - 0.15 * room, y, z + 0.03),
+                (front - 0.1 * room, y, z - 0.03),
+            ],
+            0.02,
+            4,
+        )
         return "rails", merge([rail, flip_sides(rail)])
     if shape.kind == "offroader" and chance < 0.6:
         x, breadth = -shape.length / 2 - 0.08, rng.uniform(0.16, 0.24)
@@ -484,12 +503,17 @@ def _rack(x: float, length: float, width: float, z: float, rng: np.random.Genera
     """Cross bars and, mostly, ladders or pipes on them."""
     high = float(rng.uniform(0.05, 0.14))
     parts = [plank((0.05, 0.9 * width, 0.04), x + t * length, 0.0, z + high - 0.02) for t in (-0.4, 0.0, 0.4)]
-    parts += [plank((0.04, 0.04, high + 0.05), x + t * length, y, z - 0.05)
-              for t in (-0.4, 0.0, 0.4) for y in (-0.42 * width, 0.42 * width)]  # fmt: skip
+    parts += [
+        plank((0.04, 0.04, high + 0.05), x + t * length, y, z - 0.05)
+        for t in (-0.4, 0.0, 0.4)
+        for y in (-0.42 * width, 0.42 * width)
+    ]
     if rng.random() < 0.7:
         y, reach = float(rng.uniform(-0.2, 0.2)) * width, 0.5 * length * float(rng.uniform(0.9, 1.1))
-        rails = [tube([(x - reach, y + d, z + high + 0.05), (x + reach, y + d, z + high + 0.05)], 0.035, 5)
-                 for d in (-0.2, 0.2)]  # fmt: skip
+        rails = [
+            tube([(x - reach, y + d, z + high + 0.05), (x + reach, y + d, z + high + 0.05)], 0.035, 5)
+            for d in (-0.2, 0.2)
+        ]
         rungs = [
             plank((0.04, 0.4, 0.04), x + t * reach, y, z + high + 0.03) for t in np.linspace(-0.9, 0.9, 7).tolist()
         ]

@@ -271,9 +271,7 @@ PLAUSIBLE = {
     PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)),
     HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8)),
 }
-_TYPICAL = {
-    VEHICLE: (4.5, 1.85, 1.55), CYCLIST: (1.75, 0.6, 1.7), PEDESTRIAN: (0.5, 0.5, 1.7), HEAVY: (9.0, 2.45, 3.1)
-}  # fmt: skip
+_TYPICAL = {VEHICLE: (4.5, 1.85, 1.55), CYCLIST: (1.75, 0.6, 1.7), PEDESTRIAN: (0.5, 0.5, 1.7), HEAVY: (9.0, 2.45, 3.1)}
 _FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
 _Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
 _Y_UP_X_FORWARD = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])

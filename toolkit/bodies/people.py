@@ -160,7 +160,7 @@ def pedestrians() -> dict[str, Mesh]:
         "old_man_with_stick": (striding(0.18, lean=0.09), 1.65, lambda h: merge([stick(h), hat(h)])),
         "traveller_with_suitcase": (striding(0.34), 1.73, lambda h: trolley()),
         "man_telephoning": (arms_up, 1.76, None),
-    }  # fmt: skip
+    }
     return {
         name: merge([_exactly(person(figure, height), height), *([extra(height)] if extra else [])])
         for name, (figure, height, extra) in people.items()
@@ -194,10 +194,11 @@ def two_wheelers() -> dict[str, Mesh]:
         "cargo_bicycle": (bicycle(0.33), crate, rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1)),
         "motorcycle": (motorcycle(), rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36))),
         "sport_motorcycle": (
-            motorcycle(fairing=True), rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42)),
+            motorcycle(fairing=True),
+            rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42)),
         ),
         "scooter": (scooter(), rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, rest=(0.31, 0.32))),
-    }  # fmt: skip
+    }
     return {name: merge(parts) for name, parts in people.items()}
 
 
@@ -262,11 +263,12 @@ def _tyre(x: float, radius: float, thickness: float) -> Mesh:
     distance = radius - thickness * (1 - np.cos(across))
     rings = np.stack(
         [
-            x + np.sin(around)[:, None] * distance, np.sin(across)[None] * thickness + 0 * around[:, None],
+            x + np.sin(around)[:, None] * distance,
+            np.sin(across)[None] * thickness + 0 * around[:, None],
             radius - np.cos(around)[:, None] * distance,
         ],
         axis=-1,
-    )  # fmt: skip
+    )
     return loft(rings)
 
 

@@ -8,43 +8,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, tube
 
-# Side profiles: (distance from the front as a part of the length, height as a part of the total height).
-_PROFILES: dict[str, tuple[tuple[float, float], ...]] = {
-    "hatchback": (
-        (0, 0.38), (0.02, 0.47), (0.24, 0.62), (0.43, 0.965), (0.56, 1), (0.85, 0.955), (0.965, 0.62), (1, 0.5),
-    ),
-    "sedan": (
-        (0, 0.38), (0.02, 0.48), (0.27, 0.63), (0.42, 0.965), (0.53, 1), (0.68, 0.955), (0.85, 0.7),
-        (0.98, 0.66), (1, 0.5),
-    ),
-    "estate": (
-        (0, 0.38), (0.02, 0.48), (0.26, 0.63), (0.4, 0.965), (0.52, 1), (0.9, 0.95), (0.985, 0.63), (1, 0.48),
-    ),
-    "suv": (
-        (0, 0.42), (0.015, 0.54), (0.24, 0.64), (0.37, 0.965), (0.48, 1), (0.89, 0.96), (0.975, 0.62), (1, 0.5),
-    ),
-    "van": (
-        (0, 0.32), (0.015, 0.42), (0.1, 0.53), (0.24, 0.955), (0.33, 1), (0.975, 0.985), (0.99, 0.7), (1, 0.4),
-    ),
-    "minivan": (
-        (0, 0.36), (0.02, 0.45), (0.16, 0.57), (0.35, 0.96), (0.48, 1), (0.91, 0.965), (0.98, 0.6), (1, 0.46),
-    ),
-    "pickup": (
-        (0, 0.46), (0.015, 0.58), (0.23, 0.655), (0.34, 0.97), (0.44, 1), (0.555, 0.97),
-        (0.61, 0.62), (0.985, 0.61), (1, 0.5),
-    ),
-    "sports": (
-        (0, 0.38), (0.03, 0.48), (0.34, 0.7), (0.5, 0.975), (0.56, 1), (0.66, 0.965), (0.9, 0.74),
-        (0.985, 0.71), (1, 0.52),
-    ),
-}  # fmt: skip
+
+def parse_profile(text: str) -> tuple[tuple[float, float], ...]:
+    """Parse pairs of distance from the front and height, as parts of length and height.
+
+    >>> parse_profile("0 0.38, 1 0.5")
+    ((0.0, 0.38), (1.0, 0.5))
+    """
+    return tuple((float(x), float(z)) for x, z in (pair.split() for pair in text.split(",")))
+
+
+_PROFILES = {
+    style: parse_profile(text)
+    for style, text in {
+        "hatchback": "0 0.38, 0.02 0.47, 0.24 0.62, 0.43 0.965, 0.56 1, 0.85 0.955, 0.965 0.62, 1 0.5",
+        "sedan": "0 0.38, 0.02 0.48, 0.27 0.63, 0.42 0.965, 0.53 1, 0.68 0.955, 0.85 0.7, 0.98 0.66, 1 0.5",
+        "estate": "0 0.38, 0.02 0.48, 0.26 0.63, 0.4 0.965, 0.52 1, 0.9 0.95, 0.985 0.63, 1 0.48",
+        "suv": "0 0.42, 0.015 0.54, 0.24 0.64, 0.37 0.965, 0.48 1, 0.89 0.96, 0.975 0.62, 1 0.5",
+        "van": "0 0.32, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4",
+        "minivan": "0 0.36, 0.02 0.45, 0.16 0.57, 0.35 0.96, 0.48 1, 0.91 0.965, 0.98 0.6, 1 0.46",
+        "pickup": "0 0.46, 0.015 0.58, 0.23 0.655, 0.34 0.97, 0.44 1, 0.555 0.97, 0.61 0.62, 0.985 0.61, 1 0.5",
+        "sports": "0 0.38, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52",
+    }.items()
+}
 
 
 @dataclass(frozen=True)
@@ -72,36 +64,43 @@ class CarShape:
 
 
 # Mirrors come on top of the width. The last five rows are held out of training (see `toolkit.bodies.fleet.catalogue`).
-_ROWS: tuple[tuple[Any, ...], ...] = (
-    # name, style, length, width, height, wheelbase, wheel, clearance, belt, tumblehome, rounding, rake[, rails]
-    ("city_hatchback", "hatchback", 3.55, 1.62, 1.48, 2.42, 0.28, 0.17, 0.64, 0.22, 0.20, 0.0),
-    ("supermini", "hatchback", 3.98, 1.70, 1.46, 2.52, 0.30, 0.17, 0.62, 0.22, 0.16, 0.01),
-    ("compact_hatchback", "hatchback", 4.28, 1.78, 1.45, 2.63, 0.32, 0.17, 0.62, 0.24, 0.16, 0.02),
-    ("tall_hatchback", "hatchback", 3.72, 1.61, 1.66, 2.46, 0.28, 0.17, 0.58, 0.14, 0.13, -0.05),
-    ("small_sedan", "sedan", 4.35, 1.72, 1.47, 2.60, 0.30, 0.17, 0.62, 0.22, 0.16, 0.0),
-    ("family_sedan", "sedan", 4.72, 1.82, 1.45, 2.80, 0.33, 0.17, 0.62, 0.24, 0.16, 0.01),
-    ("executive_sedan", "sedan", 5.05, 1.87, 1.48, 2.98, 0.35, 0.17, 0.62, 0.22, 0.18, 0.03),
-    ("classic_sedan", "sedan", 4.55, 1.69, 1.42, 2.66, 0.31, 0.17, 0.60, 0.18, 0.08, 0.02),
-    ("compact_estate", "estate", 4.45, 1.76, 1.50, 2.66, 0.31, 0.17, 0.62, 0.22, 0.16, 0.0, True),
-    ("long_estate", "estate", 4.92, 1.85, 1.49, 2.90, 0.34, 0.17, 0.62, 0.20, 0.16, 0.01),
-    ("boxy_estate", "estate", 4.70, 1.74, 1.46, 2.75, 0.32, 0.17, 0.60, 0.15, 0.09, 0.03),
-    ("compact_suv", "suv", 4.18, 1.79, 1.60, 2.60, 0.34, 0.20, 0.62, 0.22, 0.16, 0.0),
-    ("family_suv", "suv", 4.55, 1.86, 1.67, 2.70, 0.36, 0.21, 0.62, 0.22, 0.16, 0.0, True),
-    ("large_suv", "suv", 5.02, 1.91, 1.80, 2.98, 0.39, 0.23, 0.62, 0.19, 0.16, 0.0),
-    ("offroader", "suv", 4.30, 1.84, 1.90, 2.58, 0.41, 0.26, 0.60, 0.09, 0.07, -0.01),
-    ("delivery_van", "van", 5.10, 1.92, 1.98, 3.10, 0.34, 0.20, 0.55, 0.12, 0.10, 0.0),
-    ("high_roof_van", "van", 5.55, 1.91, 2.28, 3.30, 0.35, 0.21, 0.52, 0.10, 0.09, -0.02),
-    ("people_carrier", "minivan", 4.75, 1.84, 1.74, 2.88, 0.33, 0.17, 0.56, 0.17, 0.16, 0.0, True),
-    ("double_cab_pickup", "pickup", 5.32, 1.87, 1.79, 3.15, 0.39, 0.25, 0.62, 0.18, 0.09, 0.0),
-    ("coupe", "sports", 4.40, 1.82, 1.32, 2.55, 0.33, 0.14, 0.62, 0.30, 0.20, 0.0),
-    ("mid_engine_sports", "sports", 4.52, 1.91, 1.17, 2.65, 0.34, 0.12, 0.66, 0.34, 0.18, -0.11),
-    ("roomy_hatchback", "hatchback", 4.12, 1.75, 1.54, 2.58, 0.31, 0.17, 0.60, 0.19, 0.14, -0.02),
-    ("fastback_sedan", "sedan", 4.86, 1.86, 1.43, 2.88, 0.34, 0.17, 0.62, 0.27, 0.21, 0.045),
-    ("crossover", "suv", 4.42, 1.83, 1.56, 2.68, 0.35, 0.20, 0.62, 0.25, 0.18, 0.03),
-    ("compact_van", "minivan", 4.40, 1.80, 1.84, 2.75, 0.31, 0.18, 0.56, 0.13, 0.11, -0.03),
-    ("single_cab_pickup", "pickup", 5.02, 1.80, 1.70, 3.02, 0.36, 0.23, 0.62, 0.16, 0.10, -0.035),
-)  # fmt: skip
-CARS = tuple(CarShape(*row) for row in _ROWS)
+# name, style, length, width, height, wheelbase, wheel, clearance, belt, tumblehome, rounding, rake[, rails]
+_ROWS = """
+city_hatchback     hatchback  3.55  1.62  1.48  2.42  0.28  0.17  0.64  0.22  0.2   0
+supermini          hatchback  3.98  1.7   1.46  2.52  0.3   0.17  0.62  0.22  0.16  0.01
+compact_hatchback  hatchback  4.28  1.78  1.45  2.63  0.32  0.17  0.62  0.24  0.16  0.02
+tall_hatchback     hatchback  3.72  1.61  1.66  2.46  0.28  0.17  0.58  0.14  0.13  -0.05
+small_sedan        sedan      4.35  1.72  1.47  2.6   0.3   0.17  0.62  0.22  0.16  0
+family_sedan       sedan      4.72  1.82  1.45  2.8   0.33  0.17  0.62  0.24  0.16  0.01
+executive_sedan    sedan      5.05  1.87  1.48  2.98  0.35  0.17  0.62  0.22  0.18  0.03
+classic_sedan      sedan      4.55  1.69  1.42  2.66  0.31  0.17  0.6   0.18  0.08  0.02
+compact_estate     estate     4.45  1.76  1.5   2.66  0.31  0.17  0.62  0.22  0.16  0       rails
+long_estate        estate     4.92  1.85  1.49  2.9   0.34  0.17  0.62  0.2   0.16  0.01
+boxy_estate        estate     4.7   1.74  1.46  2.75  0.32  0.17  0.6   0.15  0.09  0.03
+compact_suv        suv        4.18  1.79  1.6   2.6   0.34  0.2   0.62  0.22  0.16  0
+family_suv         suv        4.55  1.86  1.67  2.7   0.36  0.21  0.62  0.22  0.16  0       rails
+large_suv          suv        5.02  1.91  1.8   2.98  0.39  0.23  0.62  0.19  0.16  0
+offroader          suv        4.3   1.84  1.9   2.58  0.41  0.26  0.6   0.09  0.07  -0.01
+delivery_van       van        5.1   1.92  1.98  3.1   0.34  0.2   0.55  0.12  0.1   0
+high_roof_van      van        5.55  1.91  2.28  3.3   0.35  0.21  0.52  0.1   0.09  -0.02
+people_carrier     minivan    4.75  1.84  1.74  2.88  0.33  0.17  0.56  0.17  0.16  0       rails
+double_cab_pickup  pickup     5.32  1.87  1.79  3.15  0.39  0.25  0.62  0.18  0.09  0
+coupe              sports     4.4   1.82  1.32  2.55  0.33  0.14  0.62  0.3   0.2   0
+mid_engine_sports  sports     4.52  1.91  1.17  2.65  0.34  0.12  0.66  0.34  0.18  -0.11
+roomy_hatchback    hatchback  4.12  1.75  1.54  2.58  0.31  0.17  0.6   0.19  0.14  -0.02
+fastback_sedan     sedan      4.86  1.86  1.43  2.88  0.34  0.17  0.62  0.27  0.21  0.045
+crossover          suv        4.42  1.83  1.56  2.68  0.35  0.2   0.62  0.25  0.18  0.03
+compact_van        minivan    4.4   1.8   1.84  2.75  0.31  0.18  0.56  0.13  0.11  -0.03
+single_cab_pickup  pickup     5.02  1.8   1.7   3.02  0.36  0.23  0.62  0.16  0.1   -0.035
+"""
+
+
+def _parse_row(row: str) -> CarShape:
+    name, style, *cells = row.split()
+    return CarShape(name, style, *map(float, cells[:10]), rails=cells[10:] == ["rails"])
+
+
+CARS = tuple(map(_parse_row, _ROWS.strip().splitlines()))
 
 _STATIONS = 20
 _ENDS = 0.62  # width of the very front and rear, as a part of the greatest width
@@ -160,12 +159,20 @@ def _half_section(shape: CarShape, s: float) -> Float64[np.ndarray, "p 3"]:
     edge = w * (0.965 - min(lean, shape.tumblehome))
     inner = 0.74 * w
     points = [
-        (0.0, floor), (inner, floor), (inner, low if arch > floor else floor), (0.965 * w, low), (w, flank),
-        (0.995 * w, flank + 0.6 * (shoulder - flank)), (0.965 * w, shoulder),
+        (0.0, floor),
+        (inner, floor),
+        (inner, low if arch > floor else floor),
+        (0.965 * w, low),
+        (w, flank),
+        (0.995 * w, flank + 0.6 * (shoulder - flank)),
+        (0.965 * w, shoulder),
         (0.5 * (0.955 * w + edge) + 0.012, shoulder + 0.52 * (crown - shoulder)),
-        (edge, crown - 0.25 * min(0.16, crown - shoulder)), (0.93 * edge, top(s, 0.9)), (0.72 * edge, top(s, 0.7)),
-        (0.38 * edge, top(s, 0.38)), (0.0, top(s, 0.0)),
-    ]  # fmt: skip
+        (edge, crown - 0.25 * min(0.16, crown - shoulder)),
+        (0.93 * edge, top(s, 0.9)),
+        (0.72 * edge, top(s, 0.7)),
+        (0.38 * edge, top(s, 0.38)),
+        (0.0, top(s, 0.0)),
+    ]
     if shape.style == "pickup" and _bed(shape, s):
         bed = max(shoulder - 0.42, low + 0.02)
         points[-3:] = [(0.8 * edge, bed), (0.4 * edge, bed), (0.0, bed)]
@@ -267,9 +274,12 @@ def _outline(width: float, z0: float, z1: float, corner: float) -> np.ndarray:
     arcs = [
         np.stack([cy + r * np.cos(start + quarter), cz + r * np.sin(start + quarter)], axis=1)
         for cy, cz, start in (
-            (y - r, z1 - r, 0.0), (r - y, z1 - r, np.pi / 2), (r - y, z0 + r, np.pi), (y - r, z0 + r, 1.5 * np.pi)
+            (y - r, z1 - r, 0.0),
+            (r - y, z1 - r, np.pi / 2),
+            (r - y, z0 + r, np.pi),
+            (y - r, z0 + r, 1.5 * np.pi),
         )
-    ]  # fmt: skip
+    ]
     return np.concatenate(arcs)
 
 
@@ -284,12 +294,14 @@ def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
     front = length / 2
     return _shell(
         [
-            (front - deep, width, 0.55, height), (front - 0.55, width, 0.45, height),
+            (front - deep, width, 0.55, height),
+            (front - 0.55, width, 0.45, height),
             (front - 0.25, width, 0.40, height - 0.12),
-            (front - 0.07, width * 0.96, 0.40, height - 0.75), (front, width * 0.88, 0.45, height - 1.25),
+            (front - 0.07, width * 0.96, 0.40, height - 0.75),
+            (front, width * 0.88, 0.45, height - 1.25),
         ],
         0.09,
-    )  # fmt: skip
+    )
 
 
 def _cab_mirrors(length: float, width: float, height: float) -> Mesh:
@@ -322,13 +334,15 @@ def _bus(length: float, width: float, height: float) -> Mesh:
     x, belt = length / 2, 1.05
     body = _shell(
         [
-            (-x, width * 0.9, 0.4, height - 0.25), (-x + 0.12, width, 0.32, height - 0.06),
+            (-x, width * 0.9, 0.4, height - 0.25),
+            (-x + 0.12, width, 0.32, height - 0.06),
             (-x + 0.4, width, 0.30, height),
-            (x - 0.5, width, 0.30, height), (x - 0.12, width * 0.98, 0.30, height - 0.10),
+            (x - 0.5, width, 0.30, height),
+            (x - 0.12, width * 0.98, 0.30, height - 0.10),
             (x, width * 0.90, 0.35, height - 0.45),
         ],
         0.13,
-    )  # fmt: skip
+    )
     pillars = [
         box((0.14, width + 0.04, height - belt - 0.45), (p, 0, (belt + height - 0.25) / 2))
         for p in np.arange(-x + 0.8, x - 0.7, 1.45)

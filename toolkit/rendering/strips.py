@@ -187,8 +187,9 @@ def _cross_rectangles(
     cos, sin = cos[window], sin[window]
     near, far = np.zeros(len(window)), np.full(len(window), np.inf)
     for place, way, half in (
-        (along, ahead * cos + left * sin, half_length), (aside, left * cos - ahead * sin, half_width)
-    ):  # fmt: skip
+        (along, ahead * cos + left * sin, half_length),
+        (aside, left * cos - ahead * sin, half_width),
+    ):
         way = np.where(np.abs(way) < 1e-9, 1e-9, way)
         middle, reach = -place[window] / way, half[window] / np.abs(way)
         near, far = np.maximum(near, middle - reach), np.minimum(far, middle + reach)
