@@ -10,65 +10,32 @@ The names below are all that most programs need; nothing loads before it is used
 
 from typing import TYPE_CHECKING, Any
 
+# isort: off
 if TYPE_CHECKING:
     import gymnasium
 
     from models import load_detector as load_detector
     from placement_env import (
         Objective as Objective,
-    )
-    from placement_env import (
         Question as Question,
-    )
-    from placement_env import (
         Result as Result,
-    )
-    from placement_env import (
         Setting as Setting,
-    )
-    from placement_env import (
         Weights as Weights,
-    )
-    from placement_env import (
         as_sb3 as as_sb3,
-    )
-    from placement_env import (
         plan as plan,
     )
     from toolkit import (
         Detections as Detections,
-    )
-    from toolkit import (
         Objects as Objects,
-    )
-    from toolkit import (
         Renderer as Renderer,
-    )
-    from toolkit import (
         Run as Run,
-    )
-    from toolkit import (
         catalogue as catalogue,
-    )
-    from toolkit import (
         crop as crop,
-    )
-    from toolkit import (
         from_depth as from_depth,
-    )
-    from toolkit import (
         fuse as fuse,
-    )
-    from toolkit import (
         load_site as load_site,
-    )
-    from toolkit import (
         points_per_box as points_per_box,
-    )
-    from toolkit import (
         save_site as save_site,
-    )
-    from toolkit import (
         simulate as simulate,
     )
 
