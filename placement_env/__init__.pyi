@@ -15,7 +15,8 @@ from .cases import Cases as Cases
 from .classes import Classes as Classes
 from .envs.select import SensorSelectEnv as SensorSelectEnv
 from .fidelity.traffic import simulate_traffic as simulate_traffic
-from .fidelity.visibility import Visibility as Visibility, see as see
+from .fidelity.seeing import see as see
+from .fidelity.visibility import Visibility as Visibility
 from .objective import Objective as Objective, Score as Score
 from .protocol import Estimate as Estimate, Fidelity as Fidelity
 from .report.content import Plan as Plan

@@ -88,10 +88,6 @@ def folder_cycles():
 
 
 KNOWN_CYCLES = {
-    "placement_env/fidelity: combined <-> preparation.py",
-    "placement_env/fidelity: hits <-> surrogate.py",
-    "placement_env/fidelity: panorama <-> visibility.py",
-    "placement_env/search: exact <-> greedy.py",
     "toolkit/datasets: dataset.py <-> layouts",
 }
 

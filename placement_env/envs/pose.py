@@ -14,7 +14,8 @@ from placement_env.envs.env import ActionSpace, PlacementEnv, PlacementVectorEnv
 from placement_env.envs.scenario import Conditions, Episode, Options, Scenario, Sites, poses
 from placement_env.envs.state import Info, State
 from placement_env.fidelity.preparation import Preparation
-from placement_env.fidelity.visibility import Visibility, see
+from placement_env.fidelity.seeing import see
+from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.subsets import index_of
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped

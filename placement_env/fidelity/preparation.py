@@ -85,7 +85,7 @@ class Preparation:
     @cached_property
     def visibility(self) -> Visibility:
         """What each candidate sees."""
-        from placement_env.fidelity.visibility import see
+        from placement_env.fidelity.seeing import see
 
         return see(
             self.traffic,

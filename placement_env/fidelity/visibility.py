@@ -8,32 +8,19 @@ them in the mean, since it lifts half of the points on even ground above z = 0 a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
-from placement_env.candidates.candidates import Candidates
-from placement_env.fidelity.blocks import Block, see_blocks
-from placement_env.fidelity.occlusion import Seen, look_at
-from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
-from placement_env.fidelity.traffic import Traffic, renderer_of, scored
-from placement_env.setting import Rendering
+from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.objects import VEHICLE
 from toolkit.points import count_on_ground, frame_points, is_beyond
-from toolkit.runtime.cache import make_key
-from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.files import read_arrays, write_arrays
-from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
-
-RENDERINGS: tuple[str, ...] = get_args(Rendering)
-BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,42 +121,6 @@ class Visibility:
         return Visibility(on_objects, distances(recording.sensors, every), *columns)
 
 
-def see(
-    traffic: Traffic,
-    candidates: Candidates,
-    *,
-    labels: Sequence[int] = (VEHICLE,),
-    run: Run = Run(),
-    rendering: Rendering = "auto",
-) -> Visibility:
-    """What the candidates see of the traffic.
-
-    rendering: "full" casts every ray of every candidate; "panorama" looks once from each place and counts the rays of
-    all that hangs there in what it saw, which is much faster where many candidates share a place and agrees within 3 %
-    or 8 points of an object nearly always; "auto" takes panoramas where at least four candidates share a place in the
-    mean, as in a pool. A candidate whose range ends within the site is rendered in full all the same;
-    labels: classes (numbers) of the objects that count; run: its cache keeps the finished blocks of candidates, so that
-    what was broken off goes on there.
-    Raises ValueError without candidates and for a rendering that there is not.
-    """
-    if not len(candidates):
-        raise ValueError("there must be a candidate to see, got none")
-    labels = tuple(sorted(labels))
-    check_rendering(rendering)
-    sensors = candidates.sensors
-    quick = np.zeros(len(sensors), np.bool_)
-    if rendering == "panorama" or (rendering == "auto" and worthwhile(sensors)):
-        quick = far_sighted(sensors, traffic)
-    frame, boxes, kinds = scored_objects(traffic, labels)
-    shapes = ((len(sensors), len(frame)), *[(len(sensors), len(traffic))] * 2)
-    points, sent, far = (np.zeros(shape, np.float32) for shape in shapes)
-    for look, some in ((look_round, quick), (_look_in_full, ~quick)):
-        if some.any():
-            seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, run)
-            points[some], sent[some], far[some] = seen
-    return Visibility(points, distances(sensors, boxes), frame, boxes, sent, far, kinds)
-
-
 def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
     """What is seen in some of the frames, ascending."""
     own = np.isin(visibility.frame, frames)
@@ -183,20 +134,6 @@ def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibi
         far=visibility.far[:, frames],
         labels=visibility.labels[own],
     )
-
-
-def check_rendering(rendering: str) -> None:
-    """Raises ValueError where there is no such way to render."""
-    if rendering not in RENDERINGS:
-        raise ValueError(f"rendering must be one of {', '.join(RENDERINGS)}, got {rendering!r}")
-
-
-def _look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: tuple[int, ...], run: Run) -> Seen:
-    """Cast each ray of the sensors."""
-    look = _FullLook(traffic, tuple(sensors), labels)
-    report = run.stage("poses rendered", len(sensors))
-    seen = see_blocks(look, _blocks(sensors), run, report)
-    return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
 def scored_objects(
@@ -213,33 +150,3 @@ def distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> F
     """Horizontal distance (m) from each sensor to the centre of each box."""
     positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
     return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)
-
-
-def _blocks(sensors: Sequence[Sensor]) -> list[Block]:
-    """First and last sensor of blocks with `BLOCK_PIXELS` at most, or one sensor each."""
-    blocks, first, pixels = [], 0, 0
-    for c, sensor in enumerate(sensors):
-        size = math.prod(sensor.model.shape)
-        if pixels and pixels + size > BLOCK_PIXELS:
-            blocks.append((first, c))
-            first, pixels = c, 0
-        pixels += size
-    return [*blocks, (first, len(sensors))]
-
-
-@dataclass(frozen=True, eq=False)
-class _FullLook:
-    """Looks at all frames with a block of the sensors."""
-
-    traffic: Traffic
-    sensors: tuple[Sensor, ...]
-    labels: tuple[int, ...]
-
-    def __call__(self, block: Block, /) -> Seen:
-        return look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)], self.labels)
-
-    def key(self, block: Block) -> bytes:
-        """What is seen by a block of sensors depends on this."""
-        sensors = self.sensors[slice(*block)]
-        code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
-        return make_key("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels)

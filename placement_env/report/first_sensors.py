@@ -9,8 +9,9 @@ import numpy as np
 from placement_env.candidates.pool import pool
 from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import simulate_traffic
-from placement_env.fidelity.visibility import Visibility, see
+from placement_env.fidelity.visibility import Visibility
 from placement_env.handover.mounted import mounted_site
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate

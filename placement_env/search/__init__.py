@@ -12,7 +12,7 @@ Each search is a module with `search(objective, budget, *, seed=0, seconds=None,
     cmaes        height, heading and tilt of each sensor, continuous (CMA-ES)
 
 `placement_env.rl.training` has a `search` of the same form: MaskablePPO on the environments. The other modules are what
-searches share: `result`, `progress` (limits, history, incumbent), `exact.submodular` (greedy's certificate) and
+searches share: `result`, `progress` (limits, history, incumbent), `submodular` (greedy's certificate) and
 `verification` (a result scored again by a more accurate fidelity).
 
 **AP is not submodular**, so greedy's (1 - 1/e) does not hold for it: it holds for coverage only. A set function is

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from placement_env.fidelity.coverage import LEAST
-from placement_env.fidelity.visibility import see
+from placement_env.fidelity.seeing import see
 from placement_env.handover.exchange import EXCHANGE_FILES, safe_cell, write_exchange
 from placement_env.handover.ground import visible_ground
 from placement_env.handover.mounted import mounted_site, planned_sensors, unused_mounts

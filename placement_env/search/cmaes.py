@@ -181,7 +181,7 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
     live: panoramas to look at, None to cast rays. A set that two sensors of one mount, or a link too small for what its
     sensor sends, make unbuildable scores None.
     """
-    from placement_env.fidelity.visibility import see
+    from placement_env.fidelity.seeing import see
 
     mounts, run = preparation.candidates.mounts, preparation.run
 

@@ -1,7 +1,7 @@
 """Greedy search: one sensor after another, each the one that adds most; plain, or with candidates that race.
 
 With a monotone submodular objective (coverage, no cost weights) the answer has a guaranteed share of the optimum, see
-`placement_env.search.exact.submodular`; AP is not submodular. A search goes on to `budget` sensors even where one
+`placement_env.search.submodular`; AP is not submodular. A search goes on to `budget` sensors even where one
 loses, since two may gain what one does not, and answers with the best set on the way.
 """
 
@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from placement_env.objective import Objective
-from placement_env.search.exact import submodular as theory
+from placement_env.search import submodular as theory
 from placement_env.search.progress import Progress, add_each
 from placement_env.search.result import Certificate, Result
 

@@ -11,8 +11,9 @@ from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hits.hit_model import HitModel
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import Traffic
-from placement_env.fidelity.visibility import Visibility, see
+from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.report.planning.judging import Judge

@@ -11,17 +11,18 @@ from models.detector import load_detector
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.hits.hit_fit import fit_detected
+from placement_env.fidelity.hit_fit import fit_detected
 from placement_env.fidelity.hits.hit_model import HitModel, load_models, save_models, shipped_model
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import TableFidelity, best_sets, load_table, make_table
-from placement_env.fidelity.visibility import Visibility, see
+from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import ByClass
 from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
 from placement_env.search.exact.cpsat import worth_of
-from placement_env.search.exact.submodular import is_submodular
+from placement_env.search.submodular import is_submodular
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate

@@ -11,9 +11,9 @@ from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.hits.hit_model import shipped_model
 from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.traffic import Traffic
-from placement_env.fidelity.visibility import see
 from placement_env.objective import Objective
 from placement_env.setting import Setting, Weights
 from placement_env.subsets import all_subsets

@@ -11,13 +11,13 @@ import pytest
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.hits.hit_fit import fit_detected
+from placement_env.fidelity.hit_fit import fit_detected
 from placement_env.fidelity.hits.hit_model import load_models, save_models
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import TableFidelity, load_table
-from placement_env.fidelity.visibility import see
 from placement_env.objective import Objective
 from placement_env.search import greedy
 from placement_env.search.cmaes import build_pose_scorer

@@ -80,7 +80,7 @@ def surrogate(
         sites: tjunction, roundabout, or site files; none where random ones are enough.
     """
     from coview.options import ClassOptions
-    from placement_env.fidelity.hits.hit_fit import Sampling, fit_sites
+    from placement_env.fidelity.hit_fit import Sampling, fit_sites
     from placement_env.fidelity.hits.hit_model import save_models
     from toolkit.sensors.models import find_model
     from toolkit.sites.files import load_site

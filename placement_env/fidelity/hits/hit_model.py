@@ -14,7 +14,7 @@ the density that it gathers. The greater the norm, the more the best sensor alon
 has one sensor more, which holds the far points of all. However dense they may be at their distance, few points are few:
 below `floor` points of the set a hit becomes less likely in proportion, 0 for no such floor. A box of more than 16 m³
 (V is its volume, 16 m³ for a smaller one), a long van rather than a car, is found less surely whatever its points.
-The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hits.hit_fit`), which is the paper's
+The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hit_fit`), which is the paper's
 analysis of density and spatial diversity (its sections on sensor sets and on diversity gain) made predictive.
 """
 

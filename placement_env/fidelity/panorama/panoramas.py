@@ -45,7 +45,7 @@ def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray,
 
 
 def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
-    """What far-sighted sensors see of all frames; arguments as of `placement_env.fidelity.visibility.see`."""
+    """What far-sighted sensors see of all frames; arguments as of `placement_env.fidelity.seeing.see`."""
     look = _Look(traffic, tuple(sensors), tuple(labels))
     blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
     tell = run.stage("poses rendered", len(sensors))

@@ -18,7 +18,8 @@ from placement_env.analysis.intervals import BLOCK_FRAMES, Tally, draws_of_block
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
-from placement_env.fidelity.visibility import Visibility, of_frames, see
+from placement_env.fidelity.seeing import see
+from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import Estimate, FidelityName
 from toolkit.arrays import Bool, Float64, Int64
 

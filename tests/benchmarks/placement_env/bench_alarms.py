@@ -43,8 +43,8 @@ def row_of(seed: int, place: int, cache: Path) -> Row:
     from placement_env.candidates.pool import pool
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.seeing import see
     from placement_env.fidelity.traffic import simulate_traffic
-    from placement_env.fidelity.visibility import see
     from toolkit.objects import VEHICLE
     from toolkit.points import detect_on_ground
     from toolkit.runtime.cache import Cache
@@ -104,8 +104,8 @@ def _sets(site: Any, candidates: Any, seen: Any, rng: np.random.Generator) -> tu
 
 
 def observed(row: Row) -> Any:
-    """A row as `placement_env.fidelity.hits.hit_fit.fit` takes it: its own members only."""
-    from placement_env.fidelity.hits.hit_fit import Observed
+    """A row as `placement_env.fidelity.hit_fit.fit` takes it: its own members only."""
+    from placement_env.fidelity.hit_fit import Observed
     from placement_env.fidelity.visibility import Visibility
 
     members = sorted(map(int, row["points"]))
@@ -161,7 +161,7 @@ def main() -> None:
     arguments.add_argument("--cache", type=Path, default=Path("out/alarms"))
     asked = arguments.parse_args()
 
-    from placement_env.fidelity.hits.hit_fit import fit
+    from placement_env.fidelity.hit_fit import fit
 
     rows = Rows(asked.rows)
     for place, seed in enumerate(asked.seeds):

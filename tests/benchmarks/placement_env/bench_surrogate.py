@@ -108,8 +108,8 @@ def of_poses(asked: argparse.Namespace) -> tuple:
     from placement_env.candidates.pool import pool, random_sets
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.seeing import see
     from placement_env.fidelity.traffic import simulate_traffic
-    from placement_env.fidelity.visibility import see
     from toolkit.sites.files import load_site
 
     rng, site = np.random.default_rng(asked.seed), load_site(asked.poses)

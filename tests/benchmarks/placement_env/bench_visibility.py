@@ -15,8 +15,8 @@ from time import perf_counter
 import numpy as np
 
 from placement_env.candidates.pool import pool
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import Traffic, simulate_traffic
-from placement_env.fidelity.visibility import see
 from placement_env.setting import Rendering
 from toolkit.objects import LABELS
 from toolkit.runtime.run import Run

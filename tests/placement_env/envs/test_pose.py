@@ -16,7 +16,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 from placement_env.candidates.pool import paper_candidates
 from placement_env.envs.pose import TILT_LIMITS, Rig
 from placement_env.envs.registration import register
-from placement_env.fidelity.visibility import see
+from placement_env.fidelity.seeing import see
 from toolkit import load_site
 from toolkit.runtime.cache import Cache
 

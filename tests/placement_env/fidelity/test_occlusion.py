@@ -7,8 +7,8 @@ import pytest
 
 from placement_env.fidelity.occlusion import look_at
 from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import renderer_of, scored
-from placement_env.fidelity.visibility import see
 from toolkit.boxes import count_points
 from toolkit.points import is_beyond, is_inside, unproject
 from toolkit.rendering.renderer import Renderer

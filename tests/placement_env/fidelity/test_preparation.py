@@ -7,7 +7,7 @@ import pytest
 
 from models.detector import VoxelNetDetector, load_detector
 from placement_env.cases import Cases
-from placement_env.fidelity import preparation, visibility
+from placement_env.fidelity import preparation, seeing
 from placement_env.fidelity.preparation import GENERAL, Preparation, check_scorable, network_for, shipped_detector
 from placement_env.setting import Setting
 from toolkit.detection.background import KnownBackground
@@ -53,7 +53,7 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
     kept = len(first.run.memo)
     assert kept == 1 + 2 + 5 + 10  # a block, two renders, an outcome and two detections of each frame
     assert {path.name.partition("-")[0] for path in (tmp_path / "cache").iterdir()} == {"cache.sqlite"}
-    monkeypatch.setattr(visibility, "look_at", None)
+    monkeypatch.setattr(seeing, "look_at", None)
     again = prepared(small_traffic, small_candidates, tmp_path / "cache")
     assert (again.visibility.points == seen.points).all()
     again.fidelity("detector")(np.array(sets))

@@ -4,8 +4,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity import visibility
-from placement_env.fidelity.visibility import Visibility, see
+from placement_env.fidelity import seeing
+from placement_env.fidelity.seeing import see
+from placement_env.fidelity.visibility import Visibility
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
@@ -67,7 +68,7 @@ def test_of_a_recording_only_the_first_frames(recording):
 
 
 def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkeypatch):
-    monkeypatch.setattr(visibility, "BLOCK_PIXELS", 6000)
+    monkeypatch.setattr(seeing, "BLOCK_PIXELS", 6000)
     told: list[int] = []
     assert equal(see(small_traffic, small_candidates, run=Run(progress=lambda *stage: told.append(stage[1]))), seen)
     assert told == [1, 2, 3, 4]
@@ -86,13 +87,13 @@ def test_what_is_kept_is_not_made_again(small_traffic, small_candidates, seen, t
     def fail(*_: object) -> None:
         raise AssertionError("made again")
 
-    monkeypatch.setattr(visibility, "look_at", fail)
+    monkeypatch.setattr(seeing, "look_at", fail)
     assert equal(see(small_traffic, small_candidates, run=run), seen)
     with pytest.raises(AssertionError, match="made again"):
         see(replace(small_traffic, snapshots=small_traffic.snapshots[:1]), small_candidates, run=run)
     with pytest.raises(AssertionError, match="made again"):
         see(small_traffic, small_candidates.select([0]), run=run)
-    monkeypatch.setattr(visibility, "code_digest", lambda *modules: "other")
+    monkeypatch.setattr(seeing, "code_digest", lambda *modules: "other")
     with pytest.raises(AssertionError, match="made again"):
         see(small_traffic, small_candidates, run=run)
 
@@ -126,7 +127,7 @@ def test_nobody_sees_nothing(small_traffic, small_candidates):
 
 @pytest.mark.slow
 def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, monkeypatch):
-    monkeypatch.setattr(visibility, "BLOCK_PIXELS", 6000)
+    monkeypatch.setattr(seeing, "BLOCK_PIXELS", 6000)
     assert equal(see(small_traffic, small_candidates, run=Run(workers=2)), seen)
 
 

@@ -17,8 +17,8 @@ from placement_env.candidates.candidates import aim_sensor, aims
 from placement_env.candidates.pool import paper_candidates, pool
 from placement_env.envs.scenario import poses
 from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import Traffic
-from placement_env.fidelity.visibility import see
 from placement_env.objective import Objective
 from placement_env.setting import Setting
 from toolkit.bodies.body import Body

@@ -8,8 +8,8 @@ import pytest
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.fidelity.panorama import live
 from placement_env.fidelity.panorama.live import LiveView
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import Traffic
-from placement_env.fidelity.visibility import see
 from toolkit.geometry import pose
 from toolkit.rendering.strips import SuccessiveStrips
 from toolkit.runtime.cache import Cache

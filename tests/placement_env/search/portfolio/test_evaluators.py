@@ -11,7 +11,8 @@ from placement_env.classes import Classes
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
-from placement_env.fidelity.visibility import of_frames, see
+from placement_env.fidelity.seeing import see
+from placement_env.fidelity.visibility import of_frames
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     DetectorEvaluator,

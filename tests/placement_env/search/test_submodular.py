@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from placement_env.search import greedy
-from placement_env.search.exact import exhaustive, submodular
+from placement_env.search import greedy, submodular
+from placement_env.search.exact import exhaustive
 from placement_env.search.progress import Progress
 from placement_env.setting import Weights
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hits.hit_fit import Observed, fit
+from placement_env.fidelity.hit_fit import Observed, fit
 from placement_env.fidelity.surrogate import Evidence, Surrogate
 from placement_env.subsets import MemberSums
 from toolkit.detection.schemes import find_scheme

@@ -242,8 +242,8 @@ def fit_sites(
     from placement_env.candidates.pool import own_and_random, random_sets
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.seeing import see
     from placement_env.fidelity.traffic import simulate_traffic
-    from placement_env.fidelity.visibility import see
 
     _scipy()
     observed = []
