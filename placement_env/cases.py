@@ -173,7 +173,7 @@ class Cases:
 
     def class_ious(self, classes: Classes, name: str) -> IoUs:
         """IoU threshold or thresholds of one class: its own where it has one."""
-        own = tuple(sorted({classes.iou_of(name, iou) for iou in self.ious}))
+        own = tuple(sorted({classes.get_iou(name, iou) for iou in self.ious}))
         return own[0] if len(own) == 1 else own
 
     def split(self, objects: Int64[np.ndarray, " frames"]) -> tuple[Int64[np.ndarray, " _"], ...]:

@@ -98,7 +98,7 @@ class Classes:
         """SHA-256 of everything that figures depend on."""
         return make_key(self.origin).hex()
 
-    def iou_of(self, name: str, iou: float) -> float:
+    def get_iou(self, name: str, iou: float) -> float:
         """IoU at which a detection of a class counts. iou: of the objective."""
         own = self.ious[self.names.index(name)]
         return own if own is not None else SMALL_IOU if name in SMALL else iou
@@ -113,7 +113,7 @@ class Classes:
         """
         each = list(self.names)
         if iou is not None:
-            own = [self.iou_of(name, 0.0) for name in each]  # 0 where it is the objective's
+            own = [self.get_iou(name, 0.0) for name in each]  # 0 where it is the objective's
             each = [name if at in (0.0, iou) else f"{name} (IoU {at:g})" for name, at in zip(each, own, strict=True)]
         if len(each) == 1:
             return each[0]
@@ -142,7 +142,7 @@ class Classes:
 VEHICLES = Classes()
 
 
-def classes_of(classes: Classes | Iterable[str] | str) -> Classes:
+def find_classes(classes: Classes | Iterable[str] | str) -> Classes:
     """Return classes as they are, or those of these names, or of this one, with equal weights."""
     if isinstance(classes, Classes):
         return classes

@@ -22,7 +22,7 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.protocol import ByClass, ByFrames, Estimate
 from placement_env.racing import Race, race
 from placement_env.setting import Setting, Weights
-from placement_env.subsets import index_of
+from placement_env.subsets import find_index
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import scheme_codec
@@ -272,7 +272,7 @@ class Objective:
         """A set, given as indices or names of candidates, as a row of booleans."""
         row = np.zeros(len(self.candidates), np.bool_)
         for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
-            row[index_of(member, self.names)] = True
+            row[find_index(member, self.names)] = True
         return row
 
     def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n _"], Bool[np.ndarray, " n"]]:

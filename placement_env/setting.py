@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from placement_env.cases import USUAL_CASES, Cases
-from placement_env.classes import VEHICLES, Classes, classes_of
+from placement_env.classes import VEHICLES, Classes, find_classes
 from placement_env.protocol import Fidelity, FidelityName, check_fidelity
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
@@ -92,7 +92,7 @@ class Setting:
             "site": site,
             "scheme": find_scheme(self.scheme),
             "codec": check_codec(self.codec),
-            "classes": classes_of(self.classes),
+            "classes": find_classes(self.classes),
             "most_price": float(self.most_price),
         }
         for name, value in converted.items():
@@ -126,7 +126,7 @@ class Setting:
     @property
     def counted(self) -> Classes:
         """The classes that count."""
-        return classes_of(self.classes)
+        return find_classes(self.classes)
 
     def scored_with(self, fidelity: FidelityName) -> Setting:
         """Same question for another fidelity, without files and errors that it does not know."""

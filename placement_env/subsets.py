@@ -27,7 +27,7 @@ def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 
 
-def index_of(member: object, names: Sequence[str]) -> int:
+def find_index(member: object, names: Sequence[str]) -> int:
     """Return the candidate that an index or name means. Raises ValueError for any other value."""
     if isinstance(member, str) and member in names:
         return names.index(member)

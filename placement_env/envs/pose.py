@@ -17,7 +17,7 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
-from placement_env.subsets import index_of
+from placement_env.subsets import find_index
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
@@ -106,7 +106,7 @@ class PoseScenarios:
         preparation = self._preparation(conditions)
         candidates = preparation.candidates
         names = [sensor.name for sensor in candidates.sensors]
-        failed = {index_of(member, names) for member in conditions.failed}
+        failed = {find_index(member, names) for member in conditions.failed}
         usable = np.array([c for c in range(len(candidates)) if c not in failed], np.int64)
         mounts = np.unique(candidates.mount[usable])
         if len(mounts) < budget:

@@ -13,7 +13,7 @@ Two kinds of value are kept, of one frame each:
     outcome      what one set detects in one scheme with one codec, fused and matched at each IoU threshold
 
 Several classes are matched each by itself: at every IoU threshold of `Detected.ious`, which is that of vehicles, the
-others at those that `Classes.iou_of` says.
+others at those that `Classes.get_iou` says.
 """
 
 from __future__ import annotations
@@ -255,7 +255,7 @@ class Detected:
     @property
     def thresholds(self) -> list[tuple[int, list[float]]]:
         """What outcomes are matched by: class after class, at which IoU thresholds."""
-        of = self.classes.iou_of
+        of = self.classes.get_iou
         return [(label, [of(LABELS[label], iou) for iou in self.ious]) for label in self.classes.labels]
 
     def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:

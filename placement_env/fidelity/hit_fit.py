@@ -183,7 +183,7 @@ def fit_detected(
     fitted: dict[tuple[str, float], Fitted] = {}
     for c, (name, label) in enumerate(zip(first.classes.names, first.classes.labels, strict=True)):
         for iou in ious or first.ious:
-            at, row = first.classes.iou_of(name, iou), first.ious.index(iou)
+            at, row = first.classes.get_iou(name, iou), first.ious.index(iou)
             if (name, at) in fitted:
                 continue
             observed = [

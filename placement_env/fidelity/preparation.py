@@ -271,7 +271,7 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
     from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
 
     classes, scheme, path = setting.counted, setting.fusion, setting.surrogate
-    wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
+    wanted = [(name, classes.get_iou(name, iou)) for name in classes.names]
     if path is None:
         return tuple(shipped_model(surrogate_name(scheme), at, network, label=name) for name, at in wanted)
     models = load_models(path, schemes={*SCHEMES, scheme.name})

@@ -54,7 +54,7 @@ class Surrogate:
         visibility = visibility.of_classes(classes.labels)
         if model is None:
             model = [
-                shipped_model(surrogate_name(scheme), classes.iou_of(name, iou), label=name) for name in classes.names
+                shipped_model(surrogate_name(scheme), classes.get_iou(name, iou), label=name) for name in classes.names
             ]
         models = [model] if isinstance(model, HitModel) else model
         for each in models:

@@ -154,7 +154,7 @@ class TableFidelity:
     @cached_property
     def _columns(self) -> list[tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]]:
         """AP and recall of all sets for each class."""
-        return [class_column(self.table, self.scheme, name, self.classes.iou_of(name, self.iou))
+        return [class_column(self.table, self.scheme, name, self.classes.get_iou(name, self.iou))
                 for name in self.classes.names]  # fmt: skip
 
 
@@ -217,7 +217,7 @@ def make_table(
         hybrid_radius=renders.site.hybrid_radius,
         errors=getattr(renders, "errors", PAPER_ERRORS).name,
         classes=classes.names,
-        ious=tuple(tuple(classes.iou_of(name, iou) for iou in IOUS) for name in classes.names),
+        ious=tuple(tuple(classes.get_iou(name, iou) for iou in IOUS) for name in classes.names),
     )
     ap, recall = (  # class, set, scheme, IoU
         np.transpose([[getattr(each, name) for each in column] for column in columns], (3, 2, 0, 1)).copy()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from placement_env.classes import SMALL_IOU, VEHICLES, Classes, classes_of
+from placement_env.classes import SMALL_IOU, VEHICLES, Classes, find_classes
 from toolkit.objects import LABELS
 
 THREE = ("vehicle", "cyclist", "pedestrian")
@@ -54,16 +54,16 @@ def test_each_setting_is_in_the_digest():
 
 def test_the_iou_of_a_class():
     classes = Classes(LABELS, ious=(None, None, 0.25, None))
-    assert [classes.iou_of(name, 0.8) for name in LABELS] == [0.8, SMALL_IOU, 0.25, 0.8]
-    assert Classes(LABELS, ious=(None, None, None, 0.5)).iou_of("heavy", 0.8) == 0.5
+    assert [classes.get_iou(name, 0.8) for name in LABELS] == [0.8, SMALL_IOU, 0.25, 0.8]
+    assert Classes(LABELS, ious=(None, None, None, 0.5)).get_iou("heavy", 0.8) == 0.5
 
 
 def test_classes_by_names():
-    assert classes_of("cyclist") == Classes(("cyclist",))
-    assert classes_of(["vehicle", "heavy"]) == Classes(("vehicle", "heavy"))
-    assert classes_of(VEHICLES) is VEHICLES
+    assert find_classes("cyclist") == Classes(("cyclist",))
+    assert find_classes(["vehicle", "heavy"]) == Classes(("vehicle", "heavy"))
+    assert find_classes(VEHICLES) is VEHICLES
     with pytest.raises((ValueError, TypeError), match=r"classes must be Classes or names|Type-check"):
-        classes_of(3)
+        find_classes(3)
 
 
 def test_one_class_is_left_as_it_is():

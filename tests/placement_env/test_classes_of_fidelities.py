@@ -206,7 +206,7 @@ def test_the_detector_is_scored_class_by_class(scheme):
         truths = [Street().objects(k) for k in range(FRAMES)]
         counted = [has_centre_inside(there.boxes, Street.site.area) for there in truths]
         for c, name in enumerate(NAMES):
-            iou = MEAN.iou_of(name, 0.7)
+            iou = MEAN.get_iou(name, 0.7)
             (at,) = evaluate(detections, truths, iou_thresholds=[iou], label=name, counted=counted).values()
             assert each.ap[row, c] == pytest.approx(at.ap, abs=1e-12)
             assert each.recall[row, c] == pytest.approx(at.recall, abs=1e-12)

@@ -16,7 +16,7 @@ from placement_env.candidates.pool import choose_candidates, with_terms
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.cases import USUAL_CASES, Cases, IoUs
 from placement_env.checks import check_whole
-from placement_env.classes import VEHICLES, classes_of
+from placement_env.classes import VEHICLES, find_classes
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import find_scheme
@@ -80,7 +80,7 @@ class Question:
             raise ValueError("capacity_kbit must be above 0: leave it out for each mount's own")
         if self.min_ap is not None and not 0 < self.min_ap <= 1:
             raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
-        object.__setattr__(self, "classes", classes_of(self.classes))
+        object.__setattr__(self, "classes", find_classes(self.classes))
         check_codec(self.codec)
         find_scheme(self.scheme)
         if self.sensors is not None and 0 < self.sensors <= self.cases.failing:
