@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 BLOCK_FRAMES = 4  # frames that an object lives
 RESAMPLES = 1000
 HELD_AT_ONCE = 1 << 21  # numbers held in memory at once
+Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws each frame
 
 
 class Interval(NamedTuple):
@@ -36,9 +37,7 @@ class Interval(NamedTuple):
     high: float
 
 
-def block_draws(
-    frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESAMPLES, seed: int = 0
-) -> Int64[np.ndarray, "resamples frames"]:
+def block_draws(frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
     """Count how often each resample draws each frame; frames of one block have equal counts.
 
     >>> block_draws(6, resamples=3)
@@ -51,9 +50,7 @@ def block_draws(
     return draws_of_blocks(np.arange(frames) // block, resamples=resamples, seed=seed)
 
 
-def draws_of_blocks(
-    blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0
-) -> Int64[np.ndarray, "resamples frames"]:
+def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
     """Count how often each resample draws each frame, given the block of each, in any order.
 
     >>> draws_of_blocks(np.array([7, 2, 7]), resamples=3)
@@ -72,19 +69,16 @@ def ap_resamples(
     hits: Sequence[ArrayLike],
     to_find: Sequence[int],
     *,
-    block: int = BLOCK_FRAMES,
-    resamples: int = RESAMPLES,
     seed: int = 0,
-    draws: Int64[np.ndarray, "resamples frames"] | None = None,
+    draws: Draws | None = None,
 ) -> Float64[np.ndarray, " resamples"]:
     """Return the AP of each resample, NaN where it has nothing to find.
 
-    Takes the arguments of `ap_interval`. draws: counts of `draws_of_blocks`, None for blocks of consecutive frames.
+    Takes the arguments of `ap_interval`.
     """
     flat_scores, flat_hits, frame = _pool_detections(scores, hits, to_find)
     if draws is None:
-        draws = block_draws(len(to_find), block=block, resamples=resamples, seed=seed)
-    resamples = len(draws)
+        draws = block_draws(len(to_find), seed=seed)
     order = np.argsort(-flat_scores, kind="stable")
     flat_scores, flat_hits, frame = flat_scores[order], flat_hits[order], frame[order]
     last_of_equals = np.flatnonzero(np.append(flat_scores[1:] != flat_scores[:-1], True)[: len(flat_scores)])
@@ -92,7 +86,7 @@ def ap_resamples(
     at_once = max(1, HELD_AT_ONCE // max(len(frame), 1))
     parts = [
         _ap(draws[first : first + at_once][:, frame], flat_hits, last_of_equals, truths[first : first + at_once])
-        for first in range(0, resamples, at_once)
+        for first in range(0, len(draws), at_once)
     ]
     return np.concatenate(parts)
 
@@ -102,42 +96,39 @@ def ap_interval(
     hits: Sequence[ArrayLike],
     to_find: Sequence[int],
     *,
-    block: int = BLOCK_FRAMES,
-    resamples: int = RESAMPLES,
     seed: int = 0,
+    draws: Draws | None = None,
     confidence: float = 0.95,
 ) -> Interval:
     """Return the interval of the AP (`toolkit.detection.metrics`) over consecutive frames.
 
     scores, hits: per frame, score of each detection that is not ignored, and True where it hit a truth; to_find: number
-    of truths in each frame. Raises ValueError where these do not fit.
+    of truths in each frame; draws: counts of `block_draws`, None for 1000 of blocks of `BLOCK_FRAMES`. Raises
+    ValueError where these do not fit.
 
-    >>> ap_interval([[0.9], [0.8, 0.7]], [[True], [False, True]], [1, 1], block=1)
+    >>> ap_interval([[0.9], [0.8, 0.7]], [[True], [False, True]], [1, 1], draws=block_draws(2, block=1))
     Interval(low=0.5, high=1.0)
     """
-    return percentiles(
-        ap_resamples(scores, hits, to_find, block=block, resamples=resamples, seed=seed), confidence=confidence
-    )
+    return percentiles(ap_resamples(scores, hits, to_find, seed=seed, draws=draws), confidence=confidence)
 
 
 def ratio_interval(
     parts: ArrayLike,
     wholes: ArrayLike,
     *,
-    block: int = BLOCK_FRAMES,
-    resamples: int = RESAMPLES,
     seed: int = 0,
+    draws: Draws | None = None,
     confidence: float = 0.95,
 ) -> Interval:
     """Return the interval of sum(parts) / sum(wholes), one of each per frame: recall, precision, a share, a mean.
 
-    >>> ratio_interval([1, 3], [2, 4], block=1)
+    >>> ratio_interval([1, 3], [2, 4], draws=block_draws(2, block=1))
     Interval(low=0.5, high=0.75)
     """
     part, whole = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
     if part.ndim != 1 or part.shape != whole.shape:
         raise ValueError(f"there must be one part and one whole per frame, got {part.shape} and {whole.shape}")
-    draws = block_draws(len(part), block=block, resamples=resamples, seed=seed)
+    draws = block_draws(len(part), seed=seed) if draws is None else draws
     sums = draws @ whole
     ratios = np.divide(draws @ part, sums, out=np.full(len(sums), np.nan), where=sums != 0)
     return percentiles(ratios, confidence=confidence)
@@ -214,9 +205,7 @@ class Tally:
         """Share of detections that hit; NaN without a detection."""
         return float(self.hit.mean()) if len(self.hit) else float("nan")
 
-    def resamples(
-        self, *, seed: int = 0, draws: Int64[np.ndarray, "resamples frames"] | None = None
-    ) -> Float64[np.ndarray, " resamples"]:
+    def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Float64[np.ndarray, " resamples"]:
         """Return the AP of each resample of blocks of frames.
 
         One seed draws the same blocks for every tally. draws: counts of `draws_of_blocks`, None for blocks of

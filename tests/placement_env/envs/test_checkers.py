@@ -19,7 +19,7 @@ from placement_env.setting import Setting
 from toolkit.runtime.run import Run
 
 CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
-SCORED_BY: list[FidelityName] = ["coverage", "surrogate", "detector", "table"]
+SCORED_BY = ["coverage", "surrogate", pytest.param("detector", marks=pytest.mark.slow), "table"]
 
 
 @cache
@@ -36,7 +36,7 @@ def test_both_checkers_pass(name: str, fidelity: FidelityName) -> None:
     check_env_sb3(env)
 
 
-@pytest.mark.parametrize("fidelity", ["coverage", "surrogate", pytest.param("detector", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("fidelity", SCORED_BY[:-1])
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_pass_moving_sensors(fidelity: FidelityName) -> None:
     env = gym.make("coview/SensorPose-v0", frames=1, budget=1, fidelity=fidelity, disable_env_checker=True)

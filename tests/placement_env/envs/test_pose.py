@@ -78,6 +78,7 @@ def test_rewards_add_up_and_the_episode_is_cut_off(env: gym.Env[Any, Any]) -> No
     assert total == pytest.approx(info["ap"] - first)
 
 
+@pytest.mark.slow
 def test_a_vector_does_what_scalars_do() -> None:
     vector = gym.make_vec(NAME, num_envs=2, moves=2, **FEW)
     scalar = SyncVectorEnv([lambda: gym.make(NAME, moves=2, **FEW)] * 2)
