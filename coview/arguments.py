@@ -86,7 +86,7 @@ def sensor_set(text: str) -> list[int | str] | None:
 
 
 def names_of(text: str) -> list[str] | None:
-    """As `sensor_set`, of recordings whose sensors go by name alone.
+    """Like `sensor_set`, for recordings whose sensors go by name alone.
 
     >>> names_of("north, 106")
     ['north', '106']

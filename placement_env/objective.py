@@ -41,7 +41,7 @@ MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memor
 
 @dataclass(frozen=True)
 class Score:
-    """What an objective says of one set. subset: indices of its candidates, ascending; `terms` add up to the reward;
+    """Score of one set. subset: indices of its candidates, ascending; `terms` add up to the reward;
     cache_hit: whether the fidelity knew this set already; class_ap: of each class, NaN where nothing is to be found."""
 
     subset: tuple[int, ...]
@@ -174,7 +174,7 @@ class Objective:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the candidates."""
+        """Names of the candidates."""
         return tuple(sensor.name for sensor in self.candidates.sensors)
 
     @cached_property
@@ -187,12 +187,12 @@ class Objective:
 
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
-        """Which candidates send no more than their mount's link carries; boxes alone always fit."""
+        """Mask of candidates that send no more than their mount's link carries; boxes alone always fit."""
         boxes = not self.scheme.sends_points
         return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
 
     def score(self, subset: Members) -> Score:
-        """Score of a set, indices or names of candidates in any order. Raises ValueError for one that there is not."""
+        """Score of a set, indices or names of candidates in any order. Raises ValueError for an unknown one."""
         row = self.row(subset)
         scores = self.scores(row[None])
         ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
@@ -249,23 +249,25 @@ class Objective:
         return np.asarray(built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Which prices are within `most_price`; what rounding adds to a sum does not count."""
+        """Mask of prices within `most_price`; what rounding adds to a sum does not count."""
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
-        """Which sets may be built: no mount with more sensors or kbit than it carries, no more than `most_price`."""
+        """Mask of sets that may be built: no mount with more sensors or kbit than it carries, no more than
+        `most_price`."""
         together = fit_together(self.candidates, subsets, self.shared_links)
         return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Which candidates may join a set and leave it feasible: on mounts with room, for what is left of the money."""
+        """Mask of candidates that may join a set and leave it feasible: on mounts with room, for what is left of the
+        money."""
         row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
         price = self.price(row[None])[0] + extra_prices(self.candidates, row)
         return np.asarray(room_beside(self.candidates, row, self.shared_links) & self.linked & self.affordable(price))
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:
-        """What each candidate sends, where sensors share the link of a mount and that may be too much; else None."""
+        """kbit of each candidate, where sensors share the link of a mount and that may be too much; else None."""
         return self.sent if self.candidates.several and self.scheme.sends_points else None
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
@@ -296,7 +298,7 @@ class Objective:
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width), cache_hit
 
     def _estimated(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Estimate, Sequence[Float64[np.ndarray, " n"]]]:
-        """What the fidelity says of sets and, of several classes, the AP of each."""
+        """Estimate of sets and, of several classes, the AP of each."""
         if self._width == 3:
             return self.scored_by(subsets), ()
         each = cast(ByClass, self.scored_by).by_class(subsets)

@@ -37,7 +37,7 @@ class Rung:
 
 @dataclass(frozen=True, eq=False)
 class Race:
-    """How a race went. winners: rows of the best sets, best first, and what ties with the last of them; scores: of
+    """Course of a race. winners: rows of the best sets, best first, and what ties with the last of them; scores: of
     each, from all frames; spent: set-frames scored, a frame that a set was scored on before not counted again; full:
     set-frames that all sets on all frames would take."""
 
@@ -64,10 +64,10 @@ ResampledScores = Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """How a race until a confidence went. ranking: rows of all different sets, best first: those that were dropped come
-    after those that were not, the last dropped first; figures: of each in that order, from the frames it was scored
-    on; frames: how many these were; confidence: that no set is better than the first by more than the tolerance;
-    spent: set-frames scored; expected: of each, what these frames and the predictions make likeliest."""
+    """Course of a race until a confidence. ranking: rows of all different sets, best first: those that were dropped
+    come after those that were not, the last dropped first; figures: of each in that order, from the frames it was
+    scored on; frames: how many these were; confidence: that no set is better than the first by more than the
+    tolerance; spent: set-frames scored; expected: of each, what these frames and the predictions make likeliest."""
 
     ranking: Int64[np.ndarray, " k"]
     figures: Float64[np.ndarray, " k"]
@@ -209,7 +209,7 @@ def race_until(
 
 
 def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, tolerance: float) -> float:
-    """How likely some set is better than the winner by more than the tolerance: of those in the last rung the share of
+    """Chance that some set is better than the winner by more than the tolerance: of those in the last rung the share of
     resamples in which any is, of each one dropped before the share in the rung after which it was."""
     doubt = 0.0
     going_on = np.zeros(0, np.int64)
@@ -248,7 +248,7 @@ def _best_first(scores: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
 
 
 def _with_ties(descending: Float64[np.ndarray, " n"], places: int) -> int:
-    """How many share the first `places`: those and what equals the last of them.
+    """Number of sets that share the first `places`: those and what equals the last of them.
 
     >>> _with_ties(np.array([0.9, 0.5, 0.5, 0.1]), 2), _with_ties(np.array([0.9, np.nan, np.nan]), 2)
     (3, 3)

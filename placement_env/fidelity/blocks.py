@@ -1,4 +1,4 @@
-"""What sensors see of traffic block by block, each kept when it is done, so that what was broken off goes on there."""
+"""Views of sensors on traffic, block by block, each kept when it is done, so that what was broken off goes on there."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class BlockView(Protocol):
     """Looks at a block; can be pickled."""
 
     def __call__(self, block: Block, /) -> Seen:
-        """What is seen of it."""
+        """View of a block."""
         ...
 
     def key(self, block: Block) -> bytes:
-        """What is seen of it depends on this."""
+        """Cache key of a block."""
         ...
 
 
 def see_blocks(
     look: BlockView, blocks: Sequence[Block], run: Run, progress: Callable[[int], None] | None = None
 ) -> list[Seen]:
-    """What is seen of each block, kept in the run's cache by an earlier call or looked at now.
+    """Views of each block, kept in the run's cache by an earlier call or looked at now.
 
     progress: called with the end of each block that is done.
     """
@@ -60,6 +60,6 @@ class _Job:
         return found
 
     def cached(self, block: Block) -> Seen | None:
-        """What an earlier call found; None where there is nothing, or it is damaged."""
+        """Result of an earlier call; None where there is none, or it is damaged."""
         arrays = None if self.cache is None else self.cache.get([self.look.key(block)])[0]
         return None if arrays is None else Seen(*arrays)

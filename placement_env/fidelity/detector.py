@@ -60,7 +60,7 @@ class Outcome(NamedTuple):
     labels: Shaped[np.ndarray, " n"] | None = None
 
     def of_class(self, label: int) -> Outcome:
-        """What became of the detections of one class; `truth` counts the objects of all classes still."""
+        """Outcome of one class; `truth` counts the objects of all classes still."""
         if self.labels is None:
             return self
         own = self.labels == label
@@ -118,7 +118,7 @@ class Detected:
             )
 
     def at(self, iou: float, also: Iterable[float] = ()) -> Detected:
-        """The same where a detection counts at another IoU threshold. also: thresholds at which outcomes are matched
+        """Same where a detection counts at another IoU threshold. also: thresholds at which outcomes are matched
         beside those that they were."""
         check_iou(iou)
         other = copy(self)
@@ -154,7 +154,7 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, ClassEstimates]:
-        """As `estimates`, class by class."""
+        """Like `estimates`, class by class."""
         sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)
         to_find = [int(sum(self.to_find(k, label).sum() for k in chosen_frames)) for label in self.classes.labels]
         figures = np.zeros((len(sets), len(self.classes), len(self.ious), 3))
@@ -171,7 +171,7 @@ class Detected:
         }
 
     def hits(self, subset: Bool[np.ndarray, " C"], frames: int | Sequence[int] | None = None) -> Hits:
-        """What one set hits, object by object."""
+        """Hits of one set, object by object."""
         (chosen,), chosen_frames = self._sets(subset[None]), _indices(self.frames, frames)
         found = self.outcomes([chosen], chosen_frames)[chosen]
         first_object = np.concatenate([[0], np.cumsum([self.scored(k).sum() for k in chosen_frames])])
@@ -208,14 +208,14 @@ class Detected:
         return {chosen: [Outcome(*arrays) for arrays in row] for chosen, row in kept.items()}
 
     def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
-        """What a set (ascending indices) detects together in frame k, in the order of its `Outcome`."""
+        """Detections of a set (ascending indices) in frame k, in the order of its `Outcome`."""
         frame = self.frame(k)
         found = frame.fused(chosen).detections
         self.memo.put(frame.new)
         return found
 
     def frame(self, k: int) -> FrameDetections:
-        """What is detected in frame k, set by set, with what the memo has of it."""
+        """Detections in frame k, set by set, with what the memo has of it."""
 
         def key(clouds: Sequence[Cloud]) -> bytes:
             return self.key(k, "detections", [c.sensor for c in clouds], [c.history for c in clouds])
@@ -226,7 +226,7 @@ class Detected:
         return FrameDetections(self.renders, k, self.detector, self.scheme, self.codec, key=key, kept=kept)
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
-        """What a set detects together in frame k, matched."""
+        """Matched detections of a set in frame k."""
         objects, counted = self.renders.objects(k), self.scored(k)
         place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
         truth = np.full((len(self.ious), len(fused.detections)), IGNORED, np.int16)
@@ -236,17 +236,17 @@ class Detected:
         return Outcome(fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8))
 
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: Any) -> bytes:
-        """What a value of frame k depends on, for a set of sensors."""
+        """Key of a value of frame k, for a set of sensors."""
         return make_key(kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more)
 
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
-        """Which objects of frame k are to be found."""
+        """Mask of the objects of frame k to be found."""
         if k not in self._scored:
             self._scored[k] = scored(self.renders.objects(k), self.renders.site, self.classes.labels)
         return self._scored[k]
 
     def to_find(self, k: int, label: int) -> Bool[np.ndarray, " objects"]:
-        """Those of them that are of one class."""
+        """Mask of the objects of one class to be found."""
         return self.scored(k) & (self.renders.objects(k).labels == label)
 
     def _outcome_key(self, chosen: tuple[int, ...], k: int) -> bytes:
@@ -254,7 +254,7 @@ class Detected:
 
     @property
     def thresholds(self) -> list[tuple[int, list[float]]]:
-        """What outcomes are matched by: class after class, at which IoU thresholds."""
+        """IoU thresholds at which outcomes are matched, class after class."""
         of = self.classes.get_iou
         return [(label, [of(LABELS[label], iou) for iou in self.ious]) for label in self.classes.labels]
 

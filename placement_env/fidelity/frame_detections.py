@@ -22,7 +22,7 @@ from toolkit.sites.site import Site
 
 @runtime_checkable
 class Measured(Protocol):
-    """What candidates measure in frames at a site, such as `placement_env.fidelity.renders.Renders`."""
+    """Measurements of candidates in frames at a site, such as `placement_env.fidelity.renders.Renders`."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -30,7 +30,7 @@ class Measured(Protocol):
 
     @property
     def digest(self) -> str:
-        """Of all that the measurements depend on but the sensors."""
+        """Digest of all that the measurements depend on but the sensors."""
         ...
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
@@ -44,7 +44,7 @@ class Measured(Protocol):
 
 @runtime_checkable
 class MeasuredImages(Protocol):
-    """What schemes and codecs that send images need beside."""
+    """Measurements of schemes and codecs that send images."""
 
     @property
     def scene(self) -> Callable[[int], EmptyScene]:
@@ -86,7 +86,7 @@ class FrameDetections:
         )  # fmt: skip
 
     def fused(self, chosen: tuple[int, ...]) -> Fused:
-        """What the sensors of a set detect together, and what they sent."""
+        """Detections of a set together, and what its sensors sent."""
         if chosen not in self._fused:
             self._fused[chosen] = self._scheme.fuse(self._view, chosen)
         return self._fused[chosen]
@@ -110,7 +110,7 @@ class FrameDetections:
                 self._keep(key, found)
 
     def _goes_through(self, chosen: tuple[int, ...]) -> bool:
-        """Whether a set could be fused with the detections that are known."""
+        """True where a set could be fused with the detections that are known."""
         try:
             self.fused(chosen)
         except _Unknown:
@@ -118,7 +118,7 @@ class FrameDetections:
         return True
 
     def _detections(self, clouds: Sequence[Cloud]) -> Detections:
-        """What the detector says of the points of some clouds together."""
+        """Detections in the points of some clouds together."""
         adding = [cloud for cloud in clouds if len(cloud.points)]
         key = self._key(adding)
         if key not in self._detected:

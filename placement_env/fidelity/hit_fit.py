@@ -35,7 +35,7 @@ LIFE = 4  # frames in which the same objects are there
 
 
 class Observed(NamedTuple):
-    """What a detector made of sensor sets at one site: what the sensors see, the sets, which objects each set hit, the
+    """Detections of sensor sets at one site: what the sensors see, the sets, which objects each set hit, the
     AP of each, the site's hybrid radius (m), and the kinds of the sensors' models."""
 
     visibility: Visibility
@@ -47,7 +47,7 @@ class Observed(NamedTuple):
 
 
 class _Weights(NamedTuple):
-    """How often each object and each set of a site counts."""
+    """Weights of each object and each set of a site."""
 
     objects: Float64[np.ndarray, " O"]
     sets: Float64[np.ndarray, " n"]

@@ -1,4 +1,4 @@
-"""What a block of sensors sees of every frame: each object's silhouette once, then which of them stand before which.
+"""View of a block of sensors on every frame: each object's silhouette once, then which of them stand before which.
 
 Vehicles that stand still from one frame to the next, parked or at a light, are cast once.
 """
@@ -44,7 +44,7 @@ class _Part(NamedTuple):
 def look_at(
     traffic: Traffic, renderer: Renderer, sensors: Sequence[Sensor], labels: Sequence[int] = (VEHICLE,)
 ) -> Seen:
-    """What the sensors see of all frames; renderer: of the traffic's site and bodies; labels: of the scored objects."""
+    """View of the sensors on all frames; renderer: of the traffic's site and bodies; labels: of the scored objects."""
     scene = _Scene(traffic.site, renderer, sensors)
     points, sent, far = [np.zeros((len(sensors), 0))], [], []
     parts: dict[tuple[int, bytes], _Part] = {}
@@ -68,7 +68,7 @@ def look_at(
 
 
 def _windows_of(traffic: Traffic, scene: _Scene) -> dict[tuple[int, bytes], Windows]:
-    """Where each object of all frames may be seen; of one that stands still, once."""
+    """Windows in which each object of all frames may be seen; of one that stands still, once."""
     different = {
         (body, box.tobytes()): (body, box)
         for snapshot in traffic.snapshots
@@ -102,7 +102,7 @@ class _Scene:
         self._owner = np.zeros(len(views.still), np.int32)
 
     def windows(self, bodies: np.ndarray, boxes: np.ndarray) -> list[Windows]:
-        """Where objects may be seen."""
+        """Windows in which objects may be seen."""
         return self._views.windows(bodies, boxes)
 
     def part(self, body: int, box: np.ndarray, windows: Windows) -> _Part:

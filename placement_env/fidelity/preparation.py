@@ -39,7 +39,7 @@ BY_LEVELS = ("coverage", "surrogate")  # fidelities that know levels of traffic
 
 @dataclass(frozen=True, eq=False)
 class Preparation:
-    """What the fidelities of a setting are made from."""
+    """Parts that the fidelities of a setting are made from."""
 
     setting: Setting
     run: Run = Run()
@@ -84,7 +84,7 @@ class Preparation:
 
     @cached_property
     def visibility(self) -> Visibility:
-        """What each candidate sees."""
+        """View of each candidate."""
         from placement_env.fidelity.seeing import see
 
         return see(

@@ -126,7 +126,7 @@ def cell_entropy(over: Float[np.ndarray, "O V"], visibility: Visibility) -> Floa
 
 
 class _Cost:
-    """What sets send, as `Coverage` takes it."""
+    """kbit of sets, as `Coverage` takes it."""
 
     def __init__(self, visibility: Visibility, scheme: Scheme | str, codec: Codec) -> None:
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)

@@ -42,7 +42,7 @@ IN_MEMORY = 256  # candidates, of those that are kept in a cache
 
 
 class Renders:
-    """What candidates measure of traffic.
+    """Measurements of candidates in traffic.
 
     cache: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
     no noise; errors: of the sensors, drawn from that seed when a cloud is asked for. Pickles without what it has
@@ -71,7 +71,7 @@ class Renders:
 
     @staticmethod
     def of(recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS) -> Recorded:
-        """What the sensors of a recording measured, as `toolkit.detection.evaluation` sees it."""
+        """Measurements of a recording, as `toolkit.detection.evaluation` sees it."""
         return Recorded(recording, noise_seed, errors=errors)
 
     @cached_property
@@ -122,7 +122,7 @@ class Renders:
         return not only_own_noise(self.errors)
 
     def _reading(self, packed: _Packed, k: int, c: int) -> Frame:
-        """What candidate c says in frame k, errors and all."""
+        """Reading of candidate c in frame k, errors and all."""
         snapshots, sensor = self.traffic.snapshots, self.sensors[c]
         now, speed = snapshots[k], None
         if self.errors.needs_velocities:
@@ -139,7 +139,7 @@ class Renders:
         return packed
 
     def _kept(self, c: int) -> _Packed:
-        """What the cache keeps of a candidate; it is rendered where that is missing or damaged."""
+        """Kept render of a candidate; it is rendered where that is missing or damaged."""
         if self._cache is None:
             return self._render(c)
         sensor = self.sensors[c]
@@ -174,7 +174,7 @@ class Renders:
 
 
 class Recorded:
-    """What the sensors of a recording measured: the same points, to the bit, as `toolkit.detection.evaluation` gets."""
+    """Measurements of a recording: the same points, to the bit, as `toolkit.detection.evaluation` gets."""
 
     def __init__(
         self, recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS
@@ -240,7 +240,7 @@ class _Packed:
         return flat.reshape(shape)
 
     def arrays(self) -> tuple[np.ndarray, ...]:
-        """What a cache keeps."""
+        """Arrays for a cache."""
         return self.rig.pixels[0], self.rig.depth[0], self.pixels, self.steps, self.ends
 
 
@@ -267,7 +267,7 @@ def _packed_whole(rig: Rig, background: np.ndarray, images: Iterable[np.ndarray]
 
 
 def _beyond_noise(errors: ErrorProfile) -> list[str]:
-    """What errors add to a key: nothing where there is only the sensors' own noise."""
+    """Part of a key that errors add: nothing where there is only the sensors' own noise."""
     return [] if only_own_noise(errors) else [errors.digest, code_digest(*errors.modules)]
 
 
@@ -277,6 +277,6 @@ def _code(sensors: Sequence[Sensor]) -> str:
 
 
 def _seed(sensor: Sensor) -> int:
-    """What its noise is drawn from: not `Sensor.digest`, since published figures were measured with this noise."""
+    """Seed of its noise: not `Sensor.digest`, since published figures were measured with this noise."""
     described = json.dumps((repr(sensor.model), sensor.pose.tolist()))
     return int.from_bytes(sha256(described.encode()).digest()[:8], "big")

@@ -34,7 +34,7 @@ def see(
     run: Run = Run(),
     rendering: Rendering = "auto",
 ) -> Visibility:
-    """What the candidates see of the traffic.
+    """View of the candidates on the traffic.
 
     rendering: "full" casts every ray of every candidate; "panorama" looks once from each place and counts the rays of
     all that hangs there in what it saw, which is much faster where many candidates share a place and agrees within 3 %
@@ -100,7 +100,7 @@ class _FullLook:
         return look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)], self.labels)
 
     def key(self, block: Block) -> bytes:
-        """What is seen by a block of sensors depends on this."""
+        """Cache key of a block of sensors."""
         sensors = self.sensors[slice(*block)]
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
         return make_key("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels)

@@ -81,7 +81,7 @@ class Surrogate:
         return Estimate(ap, recall, self._kbit(subsets))
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
-        """The same of each class, NaN where there is no object of it."""
+        """Same of each class, NaN where there is no object of it."""
         figures = [part.expected(subsets) for part in self._parts]
         for part, (ap, recall) in zip(self._parts, figures, strict=True):
             if not part.objects:
@@ -103,13 +103,13 @@ class Surrogate:
         ]
 
     def in_frames(self, frames: Int64[np.ndarray, " _"]) -> Surrogate:
-        """The same over some of the frames alone, ascending; kbit stay those of all."""
+        """Same over some of the frames alone, ascending; kbit stay those of all."""
         other = copy(self)
         other._parts = [part.in_frames(frames) for part in self._parts]
         return other
 
     def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """How unsure the AP of each set is: its standard deviation over the resamples of the fit; NaN where a model has
+        """Standard deviation of the AP of each set over the resamples of the fit; NaN where a model has
         none. Says nothing of what the models have not got a number for."""
         count = min(len(model.resampled) for model in self.models)
         if count < 2:
@@ -124,7 +124,7 @@ class Surrogate:
         return np.nan_to_num(np.std(drawn, axis=0, ddof=1))
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
-        """In what way it is asked about something else than it was fitted to, a sentence each. sensors: kinds of their
+        """Sentences on how it is asked about something it was not fitted to. sensors: kinds of their
         models."""
         said: dict[str, None] = {}
         for part, model in zip(self._parts, self.models, strict=True):
@@ -153,11 +153,11 @@ class _Part:
         return self._sums.rows[:, : self.objects].copy()
 
     def with_model(self, model: HitModel) -> _Part:
-        """The same objects by another model."""
+        """Same objects by another model."""
         return _Part(self.visibility, self._scheme, self._radius, model)
 
     def in_frames(self, frames: Int64[np.ndarray, " _"]) -> _Part:
-        """Those in some of the frames."""
+        """Objects in some of the frames."""
         return _Part(of_frames(self.visibility, frames), self._scheme, self._radius, self._model)
 
     def expected(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
@@ -197,7 +197,7 @@ def expected_ap(
 
 
 class Evidence:
-    """What each candidate knows of each object, in numbers that add up over the members of a set.
+    """Evidence of each candidate on each object, in numbers that add up over the members of a set.
 
     scheme: how sets fuse; radius: the site's hybrid radius (m). The sums of `rows` over a set, `joined`, are the
     model's Σ n_i ^ norm and, where it has a floor, Σ N_i ^ norm. Where points reach the centre beside boxes, it counts

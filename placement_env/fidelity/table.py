@@ -38,13 +38,13 @@ SHIPPED = Path(__file__).parent / "exact"
 
 
 def _no_more() -> Float64[np.ndarray, "0 0 0 0"]:
-    """Of classes beside the first, where there are none."""
+    """Empty figures of classes beside the first."""
     return np.zeros((0, 0, 0, 0))
 
 
 @dataclass(frozen=True)
 class Origin:
-    """What a table was measured from: site, names of the sensors, digest of both (`digest_of`), how many frames and
+    """Origin of a table: site, names of the sensors, digest of both (`digest_of`), how many frames and
     objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code,
     the site's hybrid radius (m), name of the sensors' error profile, classes of the objects, and of each the IoU
     threshold in the place of each of `IOUS`.
@@ -266,7 +266,7 @@ def load_table(name: str | Path) -> Table:
 
 
 def _hybrid_radius(site: str) -> float:
-    """Of a table that does not say: it was made when only the built-in sites had one of their own."""
+    """Hybrid radius of a table that does not say: it was made when only the built-in sites had one of their own."""
     return load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
 
 

@@ -83,6 +83,6 @@ def renderer_of(traffic: Traffic) -> Renderer:
 
 
 def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Bool[np.ndarray, " n"]:
-    """Which objects a detector is scored by: those of some classes (numbers), vehicles (no heavy ones) if none are
-    given, centred in the area, as in `toolkit.detection.evaluation` with its exact protocol."""
+    """Mask of the objects that a detector is scored by: those of some classes (numbers), vehicles (no heavy ones) if
+    none are given, centred in the area, as in `toolkit.detection.evaluation` with its exact protocol."""
     return np.isin(objects.labels, labels) & has_centre_inside(objects.boxes, site.area)

@@ -25,7 +25,7 @@ from toolkit.sensors.sensor import Sensor
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
-    """What C candidates see of the O scored objects (of some classes, centred in the area) of F frames, frame after
+    """View of C candidates on the O scored objects (of some classes, centred in the area) of F frames, frame after
     frame.
 
     points: on each object inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal,
@@ -48,7 +48,7 @@ class Visibility:
 
     @property
     def frames(self) -> int:
-        """How many frames."""
+        """Number of frames."""
         return self.sent.shape[1]
 
     @property
@@ -62,13 +62,13 @@ class Visibility:
         return len(self.points)
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Visibility:
-        """What some of the candidates see, in the order given."""
+        """View of some of the candidates, in the order given."""
         chosen = np.asarray(indices, np.int64)
         per_candidate = (self.points[chosen], self.distance[chosen])
         return Visibility(*per_candidate, self.frame, self.boxes, self.sent[chosen], self.far[chosen], self.labels)
 
     def of_classes(self, labels: Sequence[int]) -> Visibility:
-        """What is seen of the objects of some classes (numbers)."""
+        """View on the objects of some classes (numbers)."""
         own = np.isin(self.labels, labels)
         if own.all():
             return self
@@ -95,7 +95,7 @@ class Visibility:
         noise_seed: int | None = 0,
         labels: Sequence[int] = (VEHICLE,),
     ) -> Visibility:
-        """What the sensors of a recording see of its vehicles, or objects of these classes, counted in their clouds;
+        """View of the sensors of a recording on its vehicles, or objects of these classes, counted in their clouds;
         frames: only the first so many.
 
         What is sent is counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are
@@ -122,7 +122,7 @@ class Visibility:
 
 
 def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
-    """What is seen in some of the frames, ascending."""
+    """View on some of the frames, ascending."""
     own = np.isin(visibility.frame, frames)
     return replace(
         visibility,

@@ -39,7 +39,7 @@ class Checkpoint:
         self._saved = time.monotonic()
 
     def part(self, name: str) -> Checkpoint:
-        """That of a search within this one."""
+        """Checkpoint of a search within this one."""
         return Checkpoint(self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every)
 
     def place(self, name: str) -> Path | None:

@@ -33,7 +33,7 @@ def describe_score(score: Score) -> str:
 
 
 def describe_assessment(assessment: Assessment) -> list[str]:
-    """What a portfolio's judge says of the answer and of each search's own, a line each."""
+    """Words for the judgement of the answer and of each search's own, a line each."""
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
     sure = "" if assessment.confidence >= assessment.asked else f", short of the {assessment.asked:.0%} asked for"
     lines = [
@@ -64,8 +64,8 @@ def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
 
 
 def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
-    """How sure a surrogate is of a set, and where it is asked about something else than it was fitted to, a line each;
-    none for other fidelities."""
+    """Words for how sure a surrogate is of a set, and where it is asked about something else than it was fitted to, a
+    line each; none for other fidelities."""
     surrogate = objective.scored_by
     if not isinstance(surrogate, Doubting):
         return []
@@ -114,7 +114,7 @@ def absent_classes(objective: Objective) -> tuple[str, ...]:
 
 
 def describe_exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
-    """What excludes candidates, how many, and what the least demanding of them would take."""
+    """Sentences on what excludes candidates, how many, and what the least demanding of them would take."""
     candidates, sent, linked = objective.candidates, objective.sent, objective.linked
     count, reasons = len(candidates), []
     if not linked.all():

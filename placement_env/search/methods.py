@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """Where a search is: module and function; needs: the package it cannot do without; extra: what brings it; resumes:
+    """Place of a search: module and function; needs: the package it cannot do without; extra: what brings it; resumes:
     whether it takes a checkpoint (the others are short but for what the cache keeps, and begin again)."""
 
     module: str

@@ -18,7 +18,7 @@ PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
 
 
 class Figures(NamedTuple):
-    """What n sets score; a set the limits left no room for has reward -inf and NaN for the rest."""
+    """Scores of n sets; a set the limits left no room for has reward -inf and NaN for the rest."""
 
     reward: Float64[np.ndarray, " n"]
     ap: Float64[np.ndarray, " n"]
@@ -47,12 +47,12 @@ class Limits:
 
     @property
     def spent(self) -> bool:
-        """Whether a limit is reached."""
+        """True where a limit is reached."""
         return self.count >= self.evaluations or self.elapsed >= self.seconds
 
     @property
     def share(self) -> float:
-        """How much of the nearer limit is used, 0 to 1; 0 without limits."""
+        """Share of the nearer limit used, 0 to 1; 0 without limits."""
         return min(1.0, max(self.count / self.evaluations, self.elapsed / self.seconds))
 
     def record(self, reward: float, *, at: int | None = None) -> None:
@@ -60,7 +60,7 @@ class Limits:
         self.rows.append((self.count if at is None else at, self.elapsed, reward))
 
     def state(self) -> dict[str, Any]:
-        """Of a checkpoint."""
+        """State for a checkpoint."""
         return {"count": self.count, "elapsed": self.elapsed, "rows": self.rows}
 
     def resume(self, state: Mapping[str, Any]) -> None:
@@ -90,11 +90,11 @@ class Progress:
 
     @property
     def spent(self) -> bool:
-        """Whether a limit is reached."""
+        """True where a limit is reached."""
         return self.limits.spent
 
     def state(self) -> dict[str, Any]:
-        """Of a checkpoint."""
+        """State for a checkpoint."""
         return {"limits": self.limits.state(), "best": np.flatnonzero(self.best).tolist(), "reward": self.reward}
 
     def resume(self, state: Mapping[str, Any]) -> None:

@@ -39,7 +39,7 @@ class History:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is known of how good an answer is.
+    """Evidence of how good an answer is.
 
     kind: "optimal", no feasible set is better; "bound", none is better than `bound`; "local optimum", none that differs
     in one sensor is better; "none", nothing is known.
@@ -56,14 +56,14 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """How much better the optimum may be, in `measure`: 0 when the answer is proven optimal. A price is the better
-        the lower, and `bound` is then the least that any such set costs."""
+        """Most by which the optimum may be better, in `measure`: 0 when the answer is proven optimal. A price is the
+        better the lower, and `bound` is then the least that any such set costs."""
         return max(0.0, self.value - self.bound if self.measure == "price" else self.bound - self.value)
 
 
 @dataclass(frozen=True)
 class Contender:
-    """What some searches of a portfolio answered with, or its winner (searches: none, where it is a neighbour).
+    """Answer of some searches of a portfolio, or its winner (searches: none, where it is a neighbour).
     predicted: AP by the objective that was searched; ap, low, high: by the judge on traffic that neither searches nor
     race saw, with its interval."""
 
@@ -92,7 +92,7 @@ class ProfileAP:
 
 @dataclass(frozen=True)
 class Assessment:
-    """What traffic that neither searches nor race saw says of a portfolio's answer.
+    """Judgement of a portfolio's answer on traffic that neither searches nor race saw.
 
     by: fidelity of race and judgement; ap, low, high: of the answer, with its 95 % interval; kbit: of the whole set;
     objects, frames: by which it was judged; predicted: AP by the objective that was searched; confidence: that no
@@ -121,7 +121,7 @@ class Assessment:
 
     @property
     def curse(self) -> float:
-        """By how much the objective overrates the answer, in AP."""
+        """AP by which the objective overrates the answer."""
         return self.predicted - self.ap
 
 

@@ -1,4 +1,4 @@
-"""What greedy proves when the objective is monotone submodular, as coverage is and AP is not.
+"""Guarantees of greedy when the objective is monotone submodular, as coverage is and AP is not.
 
 With every candidate on its own mount greedy reaches 1 - 1/e of the optimum (Nemhauser, Wolsey, Fisher 1978). Where
 poses share mounts, "as many as a mount carries and at most k" is a matroid and greedy is only sure of 1/2 (Fisher,
@@ -20,8 +20,8 @@ TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums o
 
 
 def is_submodular(objective: Objective) -> bool:
-    """Whether AP is known to be monotone submodular here: coverage by at least one view, nothing else, and of several
-    classes the mean, not the worst."""
+    """True where AP is known to be monotone submodular here: coverage by at least one view, nothing else, and of
+    several classes the mean, not the worst."""
     additive = len(objective.classes.names) == 1 or objective.classes.combine == "mean"
     return additive and objective.fidelity == "coverage" and getattr(objective.scored_by, "views", None) == 1
 

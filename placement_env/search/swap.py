@@ -92,7 +92,7 @@ def search(
 
 
 def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
-    """What fits of a given set, else greedy's."""
+    """Fitting part of a given set, else greedy's set."""
     return _greedy(progress) if start is None else _fitting(progress, start)
 
 

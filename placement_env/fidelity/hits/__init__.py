@@ -1,1 +1,1 @@
-"""How likely a detector hits an object with given points on it: the model, its fit, and what it was fitted to."""
+"""Probability that a detector hits an object with given points on it: the model, its fit, and what it was fitted to."""

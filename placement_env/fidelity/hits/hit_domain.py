@@ -37,7 +37,7 @@ class HitDomain:
     def outside(
         self, points: Float32[np.ndarray, "C O"], distance: Float32[np.ndarray, "C O"], sensors: Iterable[str] = ()
     ) -> tuple[str, ...]:
-        """In what way something else is asked for, a sentence each; none where nothing is. sensors: kinds of models.
+        """Sentences on how what is asked differs; none where it does not. sensors: kinds of models.
 
         >>> domain = HitDomain(50.0, 900.0, ("DepthCamera",), 1, 10, 5)
         >>> domain.outside(np.float32([[30]]), np.float32([[20]]), ["DepthCamera"])
@@ -64,7 +64,7 @@ class HitDomain:
 def domain_of(
     points: list[Float[np.ndarray, "_ _"]], distance: list[Float[np.ndarray, "_ _"]], sensors: Iterable[str], sets: int
 ) -> HitDomain:
-    """Of what the sensors of several sites saw of the objects there."""
+    """Domain of what sensors of several sites saw."""
     seen = np.concatenate([each[each > 0].ravel() for each in points])
     away = np.concatenate([d[n > 0].ravel() for n, d in zip(points, distance, strict=True)])
     if not len(seen):

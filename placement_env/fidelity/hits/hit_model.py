@@ -111,7 +111,7 @@ class HitModel:
         return z
 
     def of_size(self, boxes: Float[np.ndarray, "O 7"]) -> Float[np.ndarray, " O"]:
-        """By what `probability` is to be multiplied for each object, 1 for what is not bulky."""
+        """Per-object factor on `probability`; 1 unless the object is bulky."""
         volume = boxes[:, 3:6].astype(np.float64).prod(axis=1)
         return np.asarray((np.maximum(volume, BULKY) / BULKY) ** -self.bulk)
 
@@ -163,7 +163,7 @@ def chosen_model(models: Iterable[HitModel], scheme: str, iou: float, label: str
 
 
 def _of(label: str) -> str:
-    """Of which class a model is, where it is not of vehicles."""
+    """Words for the class of a model, where it is not vehicles."""
     return "" if label == LABELS[VEHICLE] else f" of {label}"
 
 

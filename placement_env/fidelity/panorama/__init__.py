@@ -1,1 +1,1 @@
-"""What sensors see, looked up in panoramas: one for each place and frame, for all that hangs there however it looks."""
+"""Views of sensors, looked up in panoramas: one for each place and frame, for all that hangs there however it looks."""

@@ -57,7 +57,7 @@ class LiveView:
         self._moment = lru_cache(maxsize=MOST_MOMENTS)(self._moment_of)
 
     def see(self, candidates: Candidates) -> Visibility:
-        """What candidates see; the first time that one of a mount is asked for, panoramas are made there."""
+        """View of candidates; the first time that one of a mount is asked for, panoramas are made there."""
         sensors = candidates.sensors
         models = {sensor.model for sensor in sensors}
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]

@@ -92,13 +92,14 @@ class Sight:
         )  # fmt: skip
 
     def gained(self, still: Still) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """What a ray in each strip adds to what is sent and to what is far, beside what stands behind it."""
+        """Addition of a ray in each strip to what is sent and to what is far, beside what stands behind it."""
         sent, far = still.behind(self.viewpoint, self.azimuth, self.elevation)
         return self.counts - sent, self.far - far
 
 
 def alone(views: Views, stills: Mapping[SensorModel, Still]) -> Float64[np.ndarray, "2 S"]:
-    """What each sensor sends when nothing moves, and how much of that is far. stills: what stands still, by model."""
+    """Points that each sensor sends when nothing moves, and how much of that is far. stills: what stands still, by
+    model."""
     found = np.zeros((2, len(views.viewpoint)))
     for key, members in views.groups:
         cells = ray_table(*key).cells
@@ -115,7 +116,7 @@ def look_through(
     empty: Float64[np.ndarray, "2 S"],
     shape: tuple[int, int],
 ) -> Seen:
-    """What sensors see: points on each item, points sent in each frame. stills: what stands still, by model; empty:
+    """View of sensors: points on each item, points sent in each frame. stills: what stands still, by model; empty:
     what the sensors send when nothing moves, see `alone`; shape: how many items and frames."""
     items, frames = shape
     count = len(views.viewpoint)

@@ -1,4 +1,4 @@
-"""What many sensors see of traffic, frame by frame from panoramas: each place is looked from once for all that may hang
+"""Views of many sensors on traffic, frame by frame from panoramas: each place is looked from once for all that may hang
 there.
 """
 
@@ -28,12 +28,12 @@ SHARED = 4  # sensors of a place, in the mean, from which on panoramas are worth
 
 
 def worthwhile(sensors: Sequence[Sensor]) -> bool:
-    """Whether many sensors share their places, as those of a pool do."""
+    """True where many sensors share their places, as those of a pool do."""
     return len(sensors) >= SHARED * len({sensor.position.round(6).tobytes() for sensor in sensors})
 
 
 def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray, " S"]:
-    """Which sensors measure all of the detection area: panoramas know no range at which one of them ends."""
+    """Mask of sensors that measure all of the detection area: panoramas know no range at which one of them ends."""
     xmin, ymin, xmax, ymax = traffic.site.area.tolist()
     corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
     positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
@@ -45,7 +45,7 @@ def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray,
 
 
 def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
-    """What far-sighted sensors see of all frames; arguments as of `placement_env.fidelity.seeing.see`."""
+    """View of far-sighted sensors on all frames; arguments as of `placement_env.fidelity.seeing.see`."""
     look = _Look(traffic, tuple(sensors), tuple(labels))
     blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
     tell = run.stage("poses rendered", len(sensors))
@@ -54,7 +54,7 @@ def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int
 
 
 def _frame_after_frame(parts: Sequence[Seen]) -> Seen:
-    """What the same sensors see of frames that follow each other."""
+    """View of the same sensors on frames that follow each other."""
     return Seen(*(np.concatenate(each, axis=1) for each in zip(*parts, strict=True)))
 
 
@@ -70,7 +70,7 @@ class _Look:
         return _frame_after_frame([self._frame(k) for k in range(*block)])
 
     def key(self, block: Block) -> bytes:
-        """What is seen in some frames depends on this."""
+        """Cache key of some frames."""
         return make_key("panoramas", self._depends_on, block)
 
     def _frame(self, k: int) -> Seen:
@@ -92,7 +92,7 @@ class _Look:
 
     @cached_property
     def _stills(self) -> dict[SensorModel, Still]:
-        """What stands still, by sensor model."""
+        """Standing scene by sensor model."""
         models = dict.fromkeys(sensor.model for sensor in self.sensors)
         site, renderer = self.traffic.site, renderer_of(self.traffic)
         return {model: Still.of(renderer, site, self._views.viewpoints, model) for model in models}

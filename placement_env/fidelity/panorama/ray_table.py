@@ -33,7 +33,7 @@ Counts = Shaped[np.ndarray, " m"]  # of rays
 
 
 class Aim(NamedTuple):
-    """How a sensor hangs: heading, tilt below the horizon and roll about where it looks (rad)."""
+    """Aim of a sensor: heading, tilt below the horizon and roll about where it looks (rad)."""
 
     heading: float
     tilt: float
@@ -87,8 +87,8 @@ class RayTable:
         self.cells = Cells(cell, rays.astype(np.float32))
 
     def counts(self, rectangles: Rectangles, heading: Places, more: Places) -> tuple[Int64[np.ndarray, " m"], Counts]:
-        """Which rectangles hold rays, and how many. heading: of the sensor (places of azimuth), more: by how much it is
-        tilted more than this table (places of elevation); one number, or one for each rectangle."""
+        """Rectangles that hold rays, and their number. heading: of the sensor (places of azimuth), more: by how much it
+        is tilted more than this table (places of elevation); one number, or one for each rectangle."""
         left, right, low, high = rectangles.seen_from(heading, more)
         begin = np.rint(left).astype(np.int32)
         width = np.rint(right).astype(np.int32) - begin
@@ -138,7 +138,7 @@ class Rectangles:
         bottom: Float32[np.ndarray, " n"],
         top: Float32[np.ndarray, " n"],
     ) -> Rectangles:
-        """From angles (rad)."""
+        """Build from angles (rad)."""
         middle = (left + right) / 2
         places = ((left + PI) * PER_TURN, (right + PI) * PER_TURN, (bottom + PI / 2) * PER_STEEP)
         tan = np.clip(np.tan((bottom + top) / 2), -3, 3)

@@ -1,4 +1,4 @@
-"""What the standing scene sends from a place: the chance of each direction's point to be in the crop, and far off."""
+"""Points of the standing scene from a place: the chance of each direction's point to be in the crop, and far off."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Still:
         return Still(*images.reshape(2, len(viewpoints), CELL_COLUMNS, CELL_ROWS))
 
     def of_cells(self, viewpoint: int, cells: Cells, heading: float) -> tuple[float, float]:
-        """What a sensor of these cells sends when nothing moves, and how much of it is far; heading in rad."""
+        """Points that a sensor of these cells sends when nothing moves, and how much of it is far; heading in rad."""
         columns = round(heading * CELL_COLUMNS / (2 * np.pi)) % CELL_COLUMNS
         cell = cells.places + columns * CELL_ROWS
         sent, far = (

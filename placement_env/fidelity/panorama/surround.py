@@ -55,8 +55,8 @@ class Packed(NamedTuple):
 
 
 class ScoredItems(NamedTuple):
-    """Which objects are scored. place: of each object, numbered through all frames, among the scored ones, or how many
-    these are; frame: of each object; items, frames: how many are scored, and how many frames."""
+    """Mask of the scored objects. place: of each object, numbered through all frames, among the scored ones, or how
+    many these are; frame: of each object; items, frames: how many are scored, and how many frames."""
 
     place: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]

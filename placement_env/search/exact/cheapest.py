@@ -99,7 +99,7 @@ def _by_coverage(objective: Objective, progress: Progress, demand: Demand, seed:
 
 
 def _same_need(levels: Levels, needs: Int64[np.ndarray, " k"]) -> tuple[Levels, int]:
-    """The same programme where every party needs the same: each has one object more, worth what it needs less."""
+    """Same programme where every party needs the same: each has one object more, worth what it needs less."""
     need = int(needs.max())
     count = levels.known.shape[0]
     extra = len(needs)

@@ -172,7 +172,7 @@ def cover_most(
 
 
 def worth_of(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[Int64[np.ndarray, "k O"] | None, int]:
-    """What covering each object is worth, in whole parts of the sum that is given too: None for as many as there are
+    """Worth of covering each object, in whole parts of the sum that is given too: None for as many as there are
     objects, where one class counts. The parts of a class go to its objects in equal shares; for the mean of classes by
     their weights, for the worst a row for each class, all of the same sum."""
     there = [label for label in classes.labels if (labels == label).any()]
@@ -228,7 +228,7 @@ def merged(
 def _merged_worth(
     seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], views: int, worth: Int64[np.ndarray, "k O"]
 ) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, "k m"]]:
-    """As `merged`, with what the objects of each kind are worth together."""
+    """Like `merged`, with what the objects of each kind are worth together."""
     mounts = np.unique(mount)
     able = np.zeros(seen.shape[1], np.int64)
     for here in mounts:

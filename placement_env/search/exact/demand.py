@@ -1,4 +1,4 @@
-"""What the cheapest set must do: reach an AP, whichever sensor fails, and in each share of the traffic by itself.
+"""`Demand` on the cheapest set: reach an AP, whichever sensor fails, and in each share of the traffic by itself.
 
 Shares are consecutive parts of the frames, or levels of traffic by how many road users are there at once. What a set
 reaches is the least over its failures and the shares, as the fidelity itself scores what is left of it.
@@ -42,7 +42,7 @@ class Demand:
 
     @property
     def plain(self) -> bool:
-        """Whether nothing fails and all traffic is one."""
+        """True where nothing fails and traffic is undivided."""
         return not self.failing and self.parts == 1 and self.levels == 1
 
     def described(self, shares: int) -> str:

@@ -66,7 +66,7 @@ def front(objective: Objective, subsets: Bool[np.ndarray, "n C"], figures: Figur
 
 
 def costs(figures: Figures) -> Float64[np.ndarray, "n 3"]:
-    """What a front is about, each the less the better: -AP, kbit of the whole set, price."""
+    """Costs of a front, each the less the better: -AP, kbit of the whole set, price."""
     return np.stack([-figures.ap, figures.kbit, figures.price], axis=1)
 
 

@@ -25,9 +25,9 @@ LINK = 1 << 40  # whole units of a link
 
 
 class Prices(NamedTuple):
-    """In whole units small enough that nothing is lost. each: of the candidates, with their mounts where these have one
-    place; shared: of the mount where it has more, which is paid once; mount: of each candidate; most: that all may
-    cost together. Prices are rounded down, the sum up, so that no set within the money is excluded."""
+    """Prices in whole units small enough that nothing is lost. each: of the candidates, with their mounts where these
+    have one place; shared: of the mount where it has more, which is paid once; mount: of each candidate; most: that
+    all may cost together. Prices are rounded down, the sum up, so that no set within the money is excluded."""
 
     each: Int64[np.ndarray, " C"]
     shared: Int64[np.ndarray, " C"]
@@ -36,7 +36,7 @@ class Prices(NamedTuple):
 
     @staticmethod
     def in_units(objective: Objective, unit: float) -> Prices:
-        """Of an objective's candidates, in units of a price."""
+        """Prices of an objective's candidates, in units of a price."""
         candidates = objective.candidates
         several = candidates.places[candidates.mount] > 1
         each = np.where(several, candidates.model_prices, candidates.prices)
@@ -47,7 +47,7 @@ class Prices(NamedTuple):
 
     @staticmethod
     def of(objective: Objective) -> Prices | None:
-        """Of an objective whose sets may not cost any price."""
+        """Prices of an objective whose sets have a most price."""
         if math.isinf(objective.most_price):
             return None
         highest = float(objective.candidates.prices.max(initial=0.0))
@@ -55,7 +55,7 @@ class Prices(NamedTuple):
 
     @property
     def alone(self) -> Int64[np.ndarray, " C"]:
-        """What each candidate costs where it is the only one of its mount."""
+        """Price of each candidate as the only one of its mount."""
         return self.each + self.shared
 
     def select(self, kept: Int64[np.ndarray, " k"]) -> Prices:
@@ -63,7 +63,7 @@ class Prices(NamedTuple):
         return Prices(self.each[kept], self.shared[kept], self.mount[kept], self.most)
 
     def total(self, chosen: list[int]) -> int:
-        """What a set costs."""
+        """Price of a set."""
         _, first = np.unique(self.mount[chosen], return_index=True)
         return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
 
@@ -89,7 +89,7 @@ class Poles(NamedTuple):
 
     @staticmethod
     def of(objective: Objective) -> Poles:
-        """Of an objective's candidates."""
+        """Poles of an objective's candidates."""
         candidates = objective.candidates
         sent = objective.shared_links
         load = np.zeros(len(candidates)) if sent is None else np.minimum(sent / candidates.capacity, 2.0)
@@ -97,7 +97,7 @@ class Poles(NamedTuple):
 
     @staticmethod
     def single(mount: Int64[np.ndarray, " C"]) -> Poles:
-        """Of mounts that have one place each."""
+        """Poles of mounts that have one place each."""
         return Poles(mount, np.ones(len(mount), np.int64), np.zeros(len(mount), np.int64))
 
     @property
@@ -112,7 +112,7 @@ class Poles(NamedTuple):
         return Poles(self.mount[kept], self.places[kept], self.load[kept])
 
     def beside(self, chosen: list[int]) -> Bool[np.ndarray, " C"]:
-        """Which candidates may join a set."""
+        """Mask of candidates that may join a set."""
         last = int(self.mount.max(initial=-1)) + 1
         count = np.bincount(self.mount[chosen], minlength=last)[self.mount]
         load = np.zeros(last, np.int64)

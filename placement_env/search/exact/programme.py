@@ -41,17 +41,17 @@ class Levels(NamedTuple):
     parties: Bool[np.ndarray, "k O"]
 
     def worth(self, chosen: list[int]) -> int:
-        """What the levels that a set reaches are worth, of the party that has least."""
+        """Worth of the levels that a set reaches, of the party that has least."""
         reached = self.known[chosen].sum(axis=0) >= self.threshold
         return int((self.parties @ (self.gain * reached).sum(axis=0)).min())
 
     def surviving(self, chosen: list[int]) -> int:
-        """What is left of that when the sensor fails whose failure leaves least."""
+        """Rest of that when the sensor fails whose failure leaves least."""
         return min((self.worth([c for c in chosen if c != gone]) for gone in chosen), default=0)
 
     @property
     def whole(self) -> int:
-        """What all levels are worth, of the party that has least."""
+        """Worth of all levels, of the party that has least."""
         return int((self.parties @ self.gain.sum(axis=0)).min())
 
 
@@ -171,7 +171,7 @@ def _price_of(cost: int, budget: int, prices: Int64[np.ndarray, " C"] | None) ->
 
 
 def _reached(model: Any, built: list[IntVar], levels: Levels, may_stand: Bool[np.ndarray, " C"]) -> list[Any]:
-    """What the levels that are reached are worth, of each party."""
+    """Worth of the levels reached, of each party."""
     cp = cp_model()
     reached: list[tuple[int, Any, int]] = []
     for o in range(levels.known.shape[1]):
@@ -192,7 +192,7 @@ def _reached(model: Any, built: list[IntVar], levels: Levels, may_stand: Bool[np
 
 
 def _surviving(model: Any, built: list[IntVar], levels: Levels, may_stand: Bool[np.ndarray, " C"]) -> list[Any]:
-    """What is left of it, of each party, whichever sensor fails: of an object that two see nothing is lost, of one that
+    """Rest of it, of each party, whichever sensor fails: of an object that two see nothing is lost, of one that
     one alone sees all, if it is that one which fails."""
     cp = cp_model()
     once: list[IntVar] = []

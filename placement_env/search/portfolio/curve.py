@@ -65,7 +65,8 @@ class CurvePoint:
 
 @dataclass(frozen=True, eq=False)
 class _Winner:
-    """Of a race: its set, what found it, its AP as searched, how sure it is, and the money it was to cost at most."""
+    """Winner of a race: its set, what found it, its AP as searched, how sure it is, and the money it was to cost at
+    most."""
 
     row: Bool[np.ndarray, " C"]
     searches: tuple[str, ...]
@@ -75,13 +76,13 @@ class _Winner:
 
     @property
     def kept(self) -> list[Any]:
-        """Of a checkpoint."""
+        """State for a checkpoint."""
         members = np.flatnonzero(self.row).tolist()
         return [members, list(self.searches), self.predicted, self.confidence, self.money]
 
     @staticmethod
     def of(kept: Sequence[Any], candidates: int) -> _Winner:
-        """From what a checkpoint kept."""
+        """Restore from what a checkpoint kept."""
         members, searches, *figures = kept
         return _Winner(rows_of([members], candidates)[0], tuple(searches), *map(float, figures))
 

@@ -52,13 +52,13 @@ class Entrants:
     considered: int
 
     def arrays(self) -> Arrays:
-        """What a cache keeps of them."""
+        """Arrays for a cache."""
         names = np.array([json.dumps(each) for each in self.searches], np.str_)
         return self.sets, self.predicted, names, np.array([self.considered])
 
     @staticmethod
     def of(arrays: Arrays) -> Entrants:
-        """From what `arrays` gave."""
+        """Restore from what `arrays` gave."""
         sets, predicted, names, considered = arrays
         searches = tuple(tuple(json.loads(str(each))) for each in names)
         return Entrants(sets, predicted, searches, int(considered[0]))
@@ -66,7 +66,7 @@ class Entrants:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much the searches may do. sizes: most sensors of each run of the searches, such as 1, 2, 3; seconds,
+    """Limits of the searches. sizes: most sensors of each run of the searches, such as 1, 2, 3; seconds,
     evaluations: of each search at each size, None for as much as it does by itself; neighbours: that join the answers
     of each size."""
 
@@ -156,7 +156,7 @@ class _Swapped:
     checkpoint: Checkpoint
 
     def __call__(self, objective: Objective, part: str) -> Result:
-        """By an objective. part: name of its state."""
+        """Search by an objective. part: name of its state."""
         effort = self.effort
         most = SWAP_EVALUATIONS if effort.evaluations is None else effort.evaluations
         return swap.search(
@@ -187,7 +187,7 @@ def _searches(objective: Objective, swapped: _Swapped) -> Iterator[tuple[str, Ca
 
 
 def entropy_objective(objective: Objective) -> Objective | None:
-    """The same candidates, weights and budget by the published perception entropy of what they see; None where it is
+    """Same candidates, weights and budget by the published perception entropy of what they see; None where it is
     not known what they see."""
     seen = objective.visibility
     if seen is None:
@@ -239,7 +239,7 @@ def _one_a_mount(
 
 
 def _front(objective: Objective, sets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, "k C"]:
-    """Those that no other beats in reward, perception entropy and coverage at once, by reward."""
+    """Sets that no other beats in reward, perception entropy and coverage at once, by reward."""
     by_entropy, seen = entropy_objective(objective), objective.visibility
     if by_entropy is None or seen is None:
         return sets[:0]

@@ -1,4 +1,4 @@
-"""How a portfolio divides its time: searches, race and judgement each get a share; what one leaves goes to the next.
+"""Time of a portfolio: searches, race and judgement each get a share; what one leaves goes to the next.
 
 The searches together may take `SEARCHING` of it; races and judgement share what is then left alike. They look at the
 clock after every few frames and make do with the frames there was time for, so that the whole takes hardly longer than
@@ -51,7 +51,7 @@ class TimedEvaluator:
 
     @property
     def spent(self) -> bool:
-        """Whether time is up."""
+        """True where time is up."""
         return time.monotonic() >= self.until
 
     def evaluate(
@@ -95,7 +95,7 @@ class Schedule:
         return None if self.seconds is None else self.seconds * SEARCHING / searches
 
     def frames(self, frames: int) -> int:
-        """How many of the frames of a part of traffic there is time for, in whole blocks."""
+        """Number of frames of a part of traffic there is time for, in whole blocks."""
         if self.seconds is None or self.seconds >= LONG_ENOUGH:
             return frames
         blocks = int(frames * self.seconds / LONG_ENOUGH) // BLOCK_FRAMES

@@ -158,4 +158,4 @@ def test_a_range_that_ends_within_the_site_is_rendered_in_full(small_traffic, sm
     whole = see(small_traffic, mixed, rendering="full")
     assert not np.array_equal(seen.points[:3], whole.points[:3])
     with pytest.raises(ValueError, match="rendering must be one of auto, full, panorama, got 'fast'"):
-        visibility.check_rendering("fast")
+        seeing.check_rendering("fast")
