@@ -83,13 +83,13 @@ def simulate_dataset(
     if out.exists() and not overwrite:
         _check_same(out, job.plan)
         if shards.path.is_dir():  # killed during clean-up
-            with shards.locked():
+            with shards.lock():
                 shards.remove()
         return 0
     out.parent.mkdir(parents=True, exist_ok=True)
-    with shards.locked(), shards.disk_errors_explained(out, job.count):
+    with shards.lock(), shards.explain_disk_errors(out, job.count):
         shards.open(overwrite)
-        safe = shards.verified()
+        safe = shards.check_shards()
         todo = [block for block in range(job.blocks) if block not in safe]
         made_before = job.count(safe)
         count = os.cpu_count() or 1 if workers is None else workers
