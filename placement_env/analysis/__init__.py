@@ -1,1 +1,1 @@
-"""Worth of sensors, intervals of figures, and the places of vehicles on the roads."""
+"""Worth of sensors, intervals of figures, places of vehicles."""

@@ -1,4 +1,4 @@
-"""Approaches: the lanes that lead motor vehicles to a junction, and the place of each vehicle on them.
+"""Approaches: the lanes that lead motor vehicles to a junction.
 
 A junction is a node from which roads go to three neighbours or more; the nodes of a roundabout count as one. An
 approach is an edge that ends in a junction, together with the edges before it back to the previous junction; an edge
@@ -36,7 +36,10 @@ class Approaches:
     bays: Float64[np.ndarray, "n 3"]
 
     def locate(self, boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
-        """Index into `names` of each box: parked in a bay, else on the nearest lane."""
+        """Index into `names` of each box.
+
+        A box is parked in a bay, else on the nearest lane.
+        """
         spots = shapely.points(boxes[:, :2])
         distance = np.array([shapely.distance(line, spots) for line in self.lanes]).reshape(len(self.lanes), len(boxes))
         place = distance.argmin(axis=0) if len(self.lanes) else np.zeros(len(boxes), np.int64)
@@ -45,7 +48,10 @@ class Approaches:
 
 
 def find_approaches(site: Site) -> Approaches:
-    """Find the approaches of a site's network; the junction alone without a network."""
+    """Find the approaches of a site's network.
+
+    Without a network there is the junction alone.
+    """
     root = ElementTree.fromstring(site.network or "<net/>")
     edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _lines(edge)}
     ring = {name for each in root.findall("roundabout") for name in each.get("edges", "").split()}
@@ -78,19 +84,22 @@ def find_approaches(site: Site) -> Approaches:
 
 
 def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
-    """Point of the compass in a direction of the site's frame; north is +y of its map."""
+    """Point of the compass in a direction of the site's frame.
+
+    North is +y of its map.
+    """
     east, north = (site.map_SE3_site[:2, :2] @ offset).tolist()
     return COMPASS[round(np.degrees(np.arctan2(east, north)) / 45) % 8]
 
 
 def _direction(site: Site, first: ElementTree.Element, last: ElementTree.Element) -> str:
-    """Compass point that traffic along a chain of edges comes from, seen from its end."""
+    """Compass point that traffic along a chain comes from."""
     begin, end = _lines(first)[-1].coords[0], _lines(last)[-1].coords[-1]
     return compass(site, np.subtract(begin[:2], end[:2]))
 
 
 def _chain(name: str, ends: dict[str, tuple[str, ...]], junctions: set[str]) -> list[str]:
-    """An edge and those before it, back to a junction or the end of the network."""
+    """An edge and those before it, back to a junction."""
     chain = [name]
     while ends[chain[-1]][0] not in junctions:
         start, target = ends[chain[-1]]

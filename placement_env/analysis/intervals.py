@@ -1,4 +1,4 @@
-"""Intervals of figures measured over frames, by a bootstrap over blocks of consecutive frames.
+"""Intervals of figures over frames, by a block bootstrap.
 
 Objects of the simulated traffic live four frames (paper section III; in `placement_env.fidelity.traffic` parked ones
 too), so frames are not independent but blocks of four are nearly. Frames 0-3, 4-7 and so on form the blocks, the last
@@ -31,14 +31,19 @@ Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws e
 
 
 class Interval(NamedTuple):
-    """Lower and upper end, NaN if the figure is undefined in every draw."""
+    """Lower and upper end.
+
+    Both are NaN if the figure is undefined in every draw.
+    """
 
     low: float
     high: float
 
 
 def block_draws(frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
-    """Count how often each resample draws each frame; frames of one block have equal counts.
+    """Count how often each resample draws each frame.
+
+    Frames of one block have equal counts.
 
     >>> block_draws(6, resamples=3)
     array([[1, 1, 1, 1, 1, 1],
@@ -51,7 +56,9 @@ def block_draws(frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESA
 
 
 def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
-    """Count how often each resample draws each frame, given the block of each, in any order.
+    """Count how often each resample draws each frame.
+
+    blocks: of each frame, in any order.
 
     >>> draws_of_blocks(np.array([7, 2, 7]), resamples=3)
     array([[1, 1, 1],
@@ -72,7 +79,9 @@ def ap_resamples(
     seed: int = 0,
     draws: Draws | None = None,
 ) -> Float64[np.ndarray, " resamples"]:
-    """Return the AP of each resample, NaN where it has nothing to find.
+    """Return the AP of each resample.
+
+    NaN where it has nothing to find.
 
     Takes the arguments of `ap_interval`.
     """
@@ -120,7 +129,9 @@ def ratio_interval(
     draws: Draws | None = None,
     confidence: float = 0.95,
 ) -> Interval:
-    """Return the interval of sum(parts) / sum(wholes), one of each per frame: recall, precision, a share, a mean.
+    """Return the interval of sum(parts) / sum(wholes), one of each per frame.
+
+    Such figures are recall, precision, a share or a mean.
 
     >>> ratio_interval([1, 3], [2, 4], draws=block_draws(2, block=1))
     Interval(low=0.5, high=0.75)
@@ -148,7 +159,7 @@ def percentiles(figures: Float64[np.ndarray, " resamples"], *, confidence: float
 def figure_interval(
     figure: float, resamples: Float64[np.ndarray, " resamples"], *, confidence: float = 0.95
 ) -> Interval:
-    """Return the middle share of a figure's resamples, widened to hold the figure itself.
+    """Return the middle share of resamples, widened to hold the figure.
 
     >>> figure_interval(0.9, np.full(1000, 0.5))
     Interval(low=0.5, high=0.9)
@@ -159,7 +170,7 @@ def figure_interval(
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """Detections of one sensor set that count, frame after frame, and the number of truths.
+    """One sensor set's detections that count, and the truths.
 
     scores: of each detection; hit: True where it hit a truth; frame: its frame, from 0; truths: number to find in each
     frame.
@@ -172,7 +183,7 @@ class Tally:
 
     @staticmethod
     def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> Tally:
-        """Tally the outcomes of one sensor set at the IoU threshold of index `at`."""
+        """Tally outcomes at the IoU threshold of index `at`."""
         from placement_env.fidelity.detector import IGNORED
 
         counts = [each.truth[at] != IGNORED for each in outcomes]
@@ -214,7 +225,10 @@ class Tally:
         return ap_resamples(*self._by_frame(), seed=seed, draws=draws)
 
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
-        """Return the interval of the AP over blocks of frames; NaN if no draw has anything to find."""
+        """Return the interval of the AP over blocks of frames.
+
+        NaN if no draw has anything to find.
+        """
         return ap_interval(*self._by_frame(), seed=seed, confidence=confidence)
 
     def _by_frame(self) -> tuple[list[np.ndarray], list[np.ndarray], list[int]]:

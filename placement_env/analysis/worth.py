@@ -1,4 +1,4 @@
-"""Worth of sensors: each one's share of the AP, its marginal gain, and what remains of a set when some fail.
+"""Worth of sensors: shares of the AP, failures and marginal gains.
 
 With v a set function, such as the AP of a sensor set, N the n sensors and s = |S|:
 
@@ -32,7 +32,9 @@ FEWEST_ROUNDS = 8
 
 @dataclass(frozen=True, eq=False)
 class Worth:
-    """Shapley value and synergy of n sensors, in the unit of the set function.
+    """Shapley values and synergies of n sensors.
+
+    They are in the unit of the set function.
 
     synergy: symmetric, 0 on the diagonal; the margins: half widths of each figure's own confidence interval, 0 if
     exact; evaluations: number of sets scored.
@@ -61,7 +63,9 @@ def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
 
 
 def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
-    """Return the exact Shapley interaction index of each pair of sensors, 0 on the diagonal.
+    """Return the exact Shapley interaction index of each pair.
+
+    It is 0 on the diagonal.
 
     Takes the values and raises the errors of `shapley`.
 
@@ -136,7 +140,10 @@ def estimate_worth(
 
 
 def format_worth(worth: Worth, names: Sequence[str]) -> str:
-    """Return a line per sensor, highest Shapley value first: value, margin, synergy with each other sensor."""
+    """Return a line per sensor, highest Shapley value first.
+
+    It gives value, margin, and synergy with each other sensor.
+    """
     order = np.argsort(-worth.shapley, kind="stable").tolist()
     table = [["sensor", "Shapley", "±", *(f"with {names[j]}" for j in order)]]
     for i in order:
@@ -174,7 +181,9 @@ class Failures:
 
 
 def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
-    """Score what remains of a set for every combination of `failing` sensors: 1 is N-1, 2 is N-2.
+    """Score a set under every combination of failures.
+
+    failing: number of sensors that fail; 1 is N-1, 2 is N-2.
 
     Raises ValueError if the set does not have that many sensors.
     """
@@ -189,7 +198,10 @@ def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int
 
 
 def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
-    """Return a line per number of failing sensors: mean and least value, and the failure that leaves the least."""
+    """Return a line per number of failing sensors.
+
+    It gives mean and least value, and the failure that leaves the least.
+    """
     table = [["failing", "intact", "mean", "worst", "without"]]
     for case in cases:
         figures = [f"{figure:.4f}" for figure in (case.intact, case.mean, case.worst)]
@@ -199,7 +211,9 @@ def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Marginal:
-    """Marginal gain of each of C candidates: added to the set if outside it, missing from it if inside.
+    """Marginal gain of each of C candidates beside a set.
+
+    A member of the set is taken out of it instead of added.
 
     gain: AP; kbit: what the candidate adds to what is sent; per_kbit: AP per kbit, 0 without a gain, ±inf if a gain is
     free.
@@ -211,7 +225,7 @@ class Marginal:
 
 
 def marginal(fidelity: Fidelity, chosen: Bool[np.ndarray, " C"]) -> Marginal:
-    """Compute each candidate's gain and data beside a chosen set, and the AP that each kbit buys."""
+    """Compute each candidate's gain and data beside a set."""
     flipped = np.eye(len(chosen), dtype=bool) ^ chosen
     figures = fidelity(np.concatenate([chosen[None], flipped]))
     gain, kbit = (np.where(chosen, of[0] - of[1:], of[1:] - of[0]) for of in (figures.ap, figures.kbit))
@@ -256,12 +270,17 @@ def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
 
 
 def _weights(n: int) -> Float64[np.ndarray, " sizes"]:
-    """s! (n-s-1)! / n! for s below n, then zeros, so that impossible sizes of sets, -2 and -1 among them, weigh 0."""
+    """s! (n-s-1)! / n! for s below n, then zeros.
+
+    So impossible sizes of sets, -2 and -1 among them, weigh 0.
+    """
     return np.array([factorial(s) * factorial(n - s - 1) / factorial(n) for s in range(n)] + [0.0] * 3)
 
 
 def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
-    """n orders of n sensors: each takes each place once, each two are neighbours twice (Williams 1949).
+    """n orders of n sensors (Williams 1949).
+
+    Each takes each place once, each two are neighbours twice.
 
     >>> _williams_square(4)
     array([[0, 1, 3, 2],
@@ -281,7 +300,10 @@ def _prefixes(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
 
 
 def _swaps(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
-    """Sets of the first k sensors and the one after the next, for k from 0 to n - 2."""
+    """Sets of the first k sensors and sensor k + 2.
+
+    k goes from 0 to n - 2.
+    """
     place, k = np.argsort(orders, axis=1)[:, None, :], np.arange(orders.shape[1] - 1)[:, None]
     return ((place < k) | (place == k + 1)).reshape(-1, orders.shape[1])
 
@@ -289,7 +311,10 @@ def _swaps(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
 def _score_once(
     value: SetFunction, sets: Bool[np.ndarray, "rows n"], sensors: int
 ) -> tuple[Float64[np.ndarray, " rows"], int]:
-    """Value of each row, equal rows being scored once, and the number of different ones."""
+    """Value of each row, and the number of different rows.
+
+    Equal rows are scored once.
+    """
     packed, row_of = np.unique(np.packbits(sets, axis=1), axis=0, return_inverse=True)
     figures = np.asarray(value(np.unpackbits(packed, axis=1, count=sensors).astype(bool)), float)
     if not np.isfinite(figures).all():
@@ -298,7 +323,10 @@ def _score_once(
 
 
 def _student(confidence: float, freedom: int) -> float:
-    """Two-sided quantile of Student's t (Abramowitz and Stegun 26.7.5), to 1 % from 7 degrees of freedom at 99 %."""
+    """Two-sided quantile of Student's t (Abramowitz and Stegun 26.7.5).
+
+    It is right to 1 % from 7 degrees of freedom at 99 %.
+    """
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     first, second = (z**3 + z) / 4, (5 * z**5 + 16 * z**3 + 3 * z) / 96
     third = (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384

@@ -1,4 +1,6 @@
-"""Candidates: the sensors a search may choose from, as a product of mount, height, heading, tilt and sensor model.
+"""Candidates: the sensors that a search may choose from.
+
+They are a product of mount, height, heading, tilt and sensor model.
 
 Heading is counter-clockwise from +x, tilt below the horizon (rad), height above the mount's foot (m). The five indices
 of a candidate are its `factors`; not every combination of them is a candidate.
@@ -27,7 +29,9 @@ ROUNDED = 1e-9  # share of a link's capacity by which rounding may exceed it
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Values of the factors after the mount: heights (m), headings and tilts (rad), sensor models.
+    """Values of the factors after the mount.
+
+    Heights are in m, headings and tilts in rad.
 
     prices: of each model, in the unit of the mounts' prices; empty where sensors cost nothing beside their mounts.
     Raises ValueError unless there is one, finite and not negative, for each model.
@@ -138,7 +142,10 @@ class Candidates:
     def at(
         self, mount: ArrayLike, height: ArrayLike, heading: ArrayLike, tilt: ArrayLike, model: ArrayLike
     ) -> np.int64 | Int64[np.ndarray, "..."]:
-        """Return the candidate with these factors, -1 where there is none; for arrays of indices, an array."""
+        """Return the candidate with these factors, -1 for none.
+
+        Arrays of indices give an array.
+        """
         factors = np.broadcast_arrays(mount, height, heading, tilt, model)
         inside = np.logical_and.reduce([(f >= 0) & (f < n) for f, n in zip(factors, self.shape, strict=True)])
         if not len(self):
@@ -149,7 +156,10 @@ class Candidates:
         return np.where(inside & (keys[place] == asked), order[place], -1)[()]
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Candidates:
-        """Return some of the candidates, in the given order; mounts and axes stay, so factors keep their meaning."""
+        """Return some of the candidates, in the given order.
+
+        Mounts and axes stay, so factors keep their meaning.
+        """
         chosen = np.asarray(indices, np.int64)
         sensors = tuple(self.sensors[i] for i in chosen)
         return Candidates(sensors, self.mount[chosen], self.mounts, self.factors[chosen], self.axes)
@@ -189,7 +199,10 @@ def aims(sensors: Sequence[Sensor]) -> tuple[Float64[np.ndarray, " n"], Float64[
 
 
 def aim_sensor(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: float, tilt: float) -> Sensor:
-    """Return the sensor at another position and aim, without roll; angles as of `aims`."""
+    """Return the sensor at another position and aim, without roll.
+
+    Angles are as in `aims`.
+    """
     x, y, z = position.tolist()
     return replace(sensor, pose=pose(x, y, z, yaw=heading, pitch=tilt) @ sensor.model.body_SE3_sensor)
 
@@ -197,7 +210,7 @@ def aim_sensor(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: floa
 def fit_together(
     candidates: Candidates, subsets: Bool[np.ndarray, "n C"], sent: Float64[np.ndarray, " C"] | None = None
 ) -> Bool[np.ndarray, " n"]:
-    """Tell for each set whether its sensors fit on their mounts and the mounts' links.
+    """Tell which sets fit on their mounts and links.
 
     sent: kbit per frame of each candidate, None where links always suffice; a link used by one sensor alone is not
     checked here.
@@ -215,7 +228,7 @@ def fit_together(
 def room_beside(
     candidates: Candidates, row: Bool[np.ndarray, " C"], sent: Float64[np.ndarray, " C"] | None = None
 ) -> Bool[np.ndarray, " C"]:
-    """Tell for each candidate whether its mount and link have room for it beside a set.
+    """Tell which candidates have room beside a set.
 
     sent: as of `fit_together`.
     """
@@ -229,7 +242,10 @@ def room_beside(
 
 
 def extra_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:
-    """Price that each candidate adds to a set: its sensor, and its mount unless already paid."""
+    """Price that each candidate adds to a set.
+
+    A mount that carries a sensor already is paid.
+    """
     paid = np.zeros(len(candidates.mounts), np.bool_)
     paid[candidates.mount[row]] = True
     return np.where(paid[candidates.mount], candidates.model_prices, candidates.prices)

@@ -1,4 +1,4 @@
-"""Poles of a city as mounts: a GeoJSON of points, and of the areas that must be kept free of sensors.
+"""Poles of a city as mounts, and keep-out areas, from GeoJSON.
 
 Point features are poles, and so is every point of a MultiPoint; several in one feature are numbered from 1.
 Properties, all optional: name, height or max_height and min_height (m above the foot), price (in units of one ordinary
@@ -90,7 +90,7 @@ def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
 
 
 def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
-    """List the properties that coview does not know, each once, with what they may mean; "" if it knows all.
+    """List unknown properties, each once, with what they may mean.
 
     areas: the features are polygons, which have many properties of their own: only those that may mean keep_out count.
 
@@ -105,7 +105,9 @@ def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
 
 
 def guess_property(key: str) -> str | None:
-    """Return the property near to a name in other letters, words or units, None if there is none.
+    """Return the property that a name may mean, or None.
+
+    The name may have other letters, words or units.
 
     >>> [guess_property(key) for key in ("MAX HEIGHT", "heigth", "Höhe_m", "KeepOut", "linkMbit", "material")]
     ['max_height', 'height', 'height', 'keep_out', 'capacity_kbit', None]
@@ -132,7 +134,10 @@ def _read(path: Path) -> Json:
 
 
 def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Yield number and feature, with geometry and properties checked; without the sensors and bays of a site."""
+    """Yield number and feature, with geometry and properties checked.
+
+    The sensors and bays of a site are left out.
+    """
     for i, feature in enumerate(collection["features"]):
         if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
             raise ValueError(
@@ -146,7 +151,10 @@ def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
 
 
 def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Yield number and feature of each pole: the feature itself if a Point, one for each point of a MultiPoint."""
+    """Yield number and feature of each pole.
+
+    A Point is one pole, a MultiPoint one for each of its points.
+    """
     geometry = feature["geometry"]
     if geometry.get("type") == "Point":
         yield number, feature
@@ -162,7 +170,7 @@ def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]
 
 
 def _warn_unknown(features: Sequence[tuple[int, Json]], where: str) -> None:
-    """Warn once of each property and geometry that is ignored but seems to be meant."""
+    """Warn of ignored properties and geometries that seem to be meant."""
     kinds = [feature["geometry"].get("type") for _, feature in features]
     poles = [f["properties"] for (_, f), kind in zip(features, kinds, strict=True) if kind in ("Point", "MultiPoint")]
     areas = [f["properties"] for (_, f), kind in zip(features, kinds, strict=True) if "Polygon" in str(kind)]
@@ -179,7 +187,10 @@ def _is_local(collection: Json) -> bool:
 
 
 def _coordinates(geometry: Json, where: str) -> list[float]:
-    """x, y, z or longitude, latitude, altitude; NaN for a missing third one."""
+    """x, y, z or longitude, latitude, altitude.
+
+    NaN stands for a missing third one.
+    """
     row = geometry.get("coordinates")
     if not isinstance(row, list) or len(row) not in (2, 3) or not all(_is_number(value) for value in row):
         raise ValueError(f"{where}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")
@@ -238,7 +249,7 @@ def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: s
 
 
 def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
-    """Raise ValueError for a pole that is there twice, far from the site, or far above the ground."""
+    """Raise ValueError for poles that coincide or are out of place."""
     names = [mount.name for mount in mounts]
     feet = np.array([mount.position for mount in mounts])
     spots = shapely.points(feet[:, :2])
@@ -292,7 +303,10 @@ def _area(geometry: Json, collection: Json, site: Site, where: str) -> shapely.G
 
 
 def _without(mounts: list[Mount], keep_out: Sequence[shapely.Geometry], site: Site, where: str) -> tuple[Mount, ...]:
-    """Mounts neither in a keep-out area nor on the carriageway; a warning names the others."""
+    """Drop mounts in a keep-out area or on the carriageway.
+
+    A warning names them.
+    """
     spots = shapely.points([mount.position[:2] for mount in mounts])
     lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
     free = np.ones(len(mounts), bool)

@@ -1,4 +1,4 @@
-"""Candidates of a site: its own sensors, every pose on every mount, the poles of a file, or random samples."""
+"""Candidates of a site: own sensors, pools of poses, poles, random samples."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ Models = Sequence[SensorModel] | Mapping[SensorModel, float]  # with their price
 
 
 class NoCandidates(ValueError):
-    """No mount, or no pose, is left where a sensor may be built."""
+    """No mount or pose is left for a sensor."""
 
 
 def paper_candidates(site: Site) -> Candidates:
-    """Return the sensors that hang at `site` now, each on a mount of its own.
+    """Return the present sensors of `site`, each on its own mount.
 
     That is the nearest mount of the site, if within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where
     the sensor is. Raises ValueError if the site has no sensors.
@@ -134,7 +134,9 @@ def _price_models(models: Sequence[SensorModel], prices: Sequence[float]) -> Mod
 def own_and_random(
     site: Site, poses: int, rng: np.random.Generator, *, models: Sequence[SensorModel] = ()
 ) -> Candidates:
-    """Return the site's own sensors, if any, each on its own mount, then some random poses of its pool.
+    """Return the site's own sensors, then random poses of its pool.
+
+    Each own sensor is on a mount of its own.
 
     models: to draw from, none for the paper's camera. Raises ValueError where the pool has fewer poses, or there would
     be no sensor.
@@ -157,7 +159,9 @@ def own_and_random(
 
 
 def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Generator) -> Bool[np.ndarray, "n C"]:
-    """Draw up to `count` different sets: half of them from the first `own` candidates, if there are any.
+    """Draw up to `count` different sets.
+
+    Half of them are from the first `own` candidates, if there are any.
 
     The others have 1 to `MOST_POSES` of the other candidates, at most one on a mount.
     """
@@ -205,7 +209,10 @@ def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], model
 
 
 def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
-    """Each height in the range of each mount; NaN where a height nearer to the asked one is clipped to the same."""
+    """Each height, clipped to the range of each mount.
+
+    NaN where clipping gives the same as for a nearer height.
+    """
     low, high = np.array([[mount.min_height, mount.max_height] for mount in mounts]).T[:, :, None]
     clipped = np.clip(heights, low, high)
     mounted = np.full(clipped.shape, np.nan)
@@ -225,7 +232,10 @@ def _rotations(axes: Axes) -> Float64[np.ndarray, "Y T models 3 3"]:
 def _sees_area(
     site: Site, position: np.ndarray, factors: np.ndarray, rotations: np.ndarray, models: Sequence[SensorModel]
 ) -> Bool[np.ndarray, " C"]:
-    """True for poses with some of the detection area in their field of view, as if nothing stood in between."""
+    """True for poses with some of the area in view.
+
+    Nothing is taken to stand in between.
+    """
     xmin, ymin, xmax, ymax = site.area
     middles = (np.arange(CELLS) + 0.5) / CELLS
     x, y = np.meshgrid(xmin + middles * (xmax - xmin), ymin + middles * (ymax - ymin))
@@ -262,7 +272,10 @@ def _format(values: np.ndarray, decimals: int) -> list[str]:
 
 
 def with_terms(candidates: Candidates, pole_price: float, capacity: float | None) -> Candidates:
-    """Same candidates on mounts with prices in a currency and links of one capacity (None: their own)."""
+    """Return the candidates with mounts priced in a currency.
+
+    capacity: of all links, None for their own.
+    """
     mounts = tuple(
         replace(mount, price=mount.price * pole_price, capacity=mount.capacity if capacity is None else capacity)
         for mount in candidates.mounts

@@ -1,4 +1,4 @@
-"""Catalogue of sensor models with prices, in TOML: models that may be bought, and the cost of an ordinary pole.
+"""Catalogue of sensor models with prices, in TOML.
 
 currency = "EUR"
 pole_price = 4000          # of one ordinary mount, whose price is 1; without it prices of mounts are in the currency
@@ -53,7 +53,10 @@ class SensorCatalogue:
     digest: str = ""
 
     def get_name(self, model: SensorModel) -> str:
-        """Return the catalogue's name of a model. Raises ValueError for an unknown model."""
+        """Return the catalogue's name of a model.
+
+        Raises ValueError for an unknown model.
+        """
         for each in self.models:
             if each.model == model:
                 return each.name
@@ -113,7 +116,10 @@ def _read_sensor(row: object, where: str) -> PricedModel:
 
 
 def _value(key: str, value: object, angles: Mapping[str, bool], where: str) -> tuple[str, object]:
-    """Field of the model, angles in rad. angles: True for fields that are one."""
+    """Field of the model, angles in rad.
+
+    angles: True for fields that are one.
+    """
     written = [f"{field}{DEGREES}" if is_one else field for field, is_one in angles.items()]
     if key not in written:
         raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")

@@ -1,4 +1,4 @@
-"""Configurations of environments: a frozen dataclass each, checked whole before anything is rendered."""
+"""Configurations of environments, checked before anything is rendered."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class PoseConfig(EnvConfig):
 
 
 def build_config(kind: type[Config], config: Config | None, given: Mapping[str, object]) -> Config:
-    """Build a configuration from another one, or the usual one, and fields given by name.
+    """Build a configuration from another and fields given by name.
 
     Gymnasium's `make` gives them so. Fields of `Setting` and `Run` go by their own names, and `iou` of `Cases`. Raises
     TypeError for an unknown name and for a configuration of another kind.

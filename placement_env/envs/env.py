@@ -1,4 +1,4 @@
-"""Environments of n episodes side by side under one set of rules, a task: scalar with one row, or vector.
+"""Scalar and vector environments of a task, the rules of n episodes side by side.
 
 They agree with `gymnasium.vector.SyncVectorEnv` over the scalar environments, step by step, infos and autoreset (next
 step) included.
@@ -46,7 +46,7 @@ class Task(Protocol):
     def reset(
         self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
     ) -> None:
-        """Start new episodes in some rows, each drawn by a generator of its own."""
+        """Start new episodes in some rows, one from each generator."""
 
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
@@ -61,7 +61,10 @@ class Task(Protocol):
 
 
 class PlacementEnv(gym.Env[np.ndarray, Any]):
-    """One episode after another of a task with one row; the registered environments differ by their task."""
+    """One episode after another of a task.
+
+    The registered environments differ by their task.
+    """
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # type: ignore[misc]
 
@@ -81,7 +84,10 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         return observations[0], first_info(info)
 
     def step(self, action: ArrayLike) -> tuple[np.ndarray, float, bool, bool, Info]:
-        """Take an action. Raises ValueError for an invalid action, ResetNeeded before the first `reset`."""
+        """Take an action.
+
+        Raises ValueError for an invalid action, ResetNeeded before the first `reset`.
+        """
         actions = check_actions(self.task, action)
         reward, terminated, truncated = self.task.step(np.ones(1, np.bool_), actions)
         observations, info = self.task.observe()
@@ -98,7 +104,7 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         return self.task.state.placement(0)
 
     def render(self) -> Picture | None:
-        """Draw the area from above with the chosen sensors and their view (uint8), or write a few lines of text."""
+        """Draw the area with the chosen sensors (uint8), or describe them in text."""
         if self.render_mode is None:
             return None
         check_ready(self.task)
@@ -124,7 +130,10 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Options | None = None
     ) -> tuple[np.ndarray, Info]:
-        """Start all episodes, or those of `options["reset_mask"]`; with an int, the i-th is seeded by seed + i."""
+        """Start all episodes, or those of `options["reset_mask"]`.
+
+        With an int, the i-th is seeded by seed + i.
+        """
         options = dict(options or {})
         mask = np.asarray(options.pop("reset_mask", self._all))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
@@ -145,7 +154,10 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, _batch_info(info, mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
-        """Take an action in every episode; one that has ended starts anew and ignores its action."""
+        """Take an action in every episode.
+
+        One that has ended starts anew and ignores its action.
+        """
         actions = check_actions(self.task, actions)
         rewards, terminated, truncated = self.task.step(~self._ended, actions)
         rewards = rewards.copy()
@@ -209,13 +221,13 @@ def check_actions(task: Task, actions: ArrayLike) -> Shaped[np.ndarray, "n ..."]
 
 
 def draw_row(task: Task, row: int, mode: str) -> Picture:
-    """Draw a row of a task as an image, or describe it in text."""
+    """Draw a row of a task, or describe it in text."""
     objective, members = task.state.placement(row)
     return bird_view(objective, members) if mode == "rgb_array" else summary(objective, members)
 
 
 def first_info(info: Info) -> Info:
-    """Return the info of the first of n episodes, with Python's own numbers."""
+    """Return the info of the first episode, with Python's numbers."""
     return {
         key: first_info(value) if isinstance(value, dict) else value.item(0) if value.ndim == 1 else value[0]
         for key, value in info.items()
@@ -223,7 +235,10 @@ def first_info(info: Info) -> Info:
 
 
 def _batch_info(info: Info, rows: np.ndarray) -> Info:
-    """Info as in Gymnasium's vector environments: beside each key, the episodes that it is for."""
+    """Info as in Gymnasium's vector environments.
+
+    Beside each key stand the episodes that it is for.
+    """
     whole: Info = {}
     for key, value in info.items():
         whole[key] = _batch_info(value, rows) if isinstance(value, dict) else value
@@ -232,6 +247,9 @@ def _batch_info(info: Info, rows: np.ndarray) -> Info:
 
 
 def observation_space(slots: int) -> Box:
-    """Space of observations of candidates: features of each slot, feature after feature, then of the whole."""
+    """Space of observations of candidates.
+
+    Features of the slots come first, feature after feature, then those of the whole.
+    """
     size = (len(STATIC) + len(DYNAMIC)) * slots + len(GLOBAL)
     return Box(-1.0, 1.0, (size,), np.float32)

@@ -1,4 +1,6 @@
-"""Registration of the environments with Gymnasium, once it and `placement_env` are imported, in either order.
+"""Registration of the environments with Gymnasium.
+
+It happens once Gymnasium and `placement_env` are imported, in either order.
 
 Gymnasium itself imports a package named before the environment: `gymnasium.make("placement_env:coview/...")`.
 """
@@ -31,7 +33,7 @@ def register() -> None:
 
 
 def register_with_gymnasium() -> None:
-    """Register now if Gymnasium is imported, else as soon as it is, without importing it here."""
+    """Register once Gymnasium is imported, without importing it here."""
     if sys.modules.get("gymnasium"):
         register()
     else:
@@ -39,7 +41,7 @@ def register_with_gymnasium() -> None:
 
 
 class AfterImport(MetaPathFinder):
-    """Import hook (PEP 451) that calls `then` once a module has been imported, then removes itself."""
+    """Import hook (PEP 451) that calls `then` after a module, once."""
 
     def __init__(self, name: str, then: Callable[[], None]) -> None:
         self.name, self.then = name, then
@@ -47,7 +49,10 @@ class AfterImport(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the module's own spec, whose loader calls `then` when done; None for other modules."""
+        """Return the module's spec, whose loader calls `then` when done.
+
+        None for other modules.
+        """
         if fullname != self.name:
             return None
         spec = PathFinder.find_spec(fullname, path, target)

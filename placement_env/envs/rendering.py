@@ -1,4 +1,4 @@
-"""Pictures of a set of sensors: the area from above with their view of the traffic, or a few lines of text."""
+"""Pictures of a set of sensors, and a summary in text."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ _SIDE, _HEAD, _FOOT = 6.4, 0.5, 0.42  # inches of a square picture, and of the s
 
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:
-    """Draw the area from above, RGB uint8, as a square of the same size for every site.
+    """Draw the area from above (RGB, uint8).
+
+    The picture is a square of the same size for every site.
 
     Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is more, pale grey
     none), places where sensors may hang, and the chosen sensors with their fields of view.
@@ -76,7 +78,7 @@ def _noun(objective: Objective) -> str:
 
 
 def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
-    """Draw some vehicles of all frames, coloured by the members' points on them, and return a caption."""
+    """Draw some vehicles, coloured by the members' points, and return a caption."""
     from matplotlib.collections import PolyCollection
 
     if objective.visibility is None or not len(objective.visibility.boxes):
@@ -93,7 +95,7 @@ def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
 
 
 def _draw_strips(figure: Figure, scale: float) -> Axes:
-    """Draw, below the map and in inches, a scale bar and the legend of colours."""
+    """Draw scale bar and legend below the map, in inches."""
     strip = figure.add_axes((0, 0, 1, _FOOT / _SIDE))
     strip.set(xlim=(0, _SIDE), ylim=(0, _FOOT))
     strip.set_axis_off()

@@ -1,4 +1,4 @@
-"""Scenarios: an objective as an agent observes it, and the episodes that are drawn from several.
+"""Scenarios, objectives as agents observe them, and episodes drawn from them.
 
 A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. The
 view of a candidate is taken at up to `PLACES` places: vehicles of the traffic if known, else spots of the area.
@@ -49,7 +49,10 @@ class Scenario:
 
     @cached_property
     def mount(self) -> Int64[np.ndarray, " slots"]:
-        """Mount of each candidate; the empty slots share a mount of their own."""
+        """Mount of each candidate.
+
+        The empty slots share a mount of their own.
+        """
         return pad(self.objective.candidates.mount, self.slots, fill=len(self.objective.candidates.mounts))
 
     @cached_property
@@ -64,7 +67,10 @@ class Scenario:
 
     @cached_property
     def load(self) -> Float64[np.ndarray, " slots"] | None:
-        """Share of its mount's link that each candidate takes; None unless links are shared."""
+        """Share of the link that each candidate takes.
+
+        None unless links are shared.
+        """
         sent = self.objective.shared_links
         return None if sent is None else pad(sent / self.objective.candidates.capacity, self.slots)
 
@@ -111,18 +117,27 @@ class Scenario:
 
     @cached_property
     def constants(self) -> Float32[np.ndarray, "5"]:
-        """Last features of the whole: both weights, of a Mbit and of a mount, as x / (x + 1), and the scheme."""
+        """Last features of the whole: weights and scheme.
+
+        The weights, of a Mbit and of a mount, are given as x / (x + 1).
+        """
         weights = np.array([1000 * self.objective.weights.comm, self.objective.weights.price])
         scheme = [self.objective.scheme.name == name for name in PAPER_SCHEMES]
         return np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
     def mark_failed(self, failed: Iterable[Any]) -> Bool[np.ndarray, " slots"]:
-        """Return a row over the slots, True for these candidates, given by index or name."""
+        """Return a row over the slots, True for these candidates.
+
+        They are given by index or name.
+        """
         return pad(self.objective.row(failed), self.slots)
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
-    """Tell which places each candidate sees: vehicles with enough points on them, or spots of the area in view."""
+    """Tell which places each candidate sees.
+
+    These are vehicles, seen with enough points on them, or spots of the area in view.
+    """
     if objective.visibility is not None:
         points = objective.visibility.points
         some = np.unique(np.linspace(0, points.shape[1] - 1, PLACES).round().astype(np.int64))[: points.shape[1]]
@@ -136,7 +151,10 @@ def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
 
 
 def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
-    """xmin ymin xmax ymax of the detection area, or of all mounts if the site is unknown."""
+    """Find xmin ymin xmax ymax of the detection area.
+
+    It holds all mounts if the site is unknown.
+    """
     if objective.site is not None:
         return objective.site.area
     feet = np.array([mount.position[:2] for mount in objective.candidates.mounts])
@@ -144,7 +162,10 @@ def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
 
 
 def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Position (C, 3), heading, tilt and horizontal field of view (rad), and True for lidars, of each candidate."""
+    """Position, heading, tilt, field of view and kind of each candidate.
+
+    Positions are (C, 3), angles in rad, the field of view is the horizontal one; the kind is True for lidars.
+    """
     sensors = candidates.sensors
     lidar = np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_)
     width = [sensor.model.horizontal_fov for sensor in sensors]
@@ -194,7 +215,10 @@ class Conditions:
 
 
 class Sites:
-    """Sites of an environment, with their candidates: those to draw from, and those that options name later."""
+    """Sites of an environment, with their candidates.
+
+    Episodes draw from those of the config; options may name others.
+    """
 
     def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
         self.config, self._given = config, list(config.sites)
@@ -210,7 +234,10 @@ class Sites:
         return self._known[index]
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Return the number of a site, drawn for None; a new one joins the others."""
+        """Return the number of a site, drawn for None.
+
+        A new site joins the others.
+        """
         if site is None:
             return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
         for index, (given, known) in enumerate(zip(self._given, self._known, strict=True)):
@@ -233,13 +260,15 @@ class Sites:
         return self.config.local_setting(self[index], self.candidates(index), scheme)
 
     def check_scorable(self) -> None:
-        """Raise ValueError if no table, surrogate or detector scores the candidates of some site as asked."""
+        """Raise ValueError if the candidates of some site cannot be scored as asked."""
         for index in range(len(self)):
             for scheme in self.config.schemes:
                 Preparation(self.setting(index, scheme)).check()
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> Conditions:
-        """Take site, scheme, budget and failed candidates from the options, else draw them, in this order.
+        """Take conditions from the options, else draw them.
+
+        The order is site, scheme, budget and failed candidates.
 
         What the config does not leave open takes nothing from the generator. Raises ValueError for an option that is
         unknown or does not fit.
@@ -261,7 +290,7 @@ class Sites:
 
 
 class Scenarios:
-    """Scenarios of an environment that chooses among candidates, each made when first drawn.
+    """Scenarios to choose among candidates, each made when first drawn.
 
     Raises ValueError where the sets of a site cannot be scored as asked, before anything is rendered.
     """
@@ -280,7 +309,10 @@ class Scenarios:
         self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
-        """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
+        """Draw an episode with these options.
+
+        Raises ValueError for an option that is unknown or does not fit.
+        """
         if options:
             return self._draw(rng, options)
         episode = self._always or self._draw(rng, {})

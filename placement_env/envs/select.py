@@ -47,7 +47,10 @@ class SelectTask:
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Add a candidate in each active row, or none for the last action, which ends the episode."""
+        """Add a candidate in each active row.
+
+        The last action adds none and ends the episode.
+        """
         slot, stops = self._slots(actions)
         state, acting = self.state, active & ~stops
         places = acting & (slot >= 0) & state.allowed[self._rows, slot]
@@ -64,7 +67,10 @@ class SelectTask:
         return self.state.observe(), info
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Tell which actions are legal; of factored ones, which values of each factor a legal candidate has."""
+        """Tell which actions are legal.
+
+        Of factored ones, tell which values of each factor some legal candidate has.
+        """
         allowed = self.state.allowed
         if self.flat:
             return np.concatenate([allowed, self._always], axis=1)
@@ -77,7 +83,7 @@ class SelectTask:
         return masks
 
     def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Candidate of each action, -1 for none, and True for actions that stop."""
+        """Candidate of each action (-1: none), and True for stops."""
         if self.flat:
             slot, last = actions.astype(np.int64).reshape(-1), self.scenarios.slots
             if ((slot < 0) | (slot > last)).any():

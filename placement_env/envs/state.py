@@ -1,4 +1,4 @@
-"""State of n episodes side by side: the chosen sensors of each, their score, and the observation of an agent.
+"""State of n episodes: chosen sensors, scores and observations.
 
 The scalar environments have one row, the vector environments many, under the same rules in the same arrays.
 """
@@ -55,7 +55,10 @@ class State:
         self.illegal, self.repeated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
 
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
-        """Start new episodes in some rows and score the sensors that stand from the start."""
+        """Start new episodes in some rows.
+
+        Sensors that stand from the start are scored.
+        """
         self.budget[rows] = [episode.budget for episode in episodes]
         self.max_steps[rows] = STEPS * self.budget[rows] if self._max_steps is None else self._max_steps
         self.chosen[rows] = self.illegal[rows] = self.repeated[rows] = False
@@ -73,7 +76,7 @@ class State:
     def place(
         self, active: Bool[np.ndarray, " n"], chosen: Bool[np.ndarray, "n slots"], illegal: Bool[np.ndarray, " n"]
     ) -> None:
-        """Step the active episodes to these chosen sets, unless the step was illegal."""
+        """Step the active episodes to these sets, unless illegal."""
         changed = active & (chosen != self.chosen).any(axis=1)
         before = self.scores.reward.copy()
         self.chosen[changed] = chosen[changed]
@@ -82,7 +85,7 @@ class State:
     def move(
         self, active: Bool[np.ndarray, " n"], scenarios: Mapping[int, Scenario], illegal: Bool[np.ndarray, " n"]
     ) -> None:
-        """Step the active episodes, the sensors of some rows being moved as in these scenarios."""
+        """Step the active episodes to other scenarios of some rows."""
         changed = np.zeros(self.n, np.bool_)
         changed[list(scenarios)] = True
         before = self.scores.reward.copy()
@@ -90,7 +93,7 @@ class State:
         self._step(active, changed, illegal, before)
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, " n"]:
-        """Tell which of these sets may be built: feasible, within the budget, no failed sensor."""
+        """Tell which sets are feasible, within budget, without failed sensors."""
         fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
         for scenario, rows in self.by_scenario():
             inside, outside = chosen[rows, : scenario.width], chosen[rows, scenario.width :]
@@ -108,7 +111,9 @@ class State:
         return scenario.objective, np.flatnonzero(self.chosen[row]).tolist()
 
     def observe(self) -> Float32[np.ndarray, "n size"]:
-        """Return `STATIC` and `DYNAMIC` of each slot, feature after feature, then `GLOBAL`; all in -1..1.
+        """Return the features of each slot and of the whole, in -1..1.
+
+        `STATIC` and `DYNAMIC` come feature after feature, then `GLOBAL`.
 
         Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1).
         """
@@ -126,7 +131,10 @@ class State:
         return whole
 
     def info(self) -> Info:
-        """Return the info beside the observation, an array (n, ...) each; `reward_terms` is a dictionary of these."""
+        """Return the info, an array (n, ...) for each key.
+
+        `reward_terms` is a dictionary of these.
+        """
         comm, price = self._weights
         scores = self.scores
         return self._class_ap() | {
@@ -198,7 +206,10 @@ class State:
         self._groups = [(each, slice(None) if alone else np.array(rows)) for each, rows in members.items()]
 
     def _find_allowed(self) -> None:
-        """Find the candidates that may join: not failed, within their link's capacity, with room on their mount."""
+        """Find the candidates that may join.
+
+        They have not failed, and have room on their mount and its link.
+        """
         if self.fixed:
             return
         allowed = ~self.failed
@@ -237,7 +248,7 @@ def with_room(
     chosen: Bool[np.ndarray, "n slots"],
     load: Float64[np.ndarray, " slots"] | None,
 ) -> Bool[np.ndarray, "n slots"]:
-    """Tell which candidates, not chosen yet, have room on their mount and its link.
+    """Tell which other candidates have room on mount and link.
 
     load: share of the link that each takes, None if links always suffice.
     """
@@ -254,7 +265,7 @@ def with_room(
 def coverage_gain(
     seen: Shaped[np.ndarray, "words slots"], chosen: Bool[np.ndarray, "n slots"]
 ) -> tuple[Int64[np.ndarray, " n"], Shaped[np.ndarray, "n slots"]]:
-    """Count the places that each set sees, and those that each candidate would add."""
+    """Count the places seen, and added by each candidate."""
     together = np.zeros((len(chosen), len(seen)), np.uint64)
     row, slot = chosen.nonzero()
     np.bitwise_or.at(together, row, seen.T[slot])

@@ -35,7 +35,10 @@ class SubsetTask:
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Choose the set of each active row; one that may not be built is left empty."""
+        """Choose the set of each active row.
+
+        A set that may not be built is left empty.
+        """
         chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
         if (actions.reshape(chosen.shape) != chosen).any():
             raise ValueError(f"actions must be 0 or 1 for each slot, got {actions.tolist()}")
@@ -49,7 +52,7 @@ class SubsetTask:
         return self.state.observe(), {**self.state.info(), "action_mask": mask.astype(np.int8)}
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Tell for each slot that it may be left out, always True, and whether it may be chosen."""
+        """Tell for each slot whether it may be 0, always True, and 1."""
         may = self.state.allowed | self.state.chosen
         return np.stack([np.ones_like(may), may], axis=2).reshape(self.state.n, -1)
 
