@@ -31,7 +31,7 @@ def test_short_or_hidden_work_says_nothing(capsys, monkeypatch, hidden):
 
 def test_time_left_goes_by_the_pace_of_the_stage(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     with progress_bar("", hidden=True) as bar:
         bar.stage("searching", 5, 10)
         now[0] = 100.0

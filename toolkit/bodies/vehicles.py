@@ -6,7 +6,7 @@ belt line the sides lean in (tumblehome), windscreen and tail bow in plan, and t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -60,7 +60,7 @@ class CarShape:
     tumblehome: float
     rounding: float
     rake: float
-    rails: bool = False
+    rails: bool = field(default=False, kw_only=True)
 
 
 # Mirrors come on top of the width. The last five rows are held out of training (see `toolkit.bodies.fleet.catalogue`).

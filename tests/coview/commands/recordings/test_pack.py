@@ -27,7 +27,7 @@ def test_plain_clouds_are_packed_with_simulated_frames(recording, tmp_path, run,
     assert code == 0
     assert "3 frames" in out
     mixed = PackedFrames(tmp_path / "m.packed")
-    assert [mixed.recorded(k) for k in range(3)] == [True, False, False]
+    assert [mixed.is_recorded(k) for k in range(3)] == [True, False, False]
     assert mixed.rig(0).area == (-40, -20, 40, 20)
     simulated, recorded = (sum(map(len, mixed.points(k, None))) for k in (1, 0))
     assert recorded > 0.8 * simulated
