@@ -1,4 +1,4 @@
-"""Candidates: found by their factors, counted by mount, chosen from in order; what does not fit is refused."""
+"""Candidates are found by factors, counted by mount, selected in order; sensors look where they are aimed."""
 
 from dataclasses import replace
 

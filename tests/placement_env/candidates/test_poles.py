@@ -1,4 +1,4 @@
-"""A city's file becomes mounts at the right places, or one line that says what is wrong with it."""
+"""A city's file becomes mounts at the right places, or one line that names the mistake."""
 
 import json
 import warnings

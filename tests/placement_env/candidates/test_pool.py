@@ -1,4 +1,4 @@
-"""Pools are the product they claim to be, less what they say they leave out; prices, factors and digests hold."""
+"""Pools are full products less what they say they leave out; prices, factors and digests hold."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Environments in which several classes of road users count; where vehicles alone do, nothing is there that was not."""
+"""Environments with several classes of road users; vehicles alone change nothing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SELECT = "coview/SensorSelect-v0"
 
 
 def mixed(plain: Objective) -> Objective:
-    """The same candidates, every third object being a pedestrian."""
+    """Same candidates, with every third object a pedestrian."""
     assert plain.visibility is not None
     labels = np.where(np.arange(60) % 3 == 0, PEDESTRIAN, VEHICLE)
     seen = replace(plain.visibility, labels=labels)

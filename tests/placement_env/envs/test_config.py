@@ -1,4 +1,4 @@
-"""What an environment is made with is checked when it is made, before anything is simulated or rendered."""
+"""Configurations are checked when an environment is made, before anything is simulated or rendered."""
 
 from __future__ import annotations
 

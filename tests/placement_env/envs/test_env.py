@@ -1,4 +1,4 @@
-"""The scalar environment: how few files a step crosses, and one clear line for what is no step."""
+"""The scalar environment: few files crossed in a step, one clear line for an invalid action."""
 
 from __future__ import annotations
 

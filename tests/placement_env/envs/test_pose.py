@@ -1,4 +1,4 @@
-"""Moving sensors: ranges, what is rendered again, checkers, agreement of scalar and vector environments."""
+"""Moving sensors: ranges, renders, checkers, agreement of scalar and vector environments."""
 
 from __future__ import annotations
 

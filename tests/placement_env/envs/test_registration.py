@@ -55,13 +55,3 @@ except ImportError as error:
     assert "coview[rl]" in str(error)
 """
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
-
-
-@pytest.mark.parametrize("name", ["Select", "Subset", "Pose"])
-def test_what_is_misspelt_is_told_when_made(name: str) -> None:
-    import gymnasium
-
-    with pytest.raises(TypeError, match="'frame'"):
-        gymnasium.make(f"coview/Sensor{name}-v0", frame=3)
-    with pytest.raises((ValueError, TypeError), match="surogate"):  # whichever checks first, we or beartype
-        gymnasium.make(f"coview/Sensor{name}-v0", fidelity="surogate")

@@ -1,4 +1,4 @@
-"""Pictures and lines of text of what is chosen."""
+"""Pictures and text of the chosen sensors."""
 
 from __future__ import annotations
 

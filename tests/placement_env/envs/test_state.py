@@ -1,4 +1,4 @@
-"""The state of episodes: what may join and what it would add, against plain loops; nobody else writes it."""
+"""State of episodes against plain loops; only its owner writes it."""
 
 from __future__ import annotations
 

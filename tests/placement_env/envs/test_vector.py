@@ -1,4 +1,4 @@
-"""Vector environments do what scalar ones do, step by step."""
+"""Vector environments agree with scalar ones step by step."""
 
 from __future__ import annotations
 
