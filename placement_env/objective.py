@@ -211,7 +211,7 @@ class Objective:
         """Scores of sets, rows of booleans, feasible or not; one asked before is not scored again, none is 0."""
         figures, cache_hit = self._figures(subsets)
         ap, recall, kbit = figures.T[:3]
-        per_sensor, price, reward = self._weighed(subsets, ap, kbit)
+        per_sensor, price, reward = self._weigh(subsets, ap, kbit)
         return Scores(ap, recall, per_sensor, kbit, price, reward, cache_hit)
 
     def race(
@@ -229,11 +229,11 @@ class Objective:
         def rewards(sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
             estimate = scored_by.partial(sets, frames.tolist())
             self._tell(len(sets))
-            return self._weighed(sets, estimate.ap, estimate.kbit)[2]
+            return self._weigh(sets, estimate.ap, estimate.kbit)[2]
 
         return race(rewards, subsets, scored_by.frames, keep=keep, first=first, eta=eta, seed=seed)
 
-    def _weighed(
+    def _weigh(
         self, subsets: Bool[np.ndarray, "n C"], ap: Float64[np.ndarray, " n"], kbit: Float64[np.ndarray, " n"]
     ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
         """kbit per sensor, price and reward of each set."""
@@ -285,7 +285,7 @@ class Objective:
         cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
         fresh = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
         if fresh:
-            estimate, of_classes = self._estimated(subsets[list(fresh.values())])
+            estimate, of_classes = self._estimate(subsets[list(fresh.values())])
             if not np.isfinite(estimate.ap).all():
                 there = " or ".join(self.classes.names)
                 raise ValueError(f"there is no {there} to find in these frames: say more --frames, or another --seed")
@@ -297,7 +297,7 @@ class Objective:
             self._tell(len(fresh))
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width), cache_hit
 
-    def _estimated(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Estimate, Sequence[Float64[np.ndarray, " n"]]]:
+    def _estimate(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Estimate, Sequence[Float64[np.ndarray, " n"]]]:
         """Estimate of sets and, of several classes, the AP of each."""
         if self._width == 3:
             return self.scored_by(subsets), ()

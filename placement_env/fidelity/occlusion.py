@@ -48,7 +48,7 @@ def look_at(
     scene = _Scene(traffic.site, renderer, sensors)
     points, sent, far = [np.zeros((len(sensors), 0))], [], []
     parts: dict[tuple[int, bytes], _Part] = {}
-    windows = _windows_of(traffic, scene)
+    windows = _find_windows(traffic, scene)
     for snapshot in traffic.snapshots:
         boxes, bodies = snapshot.objects.boxes, snapshot.bodies.tolist()
         keys = [(body, box.tobytes()) for body, box in zip(bodies, boxes, strict=True)]
@@ -67,7 +67,7 @@ def look_at(
     )
 
 
-def _windows_of(traffic: Traffic, scene: _Scene) -> dict[tuple[int, bytes], Windows]:
+def _find_windows(traffic: Traffic, scene: _Scene) -> dict[tuple[int, bytes], Windows]:
     """Windows in which each object of all frames may be seen; of one that stands still, once."""
     different = {
         (body, box.tobytes()): (body, box)

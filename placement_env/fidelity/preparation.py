@@ -113,12 +113,12 @@ class Preparation:
     @cached_property
     def network(self) -> str:
         """Name of the shipped network, or of its surrogate, that scores the candidates."""
-        return network_for(self.site, self.candidates.sensors)
+        return find_network(self.site, self.candidates.sensors)
 
     @cached_property
     def detector(self) -> Detector:
         """The setting's detector, or the shipped one."""
-        return self.setting.detector or shipped_detector(self.network, self.site)
+        return self.setting.detector or load_shipped_detector(self.network, self.site)
 
     @cached_property
     def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:
@@ -233,7 +233,7 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
     sensors, classes = setting.pool.sensors, setting.counted
     if name == "surrogate":
         for iou in setting.cases.ious:
-            surrogate_models(setting, iou, network_for(setting.place, sensors))
+            surrogate_models(setting, iou, find_network(setting.place, sensors))
     if name == "table":
         Preparation(setting).fidelity(name)
     if name == "detector" and setting.detector is not None:
@@ -241,7 +241,7 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
     if name == "detector" and setting.detector is None and classes.names != VEHICLES.names:
         from models.detector import load_detector
 
-        check_known(load_detector(network_for(setting.place, sensors), area=setting.place.area), classes.names)
+        check_known(load_detector(find_network(setting.place, sensors), area=setting.place.area), classes.names)
 
 
 def _check_errors(setting: Setting, name: FidelityName) -> None:
@@ -278,7 +278,7 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
     return tuple(chosen_model(models, surrogate_name(scheme), at, name, source=str(path)) for name, at in wanted)
 
 
-def shipped_detector(network: str, site: Site) -> Detector:
+def load_shipped_detector(network: str, site: Site) -> Detector:
     """Shipped network as it detects at a site, made once for all preparations.
 
     The general one was not trained there and would take some hedge for a vehicle in every frame, so it knows the site
@@ -286,7 +286,7 @@ def shipped_detector(network: str, site: Site) -> Detector:
     """
     from toolkit.sites.files import format_site
 
-    return _detector_at(network, _Place(format_site(site), site))
+    return _make_detector(network, _Place(format_site(site), site))
 
 
 @dataclass(frozen=True)
@@ -298,7 +298,7 @@ class _Place:
 
 
 @lru_cache(maxsize=KEPT_DETECTORS)
-def _detector_at(network: str, place: _Place) -> Detector:
+def _make_detector(network: str, place: _Place) -> Detector:
     from models.detector import load_detector
     from toolkit.detection.site_background import add_background
 
@@ -306,7 +306,7 @@ def _detector_at(network: str, place: _Place) -> Detector:
     return add_background(detector, place.site) if network == GENERAL else detector
 
 
-def network_for(site: Site, sensors: Iterable[Sensor]) -> str:
+def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
     """Name of the shipped network for these sensors: the site's, trained with its own sensors, or `GENERAL`."""
     from models.detector import SHIPPED
 

@@ -29,7 +29,7 @@ from placement_env.search.description import (
 )
 from placement_env.search.exact.demand import Demand
 from placement_env.search.methods import METHODS, check_search, load_search
-from placement_env.search.portfolio.curve import CurvePoint, amounts_up_to, budget_curve
+from placement_env.search.portfolio.curve import CurvePoint, budget_curve, list_amounts
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES, Judging
 from placement_env.search.result import Result
 from placement_env.search.verification import ap_at_profiles, verify_best
@@ -189,7 +189,9 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         checked, sets = verify_best(objective, exact, result)
         chosen = checked.subset
         by_errors = ap_at_profiles(exact, chosen, result.sensors)
-        summary["verified"] = _verified(objective, exact, checked) | ({"by_errors": by_errors} if by_errors else {})
+        summary["verified"] = _check_summary(objective, exact, checked) | (
+            {"by_errors": by_errors} if by_errors else {}
+        )
         lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
         lines += [*(f"  {objective.names[c]}" for c in chosen), describe_score(checked), *describe_by_errors(by_errors)]
     return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
@@ -216,7 +218,7 @@ def _run_curve(order: SearchOrder, objective: Objective, checkpoint: Checkpoint)
     points = budget_curve(
         objective,
         order.budget,
-        amounts=amounts_up_to(objective, order.budget, objective.most_price) if limited else (),
+        amounts=list_amounts(objective, order.budget, objective.most_price) if limited else (),
         seed=order.run.seed,
         seconds=order.seconds,
         evaluations=order.evaluations,
@@ -282,6 +284,6 @@ def _describe(objective: Objective, result: Result) -> list[str]:
     return lines + [f"front: {describe_score(score)} {score.subset}" for score in result.front]
 
 
-def _verified(objective: Objective, exact: Objective, checked: Score) -> dict[str, Any]:
+def _check_summary(objective: Objective, exact: Objective, checked: Score) -> dict[str, Any]:
     there = [objective.names[c] for c in checked.subset]
     return {**asdict(checked), "sensors": there, "provenance": exact.provenance}

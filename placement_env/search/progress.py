@@ -100,7 +100,7 @@ class Progress:
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from a checkpoint; the incumbent is scored once more, so that it is known."""
         self.limits.resume(state["limits"])
-        self.best, self.reward = rows_of([state["best"]], self.size)[0], float(state["reward"])
+        self.best, self.reward = as_rows([state["best"]], self.size)[0], float(state["reward"])
         self.objective.scores(self.best[None])
 
     def figures(self, subsets: Bool[np.ndarray, "n C"]) -> Figures:
@@ -127,7 +127,7 @@ class Progress:
 
     def settle(self, chosen: list[int]) -> None:
         """Take this set for the answer, whatever it scores and the limits say."""
-        self.best = rows_of([chosen], self.size)[0]
+        self.best = as_rows([chosen], self.size)[0]
         self.reward = float(self.objective.scores(self.best[None]).reward[0])
         self.limits.count += 1
         self.limits.record(self.reward)
@@ -161,10 +161,10 @@ class Progress:
         self._block = int(np.clip(affordable, 1, min(MOST_AT_ONCE, 4 * self._block)))
 
 
-def rows_of(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]:
+def as_rows(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]:
     """Sets of indices as rows of booleans.
 
-    >>> rows_of([[0, 2], []], 3)
+    >>> as_rows([[0, 2], []], 3)
     array([[ True, False,  True],
            [False, False, False]])
     """

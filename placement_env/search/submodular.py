@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from placement_env.objective import Objective
-from placement_env.search.progress import Progress, add_each, rows_of
+from placement_env.search.progress import Progress, add_each, as_rows
 from placement_env.search.result import Certificate
 
 TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
@@ -40,7 +40,7 @@ def online_bound(progress: Progress, chosen: list[int]) -> float:
     """
     candidates = progress.objective.candidates
     options = np.flatnonzero(progress.objective.allowed([]))
-    subsets = np.vstack([rows_of([chosen], progress.size), add_each(chosen, options, progress.size)])
+    subsets = np.vstack([as_rows([chosen], progress.size), add_each(chosen, options, progress.size)])
     ap = progress.figures(subsets).ap
     if np.isnan(ap).any():
         return np.inf

@@ -17,7 +17,7 @@ from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.greedy import grow
-from placement_env.search.progress import Progress, add_each, rows_of
+from placement_env.search.progress import Progress, add_each, as_rows
 from placement_env.search.result import Certificate, Result
 
 STARTS = 5
@@ -114,7 +114,7 @@ def _greedy(progress: Progress) -> list[int]:
 def _begun(progress: Progress, start: int, before: float, chosen: list[int]) -> Climb:
     """The start of a climb from a set."""
     places = chosen + [EMPTY] * (progress.budget - len(chosen))
-    reward = float(progress.rewards(rows_of([chosen], progress.size))[0])
+    reward = float(progress.rewards(as_rows([chosen], progress.size))[0])
     return Climb(start, before, places, list(range(len(places))), reward)
 
 
@@ -127,7 +127,7 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
         place = climb.waiting.pop(0)
         others = [c for i, c in enumerate(places) if i != place and c != EMPTY]
         options = np.flatnonzero(progress.objective.allowed(others))
-        subsets = np.vstack([rows_of([others], progress.size), add_each(others, options, progress.size)])
+        subsets = np.vstack([as_rows([others], progress.size), add_each(others, options, progress.size)])
         rewards = progress.rewards(subsets)
         best = int(rewards.argmax())
         if rewards[best] > climb.reward:
@@ -137,7 +137,7 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
         if not np.isfinite(rewards).all():
             return False
     if climb.reward == progress.reward:  # of equal sets the one whose surroundings are known
-        progress.best = rows_of([[c for c in places if c != EMPTY]], progress.size)[0]
+        progress.best = as_rows([[c for c in places if c != EMPTY]], progress.size)[0]
     return True
 
 

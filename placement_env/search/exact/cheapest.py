@@ -93,7 +93,7 @@ def _by_coverage(objective: Objective, progress: Progress, demand: Demand, seed:
     levels = levels_of_coverage(seen.points >= LEAST, parties)
     needs = np.ceil(demand.at_least * parties.sum(axis=1) - MET).astype(np.int64)
     levels, need = _same_need(levels, needs)
-    found, unit = _solved(objective, progress, levels, need, seed, workers, failing=demand.failing)
+    found, unit = _solve(objective, progress, levels, need, seed, workers, failing=demand.failing)
     what = f"covers {demand.at_least:.0%} of the objects{demand.described(len(parties))}"
     return _result(objective, progress, found, unit.unit, what)
 
@@ -124,14 +124,14 @@ def _by_surrogate(
     need = math.floor(demand.at_least * GAINS)
     solver = (seed, workers, demand.failing)
     until = 1.0 if demand.plain else BOUNDING
-    relaxed, unit = _solved_in_cases(objective, progress, above, need, solver, lost, until=until)
+    relaxed, unit = _solve_in_cases(objective, progress, above, need, solver, lost, until=until)
     if relaxed.chosen is None and relaxed.optimal:
         return _result(objective, progress, relaxed, unit.unit, what)
     steps, asked = levels_of_shares(shares, above=False), demand.at_least
     answer: list[int] | None = None
     for _ in range(TRIES):
         need = math.ceil(asked * GAINS)
-        found, _ = _solved_in_cases(objective, progress, steps, need, solver, lost)
+        found, _ = _solve_in_cases(objective, progress, steps, need, solver, lost)
         if found.chosen is None or progress.spent:
             break
         short = demand.at_least - float(reached(objective.row(found.chosen)[None])[0])
@@ -148,7 +148,7 @@ def _by_surrogate(
         answer = chosen if chosen and enough else None
     said = ""
     if answer is not None:
-        answer = _pruned(objective, answer, demand.at_least, reached)
+        answer = _prune(objective, answer, demand.at_least, reached)
         least = float(reached(objective.row(answer)[None])[0])
         said = "" if demand.plain else f"; by the surrogate it is AP {least:.4f} in the worst case"
     price = 0 if answer is None else unit.each.total(answer)
@@ -175,7 +175,7 @@ def _demanding(objective: Objective, shares: Sequence[Surrogate], demand: Demand
     return Objective(setting, objective.run, visibility=objective.visibility)
 
 
-def _solved_in_cases(
+def _solve_in_cases(
     objective: Objective,
     progress: Progress,
     levels: Levels,
@@ -185,13 +185,13 @@ def _solved_in_cases(
     *,
     until: float = 1.0,
 ) -> tuple[Solved, UnitPrices]:
-    """`_solved`, where a sensor may fail in the cases that bind, which join those in `lost`. solver: seed, workers, and
+    """`_solve`, where a sensor may fail in the cases that bind, which join those in `lost`. solver: seed, workers, and
     how many fail; until: share of the time. No set is cheaper than the bound, however far it came; only an answer that
     lacks no case is one."""
     seed, workers, failing = solver
     bound = 0
     while True:
-        found, unit = _solved(objective, progress, levels, need, seed, workers, lost=lost, until=until)
+        found, unit = _solve(objective, progress, levels, need, seed, workers, lost=lost, until=until)
         bound = max(bound, found.bound)
         if found.chosen is None:
             return found._replace(bound=bound), unit
@@ -217,7 +217,7 @@ def _failures(objective: Objective, chosen: list[int]) -> list[Bool[np.ndarray, 
 
 def levels_of_shares(surrogates: Sequence[Surrogate], *, above: bool) -> Levels:
     """The steps of several surrogates of the same candidates, each of which has parties of its own."""
-    each = [levels_of(surrogate, above=above) for surrogate in surrogates]
+    each = [build_levels(surrogate, above=above) for surrogate in surrogates]
     known, threshold, gain = (
         np.concatenate([getattr(one, name) for one in each], axis=1) for name in ("known", "threshold", "gain")
     )
@@ -230,7 +230,7 @@ def levels_of_shares(surrogates: Sequence[Surrogate], *, above: bool) -> Levels:
     return Levels(known, threshold, gain, parties)
 
 
-def levels_of(surrogate: Surrogate, *, above: bool) -> Levels:
+def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
     """The steps of all classes: of their mean together, of the worst one party each."""
     evidence = surrogate.evidence()
     parts = [levels_of_hits(powers, model, above=above) for powers, _, model, _ in evidence]
@@ -246,7 +246,7 @@ def levels_of(surrogate: Surrogate, *, above: bool) -> Levels:
     return Levels(known, threshold, weighed, parties)
 
 
-def _solved(
+def _solve(
     objective: Objective,
     progress: Progress,
     levels: Levels,
@@ -271,7 +271,7 @@ def _solved(
     return found, UnitPrices(each, unit)
 
 
-def _pruned(objective: Objective, chosen: list[int], at_least: float, reached: Reached) -> list[int]:
+def _prune(objective: Objective, chosen: list[int], at_least: float, reached: Reached) -> list[int]:
     """The set without sensors that are not needed, or with cheaper ones in their place, as long as it gets cheaper."""
     prices = objective.candidates.prices
     while True:

@@ -22,7 +22,7 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import ByFrames
 from placement_env.search.exact.poles import Poles, Prices
-from placement_env.search.exact.solver import cp_model, solver_of
+from placement_env.search.exact.solver import build_solver, cp_model
 from placement_env.search.exact.ties import best_of_equals
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
@@ -159,7 +159,7 @@ def cover_most(
     model, built = _model(objects, weights, there, budget, views=views, start=start, bound=bound)
     if cost is not None:
         model.add(cost.expression(model, built) <= cost.most)
-    solver = solver_of(max(0.01, seconds - (time.monotonic() - began)), workers, seed, effort)
+    solver = build_solver(max(0.01, seconds - (time.monotonic() - began)), workers, seed, effort)
     ready = time.monotonic()
     status = solver.status_name(solver.solve(model))
     times = (ready - began, time.monotonic() - ready)

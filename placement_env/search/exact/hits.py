@@ -14,7 +14,7 @@ import numpy as np
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.search import greedy
-from placement_env.search.exact.cheapest import levels_of
+from placement_env.search.exact.cheapest import build_levels
 from placement_env.search.exact.cpsat import SECONDS
 from placement_env.search.exact.poles import Poles, Prices
 from placement_env.search.exact.programme import GAINS, solve
@@ -41,7 +41,7 @@ def search(
     surrogate = objective.scored_by
     if not isinstance(surrogate, Surrogate):
         raise ValueError(f"hits are what a surrogate predicts, got {objective.fidelity}: say --fidelity surrogate")
-    levels = levels_of(surrogate, above=False)
+    levels = build_levels(surrogate, above=False)
     progress = Progress(objective, budget, seconds, evaluations)
     start, _ = greedy.grow(progress)
     left = max(0.1, min(SECONDS, progress.limits.seconds - progress.limits.elapsed))

@@ -20,7 +20,7 @@ import numpy as np
 from placement_env.fidelity.hits.hit_model import HitModel
 from placement_env.search.exact.cpsat import SECONDS
 from placement_env.search.exact.poles import Poles, Prices
-from placement_env.search.exact.solver import cp_model, solver_of
+from placement_env.search.exact.solver import build_solver, cp_model
 from toolkit.arrays import Bool, Float, Int64
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def solve(
         model.minimize(count if cost is None else cost.expression(model, built, times=budget + 1, plus=1))
     for c in start or ():
         model.add_hint(built[c], True)
-    solver = solver_of(seconds, workers, seed, effort)
+    solver = build_solver(seconds, workers, seed, effort)
     status = solver.status_name(solver.solve(model))
     if status not in ("OPTIMAL", "FEASIBLE"):
         lowest = int(solver.best_objective_bound) if status == "UNKNOWN" and at_least is not None else 0

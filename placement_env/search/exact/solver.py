@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from ortools.sat.python.cp_model import CpSolver
 
 
-def solver_of(seconds: float, workers: int, seed: int, effort: float | None) -> CpSolver:
+def build_solver(seconds: float, workers: int, seed: int, effort: float | None) -> CpSolver:
     """A solver with these limits; see `placement_env.search.exact.cpsat.search`."""
     solver = cp_model().CpSolver()
     solver.parameters.max_time_in_seconds = seconds

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from placement_env.search.progress import Progress, rows_of
+from placement_env.search.progress import Progress, as_rows
 from placement_env.search.verification import neighbours
 from toolkit.arrays import Bool, Shaped
 
@@ -24,7 +24,7 @@ def best_of_equals(progress: Progress, chosen: Sequence[int], count: Count) -> l
     best = sorted(int(c) for c in chosen)
     if not best:
         return best
-    row = rows_of([best], progress.size)
+    row = as_rows([best], progress.size)
     least, reward = count(row)[0], float(progress.rewards(row)[0])
     while not progress.spent:
         sets = neighbours(np.array(best), progress.size)[1:]

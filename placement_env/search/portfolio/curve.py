@@ -32,7 +32,7 @@ from placement_env.search.portfolio.portfolio import (
     find_entrants,
 )
 from placement_env.search.portfolio.schedule import Schedule
-from placement_env.search.progress import Limits, rows_of
+from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
 from toolkit.arrays import Bool, Float64
 
@@ -84,7 +84,7 @@ class _Winner:
     def of(kept: Sequence[Any], candidates: int) -> _Winner:
         """Restore from what a checkpoint kept."""
         members, searches, *figures = kept
-        return _Winner(rows_of([members], candidates)[0], tuple(searches), *map(float, figures))
+        return _Winner(as_rows([members], candidates)[0], tuple(searches), *map(float, figures))
 
 
 def budget_curve(
@@ -100,7 +100,7 @@ def budget_curve(
 ) -> tuple[CurvePoint, ...]:
     """A point for each number of sensors from 1 to `most` of which a set may be built, by number.
 
-    Where `amounts` of money are given (`amounts_up_to`), a point for each at which another set of at most so many
+    Where `amounts` of money are given (`list_amounts`), a point for each at which another set of at most so many
     sensors is the best, by amount. Other arguments as of `placement_env.search.portfolio.portfolio.search`; seconds: of
     all searches, races and the judgement together. Raises ValueError as that does.
     """
@@ -159,7 +159,7 @@ def budget_curve(
     return tuple(points)
 
 
-def amounts_up_to(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
+def list_amounts(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
     """Amounts of money, ascending, at which a set of at most `most` sensors may cost as much: all up to `money` where
     these are no more than `count`, else so many, spread evenly and as great as can be."""
     check_whole("budget", most, least=1)

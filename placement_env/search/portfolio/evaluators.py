@@ -60,7 +60,7 @@ class Evaluator(Protocol):
         """Number of frames."""
         ...
 
-    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
         """Number of objects to be found in these frames."""
         ...
 
@@ -87,7 +87,7 @@ class ProfileEvaluator(Protocol):
         """Number of frames."""
         ...
 
-    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
         """Number of objects to be found in these frames."""
         ...
 
@@ -147,9 +147,9 @@ class CasesEvaluator:
         """Number of frames."""
         return self.profiles[0].frames
 
-    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
         """Number of objects to be found in these frames."""
-        return self.profiles[0].objects_in(frames)
+        return self.profiles[0].count_objects(frames)
 
     def evaluate(
         self,
@@ -208,7 +208,7 @@ class DetectorEvaluator:
         """Number of frames."""
         return self.detected.frames
 
-    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
         """Number of objects to be found in these frames."""
         return int(sum(self.detected.scored(k).sum() for k in frames.tolist()))
 
@@ -254,7 +254,7 @@ class FastEvaluator:
         self.frames = len(preparation.traffic)
         self._seen: dict[bytes, Visibility] = {}
 
-    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
         """Number of objects to be found in these frames."""
         return int(np.isin(self._look(np.array([0])).frame, frames).sum())
 

@@ -153,7 +153,7 @@ def contest(
 
     def rewards(rows: Bool[np.ndarray, "m C"], frames: Int64[np.ndarray, " k"]) -> Resampled:
         found = evaluator.evaluate(rows, frames, objective.run.stage("racing", len(frames)))
-        cost = costs_of(objective, rows, found.kbit)
+        cost = weigh_costs(objective, rows, found.kbit)
         blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
         return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
 
@@ -165,7 +165,7 @@ def contest(
     )  # fmt: skip
 
 
-def costs_of(
+def weigh_costs(
     objective: Objective, sets: Bool[np.ndarray, "n C"], kbit: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, " n"]:
     """Costs of communication and building of sets, in AP. kbit: that each sends in all."""
@@ -200,7 +200,7 @@ def _assess(
         low=own.low,
         high=own.high,
         kbit=float(judged.kbit[0]),
-        objects=final.objects_in(frames),
+        objects=final.count_objects(frames),
         frames=len(frames),
         predicted=own.predicted,
         confidence=ran.confidence,
@@ -209,7 +209,7 @@ def _assess(
         entrants=len(found.sets),
         raced=int(ran.frames[0]),
         contenders=contenders,
-        expected=float(ran.expected[0] + costs_of(objective, found.sets[[winner]], judged.kbit[:1])[0]),
+        expected=float(ran.expected[0] + weigh_costs(objective, found.sets[[winner]], judged.kbit[:1])[0]),
         by_errors=aps_at_profiles(final, found.sets[[winner]], frames)[0],
         errors_by=final.cases.errors_by if _several_profiles(final) else "",
     )

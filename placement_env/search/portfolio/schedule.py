@@ -45,9 +45,9 @@ class TimedEvaluator:
         """Number of frames."""
         return self.evaluator.frames
 
-    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
         """Number of objects to be found in these frames."""
-        return self.evaluator.objects_in(frames)
+        return self.evaluator.count_objects(frames)
 
     @property
     def spent(self) -> bool:
@@ -103,13 +103,13 @@ class Schedule:
 
     def racing(self, evaluator: Evaluator, races: int = 1) -> Evaluator:
         """The evaluator of a race that begins now, of so many that are still to come with it."""
-        return self._timed(evaluator, self.left / (races + 1), 1)
+        return self._limit(evaluator, self.left / (races + 1), 1)
 
     def judging(self, evaluator: Evaluator) -> Evaluator:
         """The evaluator of sets that are judged from now on, on `FEWEST` frames at least: fewer say nothing."""
-        return self._timed(evaluator, self.left, FEWEST)
+        return self._limit(evaluator, self.left, FEWEST)
 
-    def _timed(self, evaluator: Evaluator, seconds: float, least: int) -> Evaluator:
+    def _limit(self, evaluator: Evaluator, seconds: float, least: int) -> Evaluator:
         if self.seconds is None:
             return evaluator
         return TimedEvaluator(evaluator, time.monotonic() + seconds, self.at_once, least)

@@ -111,7 +111,7 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
     from toolkit.detection.view import Captured
 
     path = folder / f"{site}-{CLOSE:g}-bytes.jsonl"
-    begin = len(list(rows_of(path))) // BLOCK * BLOCK  # links begin anew with traffic
+    begin = len(list(as_rows(path))) // BLOCK * BLOCK  # links begin anew with traffic
     if begin >= frames:
         return
     kept = path.read_text().splitlines(keepends=True)[:begin] if path.exists() else []
@@ -150,7 +150,7 @@ def print_bytes(folder: Path) -> None:
 
     heads = f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} {'ms':>6s} {'95 %':>6s}"
     for site in SITES:
-        rows = list(rows_of(folder / f"{site}-{CLOSE:g}-bytes.jsonl"))
+        rows = list(as_rows(folder / f"{site}-{CLOSE:g}-bytes.jsonl"))
         if not rows:
             continue
         sent, missing = np.array([row["pixels"] for row in rows]).reshape(-1, 2).mean(axis=0)
@@ -176,7 +176,7 @@ def detect(folder: Path, site: str, systems: tuple[str, ...], frames: int, *, of
     from toolkit.points import has_centre_inside
 
     path = folder / f"{site}-ap-{'-'.join(systems).replace(' ', '')}.jsonl"
-    begin = len(list(rows_of(path)))
+    begin = len(list(as_rows(path)))
     if begin >= frames:
         return
     recording, scenes = recorded(folder, site, APART, of), learnt(folder, site)
@@ -196,7 +196,7 @@ def detect(folder: Path, site: str, systems: tuple[str, ...], frames: int, *, of
         append(path, row)
 
 
-def rows_of(path: Path) -> Iterator[dict[str, Any]]:
+def as_rows(path: Path) -> Iterator[dict[str, Any]]:
     """The rows of a file, but for one that was broken off."""
     for line in path.read_text().splitlines() if path.exists() else ():
         try:
@@ -216,7 +216,7 @@ def print_ap(folder: Path) -> None:
     for site in SITES:
         rows: dict[str, list[dict[str, Any]]] = {}
         for path in sorted(folder.glob(f"{site}-ap-*.jsonl")):
-            for row in rows_of(path):
+            for row in as_rows(path):
                 for name in row.keys() - {"truths"}:
                     rows.setdefault(name, []).append(row)
         for name in sorted(rows):

@@ -8,7 +8,7 @@ import pytest
 from models.detector import VoxelNetDetector, load_detector
 from placement_env.cases import Cases
 from placement_env.fidelity import preparation, seeing
-from placement_env.fidelity.preparation import GENERAL, Preparation, check_scorable, network_for, shipped_detector
+from placement_env.fidelity.preparation import GENERAL, Preparation, check_scorable, find_network, load_shipped_detector
 from placement_env.setting import Setting
 from toolkit.detection.background import KnownBackground
 from toolkit.detection.schemes import find_scheme
@@ -99,7 +99,7 @@ def test_the_shipped_network_is_read_once_for_all_profiles(small_traffic, small_
         read.append(network)
         return Nothing()
 
-    monkeypatch.setattr(preparation, "shipped_detector", shipped)
+    monkeypatch.setattr(preparation, "load_shipped_detector", shipped)
     made = prepared(small_traffic, small_candidates, None, errors=(TYPICAL, POOR), detector=None)
     made.fidelity("detector")
     assert read == [GENERAL]
@@ -129,16 +129,16 @@ def test_sensors_are_seen_live_where_panoramas_are_taken(small_traffic, small_ca
 
 def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_trained():
     site = load_site("tjunction")
-    own, general = (shipped_detector(name, site) for name in ("tjunction", GENERAL))
+    own, general = (load_shipped_detector(name, site) for name in ("tjunction", GENERAL))
     assert isinstance(own, VoxelNetDetector)
     assert isinstance(general, KnownBackground)
     assert general.digest == add_background(load_detector("general", area=site.area), site).digest
-    assert shipped_detector(GENERAL, load_site("tjunction")) is general
-    other = shipped_detector(GENERAL, replace(site, solids=site.solids[1:]))
+    assert load_shipped_detector(GENERAL, load_site("tjunction")) is general
+    other = load_shipped_detector(GENERAL, replace(site, solids=site.solids[1:]))
     assert isinstance(other, KnownBackground)
     assert other.digest != general.digest
-    assert network_for(site, site.sensors) == "tjunction"
-    assert network_for(site, [replace(site.sensors[0], name="elsewhere")]) == GENERAL
+    assert find_network(site, site.sensors) == "tjunction"
+    assert find_network(site, [replace(site.sensors[0], name="elsewhere")]) == GENERAL
 
 
 def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candidates, seen, monkeypatch):

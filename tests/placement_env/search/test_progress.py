@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from placement_env.search.progress import Limits, Progress, add_each, rows_of
+from placement_env.search.progress import Limits, Progress, add_each, as_rows
 
 
 def test_the_incumbent_is_the_best_feasible_set_within_the_budget(make):
     objective = make(4, 2)
     progress = Progress(objective, 2, None, None)
-    sets = rows_of([[0], [0, 1], [0, 2, 4], [2, 4]], 8)  # 0 and 1 share a mount; three are beyond the budget
+    sets = as_rows([[0], [0, 1], [0, 2, 4], [2, 4]], 8)  # 0 and 1 share a mount; three are beyond the budget
     rewards = progress.rewards(sets)
     assert progress.reward == max(rewards[0], rewards[3])
     assert progress.result("some", progress.unknown("why")).best.reward == progress.reward

@@ -148,7 +148,7 @@ def test_steps_of_several_shares_have_parties_of_their_own(junction):
     surrogate = junction("surrogate", 1).scored_by
     halves = [surrogate.in_frames(np.arange(4)), surrogate.in_frames(np.arange(4, 8))]
     both = cheapest.levels_of_shares(halves, above=True)
-    each = [cheapest.levels_of(half, above=True) for half in halves]
+    each = [cheapest.build_levels(half, above=True) for half in halves]
     assert both.parties.shape == (2, 64)
     assert (both.parties.sum(axis=0) == 1).all()
     for chosen in ([0], [1, 4], [0, 3, 9]):
@@ -157,10 +157,10 @@ def test_steps_of_several_shares_have_parties_of_their_own(junction):
 
 def test_steps_of_bulky_objects_are_worth_less_and_no_less_than_the_truth(junction):
     surrogate = junction("surrogate", 1).scored_by
-    plain = cheapest.levels_of(surrogate, above=True)
+    plain = cheapest.build_levels(surrogate, above=True)
     surrogate._parts[0].visibility.boxes[:20, 3:6] = 8.0, 2.0, 2.0
     bulky = Surrogate(surrogate._parts[0].visibility, "early", replace(MODEL, bulk=1.0))
-    levels = cheapest.levels_of(bulky, above=True)
+    levels = cheapest.build_levels(bulky, above=True)
     np.testing.assert_array_equal(levels.known, plain.known)
     np.testing.assert_allclose(levels.gain[:, :20], plain.gain[:, :20] / 2, atol=1)
     np.testing.assert_array_equal(levels.gain[:, 20:], plain.gain[:, 20:])

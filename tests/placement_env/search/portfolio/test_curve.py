@@ -8,7 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
-from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
+from placement_env.search.portfolio.curve import budget_curve, list_amounts
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting
@@ -83,7 +83,7 @@ def test_every_amount_of_money_has_the_winner_of_its_race(street):
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     prices = street.objective.price(np.eye(4, dtype=bool)).tolist()
     assert prices == [11.0, 11.0, 10.5, 23.0]
-    amounts = amounts_up_to(street.objective, 3, 33.0)
+    amounts = list_amounts(street.objective, 3, 33.0)
     assert amounts == (10.5, 11.0, 21.0, 21.5, 22.0, 23.0, 31.5, 32.0, 32.5, 33.0)
     points = budget_curve(street.objective, 3, amounts=amounts, judging=Judging(evaluators=(evaluator, evaluator)))
     assert [(point.money, point.price, point.subset) for point in points[-2:]] == [
@@ -102,20 +102,20 @@ def test_amounts_within_what_was_allowed_before(street):
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     points = budget_curve(poor, 4, amounts=(10.0, 50.0), judging=Judging(evaluators=(evaluator, evaluator)))
     assert [(point.money, point.subset) for point in points] == [(50.0, (0, 1))]
-    assert amounts_up_to(poor, 1, 100.0) == (10.5, 11.0)
+    assert list_amounts(poor, 1, 100.0) == (10.5, 11.0)
 
 
 def test_too_many_amounts_are_spread_evenly(street, make):
-    amounts = amounts_up_to(street.objective, 4, 50.0, 3)
+    amounts = list_amounts(street.objective, 4, 50.0, 3)
     assert amounts == (11.0, 33.0, 46.0)  # up to 16.7, 33.3 and 50
     many = make(40, 1, seed=3)
-    spread = amounts_up_to(many, 8, 10.0)
+    spread = list_amounts(many, 8, 10.0)
     assert len(spread) == 12
     assert np.allclose(spread, np.linspace(0, 10, 13)[1:], atol=0.01)
     assert max(spread) <= 10.0
     with pytest.raises(ValueError, match="budget must be a whole number"):
-        amounts_up_to(many, 0, 10.0)
-    assert amounts_up_to(many, 2, 0.1) == ()
+        list_amounts(many, 0, 10.0)
+    assert list_amounts(many, 2, 0.1) == ()
 
 
 class Mortal(CasesEvaluator):

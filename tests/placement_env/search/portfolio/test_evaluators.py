@@ -49,8 +49,8 @@ def test_detection_of_some_frames(street):
     assert found.resamples.shape == (3, 1000)
     assert found.resamples == pytest.approx(np.repeat(found.ap[:, None], 1000, axis=1))  # all frames are alike
     assert (evaluator.frames, evaluator.name) == (8, "detector")
-    assert evaluator.objects_in(EVERY) == 32
-    assert evaluator.objects_in(np.array([6, 1])) == 8
+    assert evaluator.count_objects(EVERY) == 32
+    assert evaluator.count_objects(np.array([6, 1])) == 8
 
 
 def test_resamples_are_of_blocks_and_the_same_for_every_set(street):
@@ -86,8 +86,8 @@ def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(prepared, sma
     assert found.resamples[0].std() > 0
     some = evaluator.evaluate(sets, np.array([4, 0]))
     assert some.ap == pytest.approx(Coverage(of_frames(seen, np.array([0, 4])))(sets).ap)
-    assert evaluator.objects_in(np.arange(evaluator.frames)) == seen.points.shape[1]
-    assert evaluator.objects_in(np.array([1])) == (seen.frame == 1).sum()
+    assert evaluator.count_objects(np.arange(evaluator.frames)) == seen.points.shape[1]
+    assert evaluator.count_objects(np.array([1])) == (seen.frame == 1).sum()
 
 
 def test_what_is_seen_of_some_frames(small_traffic):

@@ -26,7 +26,7 @@ class Truth:
         self.frames, self.shift, self.noise, self.asked = frames, shift, noise, []
         self.seconds, self.known = seconds, set()
 
-    def objects_in(self, frames):
+    def count_objects(self, frames):
         return 7 * len(frames)
 
     def evaluate(self, sets, frames, progress=None):
@@ -130,7 +130,7 @@ def test_what_sets_cost_counts_in_the_race(street):
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(comm=0.001))
     )
     sets = np.array([[0, 1, 1, 0]], bool)
-    assert portfolio.costs_of(linked, sets, np.array([400.0])) == pytest.approx([0.2])
+    assert portfolio.weigh_costs(linked, sets, np.array([400.0])) == pytest.approx([0.2])
 
 
 def test_nothing_pays_or_nothing_may_be_built(street):

@@ -21,7 +21,7 @@ class Slow:
     def __init__(self, seconds=0.0):
         self.seconds, self.known, self.asked = seconds, set(), []
 
-    def objects_in(self, frames):
+    def count_objects(self, frames):
         return 3 * len(frames)
 
     def evaluate(self, sets, frames, progress=None):
@@ -36,7 +36,7 @@ class Slow:
 def test_an_evaluator_goes_on_until_time_is_up_and_says_how_far_it_came():
     slow = Slow(0.02)
     timed = TimedEvaluator(slow, time.monotonic() + 0.15)
-    assert (timed.name, timed.frames, timed.objects_in(np.arange(2))) == ("slow", 40, 6)
+    assert (timed.name, timed.frames, timed.count_objects(np.arange(2))) == ("slow", 40, 6)
     done = []
     found = timed.evaluate(SETS, np.arange(40)[::-1], done.append)
     assert found.frames is not None
