@@ -76,7 +76,7 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
         ('[[sensor]]\nmodel = "DepthCamera"\n', r"sensor\[0\].price is missing"),
         ("[[sensor]]\nprice = 3\n", r"sensor\[0\].model is missing"),
         ('[[sensor]]\nmodel = "Radar"\nprice = 3\n', r"sensor\[0\].model: no sensor model 'Radar': there are Depth"),
-        ('[[sensor]]\nmodel = 3\nprice = 3\n', r"sensor\[0\].model must be a non-empty text"),
+        ("[[sensor]]\nmodel = 3\nprice = 3\n", r"sensor\[0\].model must be a non-empty text"),
         ('[[sensor]]\nmodel = "DepthCamera"\nprice = nan\n', r"sensor\[0\].price must be a number from 0 up, got nan"),
         ('[[sensor]]\nmodel = "DepthCamera"\nprice = "9 EUR"\n', r"sensor\[0\].price must be a number"),
         (SENSOR + "fov = 1.5\n", r"sensor\[0\].fov is unknown: the model has .*fov_deg"),
@@ -88,7 +88,7 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
         (SENSOR + SENSOR, "taken by sensor"),
         (SENSOR + SENSOR.replace("price", 'name = "other"\nprice'), "is the same model as"),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused(tmp_path, text, message):
     path = written(tmp_path, text)
     with pytest.raises(ValueError, match=message) as refused:

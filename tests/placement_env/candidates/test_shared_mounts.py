@@ -113,9 +113,14 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     sets = sets[objective.feasible(sets)]
     covered = [int((seen[row].sum(axis=0) >= views).sum()) for row in sets]
     found = cpsat.cover_most(
-        seen, objective.candidates.mount, 4, views=views, may_stand=objective.allowed([]),
-        prices=Prices.of(objective), poles=Poles.of(objective),
-    )  # fmt: skip
+        seen,
+        objective.candidates.mount,
+        4,
+        views=views,
+        may_stand=objective.allowed([]),
+        prices=Prices.of(objective),
+        poles=Poles.of(objective),
+    )
     assert (found.covered, found.bound, found.optimal) == (max(covered), max(covered), True)
     assert objective.feasible(objective.row(found.chosen)[None])[0]
 
@@ -133,9 +138,15 @@ def test_the_cheapest_set_pays_a_shared_mount_once(make, capacity):
     able = sets[np.array([seen[row].any(axis=0).sum() >= need for row in sets])]
     prices = Prices.in_units(objective, 1e-6)
     found = solve(
-        levels_of_coverage(seen), objective.candidates.mount, 4, may_stand=objective.allowed([]), at_least=need,
-        prices=prices.alone, shared=prices.shared, poles=Poles.of(objective),
-    )  # fmt: skip
+        levels_of_coverage(seen),
+        objective.candidates.mount,
+        4,
+        may_stand=objective.allowed([]),
+        at_least=need,
+        prices=prices.alone,
+        shared=prices.shared,
+        poles=Poles.of(objective),
+    )
     least = objective.price(able).min()
     assert found.optimal
     assert objective.price(objective.row(found.chosen)[None])[0] == pytest.approx(least)

@@ -28,12 +28,17 @@ CHOOSING: dict[str, tuple[str, dict[str, Any]]] = {
     "subset": ("coview/SensorSubset-v0", {"budget": 3}),
 }
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
-    **{f"{name}_{f}": (env, {**given, "fidelity": f})
-       for f in ("table", "coverage", "surrogate") for name, (env, given) in CHOOSING.items()},
-    **{f"pose_{f}": ("coview/SensorPose-v0", {"budget": 2, "moves": 4, "fidelity": f})
-       for f in ("coverage", "surrogate")},
+    **{
+        f"{name}_{f}": (env, {**given, "fidelity": f})
+        for f in ("table", "coverage", "surrogate")
+        for name, (env, given) in CHOOSING.items()
+    },
+    **{
+        f"pose_{f}": ("coview/SensorPose-v0", {"budget": 2, "moves": 4, "fidelity": f})
+        for f in ("coverage", "surrogate")
+    },
     "sites": ("coview/SensorSelect-v0", {"budget": 2, "fidelity": "table", "site": ["tjunction", "roundabout"]}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("vector", [False, True])
