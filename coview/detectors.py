@@ -6,42 +6,73 @@ there in every frame is left out.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
-BACKGROUND = "+background"
+BACKGROUND, CLUSTER = "+background", "cluster"
 
 if TYPE_CHECKING:
+    from toolkit.calibration.scenes import Scenes
     from toolkit.datasets.dataset import CoopDataset
+    from toolkit.detection.place import Place
+    from toolkit.frame import Recording
     from toolkit.objects import Detector
     from toolkit.sites.site import Site
 
 
-def recording_detector(name: str, recording: CoopDataset) -> Detector:
-    """cluster, which learns the recording's empty site, or one of `site_detector`; where that site has no scenery,
-    +background is of what the recording shows behind all that moves."""
-    bare, known = of_background(name)
-    if bare == "cluster":
+def recording_detector(
+    name: str | None, recording: Recording, place: Place | None = None, scenes: Scenes | None = None
+) -> Detector:
+    """Return the detector for a recording: cluster, which learns its empty site, or one of `site_detector`.
+
+    name: None for cluster at a known site, else general. +background: the site's, of what the recording shows behind
+    all that moves where the site has no scenery. place: where it will detect, where that is not the site itself;
+    scenes: empty ones to learn from.
+    """
+    from toolkit.detection.place import Place
+
+    place, site = place or Place(), recording.site
+    if site is not None and place.at(site):
+        return _at_site(name or CLUSTER, recording, site)
+    bare, known = split_background(name or "general")
+    if bare != CLUSTER and not known:
+        return place_detector(bare, place)
+    from toolkit.calibration.scenes import Scenes
+    from toolkit.detection.background import KnownBackground
+    from toolkit.detection.foreground_clusters import learn_cluster_detector
+
+    if not len(recording):
+        raise ValueError("there is no frame to evaluate: check the path and the layout")
+    learnt = learn_cluster_detector(scenes or Scenes(recording), recording[0], place)
+    return learnt if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.clusters.background)
+
+
+def _at_site(name: str, recording: Recording, site: Site) -> Detector:
+    bare, known = split_background(name)
+    if bare == CLUSTER:
         from toolkit.detection.cluster import ClusterDetector
 
-        return ClusterDetector.of(recording)
-    detector = site_detector(bare, recording.site)
+        return ClusterDetector.of(cast("CoopDataset", recording))
+    detector = site_detector(bare, site)
     if not known:
         return detector
     from toolkit.detection.background import KnownBackground
     from toolkit.detection.site_background import recording_background
 
-    return KnownBackground(detector, recording_background(recording))
+    return KnownBackground(detector, recording_background(cast("CoopDataset", recording)))
 
 
 def site_detector(name: str, site: Site) -> Detector:
-    """voxelnet for the site's own shipped network, a shipped name, a weights file, or package.module:callable;
-    +background: of the site's scenery."""
-    bare, known = of_background(name)
+    """Return a detector by name, for a site.
+
+    name: voxelnet for the site's own shipped network, a shipped name, a weights file, or package.module:callable;
+    +background: of the site's scenery.
+    """
+    bare, known = split_background(name)
     if known:
         from toolkit.detection.site_background import add_background
 
         return add_background(site_detector(bare, site), site)
-    if name == "cluster":
+    if name == CLUSTER:
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:
         from toolkit.detection.imported import ImportedDetector
@@ -52,43 +83,27 @@ def site_detector(name: str, site: Site) -> Detector:
     return load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
 
 
-def of_background(name: str) -> tuple[str, bool]:
-    """The name of a detector without `BACKGROUND`, and whether that was behind it.
-
-    >>> of_background("general+background")
-    ('general', True)
-    """
-    return name.removesuffix(BACKGROUND), name.endswith(BACKGROUND)
-
-
-def area_about(
-    area: tuple[float, float, float, float] | None,
-) -> tuple[tuple[float, float] | None, tuple[float, float]]:
-    """The middle of an area and half its sides; without one there is no middle, and it reaches `DETECTION_REACH` about
-    wherever the sensors are."""
-    from toolkit.detection.detect import DETECTION_REACH
-    from toolkit.sites.site import check_area
-
-    if area is None:
-        return None, (DETECTION_REACH, DETECTION_REACH)
-    xmin, ymin, xmax, ymax = check_area(area, "--area").tolist()
-    return ((xmin + xmax) / 2, (ymin + ymax) / 2), ((xmax - xmin) / 2, (ymax - ymin) / 2)
-
-
-def sample_detector(
-    name: str, area: tuple[float, float, float, float] | None
-) -> tuple[Detector, tuple[float, float] | None, tuple[float, float]]:
-    """A detector for clouds of any recording, the middle of its area and half its sides, as `area_about`."""
+def place_detector(name: str, place: Place) -> Detector:
+    """Return a detector for frames of any recording, in points counted from the middle of the place."""
     import numpy as np
 
     from toolkit.sites.site import Site
 
-    middle, (x, y) = area_about(area)
-    if of_background(name)[1]:
+    if split_background(name)[1]:
         raise ValueError(f"{name} must see the site empty first: take coview evaluate, or leave {BACKGROUND} out")
-    if name in ("voxelnet", "cluster"):
+    if name in ("voxelnet", CLUSTER):
         raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
-    return site_detector(name, Site("recording", np.array([-x, -y, x, y]))), middle, (x, y)
+    x, y = place.half
+    return site_detector(name, Site("recording", np.array([-x, -y, x, y])))
+
+
+def split_background(name: str) -> tuple[str, bool]:
+    """Return the name of a detector without `BACKGROUND`, and True if that was behind it.
+
+    >>> split_background("general+background")
+    ('general', True)
+    """
+    return name.removesuffix(BACKGROUND), name.endswith(BACKGROUND)
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:

@@ -1,44 +1,92 @@
-"""The recording a command reads."""
+"""The recording a command reads: how it is opened, by options that all commands share."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
-from coview.arguments import check_least
+from coview.arguments import check_least, site_file
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sized
+
     from toolkit.datasets.dataset import CoopDataset
+    from toolkit.frame import Frame, Recording
+
+
+@dataclass(frozen=True)
+class Opening:
+    """How recordings are opened."""
+
+    layout: str | None = None
+    """folder, kitti, openlabel, dair, opv2v, v2xset, v2xreal, rcooper, nuscenes, argoverse, sustech, rosbag, hdf5, or
+    one that a plug-in brings. By default folder for folders and cloud files, else hdf5."""
+    poses: Path | None = None
+    """File of poses by the names of sensors, for folder; by default the folder's own poses.json."""
+    inverted: bool = False
+    """The poses give world to sensor (extrinsics) instead of sensor to world."""
+    site: str | None = None
+    """Name or file, for hdf5; needed for foreign recordings that show no built-in site."""
+    drop_invalid: bool = False
+    """Leave out invalid objects (NaN, no size, kilometres away) of hdf5, and say how many."""
+
+    @property
+    def files(self) -> list[Path]:
+        """Files that are read beside the recording."""
+        return [*([self.poses] if self.poses else []), *site_file(self.site)]
+
+    @contextmanager
+    def open(self, path: Path) -> Iterator[Recording]:
+        """Open a recording. Raises what `open_recording` raises, with the option that helps."""
+        from toolkit.datasets.dataset import UnknownSite
+        from toolkit.datasets.published_layout import InvalidObjects
+        from toolkit.datasets.recordings import open_recording
+        from toolkit.sites.files import load_site
+
+        place = load_site(self.site) if self.site else None
+        try:
+            recording = open_recording(
+                path, self.layout, poses=self.poses, inverted=self.inverted, site=place, drop_invalid=self.drop_invalid
+            )
+        except UnknownSite as error:
+            raise ValueError(
+                f"{path} does not say which site it shows, and shows no built-in one: give --site"
+            ) from error
+        try:
+            yield recording
+        except InvalidObjects as error:
+            raise ValueError(f"{error}: say --drop-invalid") from error
+        finally:
+            close = getattr(recording, "close", None)
+            if close is not None:
+                close()
+
+
+def count_passing(
+    frames: Iterable[Frame], problems: dict[str, int], progress: Callable[[int], None]
+) -> Iterator[Frame]:
+    """Yield frames; the bar moves, and what was left out in reading them is added up."""
+    from toolkit.datasets.records import add_problems
+
+    for done, frame in enumerate(frames, 1):
+        add_problems(problems, frame.problems)
+        progress(done)
+        yield frame
 
 
 @contextmanager
-def open_recording(dataset: Path, site: str | None, *, drop_invalid: bool = False) -> Iterator[CoopDataset]:
-    """A recording, at a site of that name or file, or the one that it says itself; drop_invalid: without the objects
-    that cannot be, which else are refused when their frame is read."""
-    from toolkit.datasets.dataset import CoopDataset, UnknownSite
-    from toolkit.datasets.published_layout import InvalidObjects
-    from toolkit.sites.files import load_site
-
-    place = load_site(site) if site else None
-    try:
-        recording = CoopDataset(dataset, place, drop_invalid=drop_invalid)
-    except UnknownSite as error:
-        raise ValueError(f"{dataset} does not say which site it shows, and shows none of ours: give --site") from error
-    try:
-        with recording:
-            yield recording
-    except InvalidObjects as error:
-        raise ValueError(f"{error}: say --drop-invalid") from error
+def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) -> Iterator[CoopDataset]:
+    """Open a recording of a known site, for commands that need one."""
+    with Opening("hdf5", site=site, drop_invalid=drop_invalid).open(path) as recording:
+        if recording.site is None:
+            raise ValueError(f"{path} holds recorded clouds of an unknown site: give a recording of coview simulate")
+        yield cast("CoopDataset", recording)
 
 
-def frame_count(recording: CoopDataset, frames: int | None) -> int:
-    """How many frames of a recording are wanted."""
-    check_frames(frames)
-    return len(recording) if frames is None else min(frames, len(recording))
-
-
-def check_frames(frames: int | None) -> None:
-    """Raise ValueError where no frame is wanted."""
+def frame_count(recording: Sized, frames: int | None) -> int:
+    """Number of frames that are wanted of a recording."""
     check_least("--frames", frames, 1, "leave it out for all")
+    return len(recording) if frames is None else min(frames, len(recording))

@@ -10,9 +10,10 @@ import numpy as np
 
 from toolkit import (
     ClusterDetector,
+    Comparison,
     CoopDataset,
     empty_scene,
-    evaluate_dataset,
+    evaluate_recording,
     format_table,
     frame_points,
     simulate_dataset,
@@ -27,8 +28,10 @@ def main(frames: int = 20) -> None:
             detector = ClusterDetector.learn(
                 frame_points(empty_scene(recording), area=recording.site, rng=np.random.default_rng(0))
             )
-            rows = evaluate_dataset(
-                recording, detector, schemes=("early", "late"), sensor_sets=(None, (0, 2, 5)), iou_thresholds=(0.5, 0.7)
+            rows = evaluate_recording(
+                recording,
+                detector,
+                Comparison(schemes=("early", "late"), sensor_sets=(None, (0, 2, 5)), iou_thresholds=(0.5, 0.7)),
             )
     print(format_table(rows))
 

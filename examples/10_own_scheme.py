@@ -13,12 +13,13 @@ import numpy as np
 
 from toolkit import (
     ClusterDetector,
+    Comparison,
     CoopDataset,
     Detections,
     Fused,
     Scheme,
     View,
-    evaluate_dataset,
+    evaluate_recording,
     find_scheme,
     format_table,
     simulate_dataset,
@@ -65,7 +66,8 @@ def main(frames: int = 10) -> None:
         with CoopDataset(Path(folder, "few.hdf5")) as recording:
             schemes: list[Scheme | str] = ["late", Budgeted(), "foreground", "early"]
             detector = ClusterDetector.of(recording)
-            print(format_table(evaluate_dataset(recording, detector, schemes=schemes, iou_thresholds=(0.5,))))
+            asked = Comparison(schemes=schemes, iou_thresholds=(0.5,))
+            print(format_table(evaluate_recording(recording, detector, asked)))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 from .bodies.body import Body as Body
 from .bodies.fleet import catalogue as catalogue
 from .calibration.empty_scene import EmptyScene as EmptyScene, SceneLearner as SceneLearner
-from .calibration.scenes import SampleScenes as SampleScenes
+from .calibration.scenes import Scenes as Scenes
 from .clouds import (
     crop as crop,
     from_depth as from_depth,
@@ -11,11 +11,17 @@ from .clouds import (
 )
 from .datasets.cloud_files import fuse_files as fuse_files
 from .datasets.dataset import CoopDataset as CoopDataset
+from .datasets.readings import ReadRecording as ReadRecording, Reads as Reads
+from .datasets.recordings import open_recording as open_recording, write_recording as write_recording
 from .datasets.simulation import simulate_dataset as simulate_dataset
 from .detection.background import KnownBackground as KnownBackground
 from .detection.cluster import ClusterDetector as ClusterDetector
 from .detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
-from .detection.evaluation import evaluate_dataset as evaluate_dataset, format_table as format_table
+from .detection.evaluation import (
+    Comparison as Comparison,
+    evaluate_recording as evaluate_recording,
+    format_table as format_table,
+)
 from .detection.foreground_clusters import foreground_clusters as foreground_clusters
 from .detection.link.channel import LinkChannel as LinkChannel, delay_frames as delay_frames
 from .detection.link.differences import (
@@ -29,6 +35,7 @@ from .detection.link.foreground import (
     encode_foreground as encode_foreground,
 )
 from .detection.link.tracks import Tracks as Tracks
+from .detection.label_doctor import diagnose as diagnose
 from .detection.metrics import (
     average_precision as average_precision,
     evaluate as evaluate,
@@ -40,7 +47,7 @@ from .detection.sensor_monitor import Fault as Fault, SensorMonitor as SensorMon
 from .detection.site_background import site_background as site_background
 from .detection.survey import survey as survey
 from .detection.view import View as View, suppress as suppress
-from .frame import Frame as Frame, empty_scene as empty_scene
+from .frame import Frame as Frame, empty_scene as empty_scene, select_sensors as select_sensors
 from .geometry import look as look, pose as pose
 from .objects import Detections as Detections, Detector as Detector, Objects as Objects
 from .plots.curves import draw_density_cdf as draw_density_cdf

@@ -22,18 +22,9 @@ import open3d as o3d
 
 from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
-from toolkit.frame import Frame
+from toolkit.frame import Frame, select_sensors, unproject
 from toolkit.point_files import read_pcd
-from toolkit.points import (
-    Area,
-    Crop,
-    Distance,
-    frame_points,
-    get_area,
-    is_beyond,
-    select_sensors,
-    unproject,
-)
+from toolkit.points import Area, Crop, Distance, frame_points, get_area, is_beyond
 from toolkit.runtime.files import load_arrays, reserve, writing
 from toolkit.sensors.sensor import Sensor
 

@@ -1,32 +1,252 @@
-"""One instant: what every sensor measured, and what was there."""
+"""`Frame`: one instant of a recording, wherever it comes from: what every sensor measured, and what was there.
+
+A measurement is an image of ranges or a cloud; both give points. The world frame is right-handed, x and y level, z up,
+in metres. Where the sensors stand still it is the site's; on a vehicle it is the vehicle's, and `map_SE3_world` places
+it in the map. Each reader in `toolkit.datasets.layouts` states its own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Float32
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64, Shaped
+from toolkit.boxes import corners
+from toolkit.geometry import check_pose, invert, transform
 from toolkit.objects import Objects
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.models import SpinningLidar
+from toolkit.sensors.sensor import Sensor, is_return
+from toolkit.sites.site import Site
+
+IGNORED_SHARE = 0.5  # share of a box's rectangle in the image beyond which an ignored region voids it, as in KITTI
+_UNKNOWN_MODEL = SpinningLidar()  # stands for the model of a sensor that is known by its clouds alone
+
+
+@dataclass(frozen=True, eq=False)
+class SensorCloud:
+    """Points that one sensor measured.
+
+    points: (n, 3) m, in the sensor's own frame or in the world frame, as `frame` says. world_SE3_sensor: pose of the
+    sensor. time: of each point, seconds from the frame's time; intensity: as the set gives it; ring: number of the
+    laser. None where the set has none.
+    """
+
+    name: str
+    points: Float32[np.ndarray, "n 3"]
+    world_SE3_sensor: Float64[np.ndarray, "4 4"]
+    frame: Literal["sensor", "world"] = "sensor"
+    time: Float64[np.ndarray, " n"] | None = None
+    intensity: Float32[np.ndarray, " n"] | None = None
+    ring: Int64[np.ndarray, " n"] | None = None
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 2 or self.points.shape[1] != 3:
+            raise ValueError(f"points of {self.name!r} must have shape (n, 3), got {self.points.shape}")
+        for name, column in (("time", self.time), ("intensity", self.intensity), ("ring", self.ring)):
+            if column is not None and column.shape != (len(self.points),):
+                raise ValueError(f"{name} of {self.name!r} must be of {len(self.points)} points, got {column.shape}")
+        object.__setattr__(self, "world_SE3_sensor", check_pose(self.world_SE3_sensor, f"pose of {self.name!r}"))
+
+    def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
+        """Return the points in the sensor's own frame, float64."""
+        points = self.points.astype(np.float64)
+        return points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
+
+    def in_own_frame(self) -> SensorCloud:
+        """Return the cloud with its points in the sensor's own frame."""
+        if self.frame == "sensor":
+            return self
+        return replace(self, points=self.in_sensor().astype(np.float32), frame="sensor")
+
+    def in_world(self) -> Float64[np.ndarray, "n 3"]:
+        """Return the points in the world frame, float64, so that map coordinates keep their millimetres."""
+        points = self.points.astype(np.float64)
+        return points if self.frame == "world" else transform(self.world_SE3_sensor, points)
+
+
+@runtime_checkable
+class Region(Protocol):
+    """Where the labels of a frame are complete."""
+
+    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+        """Mask of the boxes, world frame, that stand where labels are complete."""
+        ...
+
+    def record(self) -> dict[str, Any]:
+        """Return its kind and numbers for JSON; `parse_region` reads them back."""
+        ...
 
 
 @dataclass(frozen=True)
+class Everywhere:
+    """Labels are complete wherever there are points."""
+
+    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+        """Mask of all boxes."""
+        return np.ones(len(boxes), bool)
+
+    def record(self) -> dict[str, Any]:
+        """Return its kind."""
+        return {"kind": "everywhere"}
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """Labels are complete in a detection area: xmin, ymin, xmax, ymax (m)."""
+
+    area: tuple[float, float, float, float]
+
+    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+        """Mask of the boxes with their centre in the area."""
+        xmin, ymin, xmax, ymax = self.area
+        x, y = boxes[:, 0], boxes[:, 1]
+        return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
+
+    def record(self) -> dict[str, Any]:
+        """Return its kind and area."""
+        return {"kind": "rectangle", "area": list(self.area)}
+
+
+@dataclass(frozen=True, eq=False)
+class ImageWedge:
+    """Labels are complete in what one camera sees.
+
+    projection: world → pixels, homogeneous; width, height: of the image; ignored: left, top, right, bottom of regions
+    where nobody labelled (DontCare).
+    """
+
+    projection: Float64[np.ndarray, "3 4"]
+    width: int
+    height: int
+    ignored: tuple[tuple[float, float, float, float], ...] = ()
+
+    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+        """Mask of the boxes with their centre in the image, except those mostly in an ignored region."""
+        u, v, depth = self._pixels(boxes[:, :3])
+        shown = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
+        for region in self.ignored:
+            shown &= self._share(boxes, region) <= IGNORED_SHARE
+        return shown
+
+    def rectangles(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 4"]:
+        """Left, top, right, bottom of each box, cut to the image; all 0 for a box behind the camera."""
+        if not len(boxes):
+            return np.zeros((0, 4))
+        u, v, depth = self._pixels(corners(boxes).reshape(-1, 3))
+        u, v, ahead = u.reshape(-1, 8), v.reshape(-1, 8), (depth > 0).reshape(-1, 8)
+        limits = np.array([self.width - 1.0, self.height - 1.0])
+        low = np.clip(np.stack([u.min(axis=1), v.min(axis=1)], axis=1), 0, limits)
+        high = np.clip(np.stack([u.max(axis=1), v.max(axis=1)], axis=1), 0, limits)
+        return np.where(np.asarray(ahead.all(axis=1))[:, None], np.hstack([low, high]), 0.0)
+
+    def record(self) -> dict[str, Any]:
+        """Return its kind, projection, image and ignored regions."""
+        return {
+            "kind": "image",
+            "projection": self.projection.tolist(),
+            "width": self.width,
+            "height": self.height,
+            "ignored": [list(region) for region in self.ignored],
+        }
+
+    def _share(self, boxes: np.ndarray, region: tuple[float, float, float, float]) -> np.ndarray:
+        rectangles = self.rectangles(boxes)
+        overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(rectangles[:, :2], region[:2])
+        size = rectangles[:, 2:] - rectangles[:, :2]
+        area = size.prod(axis=1)
+        return np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0)
+
+    def _pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        homogeneous = points @ self.projection[:, :3].T + self.projection[:, 3]
+        depth = homogeneous[:, 2]
+        divisor = np.where(np.abs(depth) > 1e-9, depth, 1e-9)
+        return homogeneous[:, 0] / divisor, homogeneous[:, 1] / divisor, depth
+
+
+def _four(values: Any) -> tuple[float, float, float, float]:
+    a, b, c, d = (float(value) for value in values)
+    return a, b, c, d
+
+
+def _projection(values: Any) -> Float64[np.ndarray, "3 4"]:
+    matrix = np.array(values, np.float64)
+    if matrix.shape != (3, 4):
+        raise ValueError(f"a projection must be 3 by 4, got {matrix.shape}")
+    return matrix
+
+
+def _wedge(record: Mapping[str, Any]) -> ImageWedge:
+    ignored = tuple(_four(each) for each in record["ignored"])
+    return ImageWedge(_projection(record["projection"]), int(record["width"]), int(record["height"]), ignored)
+
+
+_REGIONS: dict[str, Callable[[Mapping[str, Any]], Region]] = {
+    "everywhere": lambda record: Everywhere(),
+    "rectangle": lambda record: Rectangle(_four(record["area"])),
+    "image": _wedge,
+}
+
+
+def parse_region(record: Any) -> Region:
+    """Return the region that `Region.record` wrote. Raises ValueError for an unknown kind and for damaged numbers.
+
+    >>> parse_region(Rectangle((0.0, 0.0, 2.0, 1.0)).record())
+    Rectangle(area=(0.0, 0.0, 2.0, 1.0))
+    """
+    kind = str(record.get("kind")) if isinstance(record, Mapping) else ""
+    if kind not in _REGIONS:
+        raise ValueError(f"labels must be complete in one of {', '.join(_REGIONS)}, got {str(record)[:60]}")
+    try:
+        return _REGIONS[kind](record)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"the numbers of a region {kind} are damaged ({' '.join(str(error).split())[:80]})") from None
+
+
+@dataclass(frozen=True, eq=False)
+class OtherObjects:
+    """Labels of classes other than ours: boxes, the set's names, and its own point counts where it has some."""
+
+    boxes: Float64[np.ndarray, "n 7"] = field(default_factory=lambda: np.zeros((0, 7)))
+    categories: tuple[str, ...] = ()
+    counts: Int64[np.ndarray, " n"] | None = None
+
+
+Image = Float32[np.ndarray, "_ _"]
+
+
+@dataclass(frozen=True, eq=False)
 class Frame:
-    """sensors and measurements belong together by position: measurements[i] is (rows, columns) float32 of sensors[i],
-    depth (camera) or range (lidar) in metres, 0 where nothing returned. objects: ground truth, world frame.
-    time: seconds since the recording began. index: its number in its dataset. shifts: for each sensor how far (m, world
-    frame) each pixel's point lies off its ray, None for nowhere; empty where no sensor has any (see
-    `toolkit.sensors.error_terms`).
+    """One instant.
+
+    measurements: one per sensor, in the order of `sensors`. An image is (rows, columns) float32 of depth (camera) or
+    range (lidar) in metres, 0 where nothing returned; of a sensor known by its clouds alone it is the cloud.
+    objects: ground truth or labels, world frame. time: seconds, NaN where unknown. index: its number in its recording.
+    shifts: for each sensor the distance (m, world frame) of each pixel's point from its ray, None for none; empty where
+    no sensor has any (see `toolkit.sensors.error_terms`).
+
+    Labels of a recorded frame say more: name, unique in its recording; categories, the set's names of the objects'
+    classes; counts, the set's own number of points on each; others, labels of other classes; complete, where labels
+    are complete; map_SE3_world, pose of the world frame in the set's map; problems, number of labels and points left
+    out in reading, by kind.
     """
 
     sensors: tuple[Sensor, ...]
-    measurements: tuple[Float32[np.ndarray, "_ _"], ...]
+    measurements: tuple[Image | SensorCloud, ...]
     objects: Objects
     time: float = 0.0
     index: int = 0
     shifts: tuple[Float32[np.ndarray, "_ _ 3"] | None, ...] = ()
+    name: str = ""
+    categories: tuple[str, ...] = ()
+    counts: Int64[np.ndarray, " m"] | None = None
+    others: OtherObjects = field(default_factory=OtherObjects)
+    complete: Region = field(default_factory=Everywhere)
+    map_SE3_world: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
+    problems: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.sensors) != len(self.measurements):
@@ -37,22 +257,185 @@ class Frame:
         if len(set(names)) < len(names):
             raise ValueError(f"the sensors of a frame must have different names, got {names}: rename one")
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
-            if measurement.shape != sensor.model.shape:
+            if isinstance(measurement, np.ndarray) and measurement.shape != sensor.model.shape:
                 raise ValueError(
                     f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
                 )
+        if self.categories and len(self.categories) != len(self.objects):
+            raise ValueError(f"{len(self.objects)} objects but {len(self.categories)} categories in {self.name!r}")
+        if self.counts is not None and len(self.counts) != len(self.objects):
+            raise ValueError(f"{len(self.objects)} objects but {len(self.counts)} counts in {self.name!r}")
+
+    @staticmethod
+    def of_clouds(
+        name: str,
+        clouds: Sequence[SensorCloud],
+        objects: Objects,
+        categories: tuple[str, ...] = (),
+        counts: Int64[np.ndarray, " m"] | None = None,
+        others: OtherObjects | None = None,
+        *,
+        time: float = np.nan,
+        **more: Any,
+    ) -> Frame:
+        """Return a frame of clouds, labelled as readers have labels; more: other fields."""
+        sensors, measurements = _split(clouds)
+        others = OtherObjects() if others is None else others
+        labels: dict[str, Any] = {"categories": categories, "counts": counts, "others": others, **more}
+        return Frame(sensors, measurements, objects, time, name=name, **labels)
+
+    @property
+    def has_images(self) -> bool:
+        """True where there are sensors and all of them measured images."""
+        return bool(self.sensors) and not any(isinstance(each, SensorCloud) for each in self.measurements)
+
+    @property
+    def images(self) -> tuple[Image, ...]:
+        """The image of every sensor. Raises ValueError where a sensor measured a cloud."""
+        for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
+            if isinstance(measurement, SensorCloud):
+                raise ValueError(f"sensor {sensor.name!r} measured a cloud, no image: choose what works with points")
+        return self.measurements  # type: ignore[return-value]
+
+    @cached_property
+    def clouds(self) -> tuple[SensorCloud, ...]:
+        """The points of every sensor; those of an image are in the frame of the sensor's body (x forward, z up)."""
+        return tuple(self._cloud(k) for k in range(len(self.sensors)))
+
+    def _cloud(self, k: int) -> SensorCloud:
+        sensor, measurement = self.sensors[k], self.measurements[k]
+        if isinstance(measurement, SensorCloud):
+            return measurement
+        points, seen = unproject(sensor, measurement)
+        if self.shifts and (shift := self.shifts[k]) is not None:
+            points += shift.reshape(-1, 3).T
+        body = sensor.world_SE3_body
+        return SensorCloud(
+            sensor.name, transform(invert(body), points.T[seen].astype(np.float64)).astype(np.float32), body
+        )
+
+    def points(self) -> Float64[np.ndarray, "n 3"]:
+        """Return the points of all sensors, one after the other, world frame."""
+        return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
+
+    def with_clouds(self, clouds: Sequence[SensorCloud]) -> Frame:
+        """Return the frame with these clouds in place of its measurements."""
+        sensors, measurements = _split(clouds)
+        return replace(self, sensors=sensors, measurements=measurements, shifts=())
+
+    def seen_by(self, sensors: Sequence[int | str]) -> Frame:
+        """Return the frame with some of its sensors (numbers or names). Raises ValueError for an unknown one."""
+        chosen = sorted(select_sensors(self.sensors, sensors))
+        if len(chosen) == len(self.sensors):
+            return self
+        shifts = tuple(self.shifts[k] for k in chosen) if self.shifts else ()
+        return replace(
+            self,
+            sensors=tuple(self.sensors[k] for k in chosen),
+            measurements=tuple(self.measurements[k] for k in chosen),
+            shifts=shifts,
+        )
+
+    def of(self, rows: Shaped[np.ndarray, " k"]) -> Frame:
+        """Return the frame with some of its objects: a mask or indices."""
+        rows = np.arange(len(self.objects))[rows]
+        return replace(
+            self,
+            objects=self.objects[rows],
+            categories=tuple(self.categories[k] for k in rows) if self.categories else (),
+            counts=None if self.counts is None else self.counts[rows],
+        )
+
+
+def _split(clouds: Sequence[SensorCloud]) -> tuple[tuple[Sensor, ...], tuple[SensorCloud, ...]]:
+    """Sensors and measurements of clouds."""
+    return tuple(Sensor(each.name, _UNKNOWN_MODEL, each.world_SE3_sensor) for each in clouds), tuple(clouds)
+
+
+@runtime_checkable
+class Frames(Protocol):
+    """Frames in order, such as a `Recording`."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int, /) -> Frame: ...
+
+
+@runtime_checkable
+class Recording(Frames, Protocol):
+    """Frames of one place, from anywhere; site: None where only the recording itself shows the place."""
+
+    @property
+    def site(self) -> Site | None:
+        """The place, with its detection area."""
+
+    def __iter__(self) -> Iterator[Frame]: ...
+
+
+@runtime_checkable
+class SiteRecording(Frames, Protocol):
+    """Frames at a known site, such as a `toolkit.datasets.dataset.CoopDataset`."""
+
+    site: Site
+    sensors: tuple[Sensor, ...]
+
+
+def unproject(
+    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"]
+) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
+    """Return x, y and z in the world of every pixel, row after row of the image, and a mask of those that returned."""
+    if measurement.shape != sensor.model.shape:
+        raise ValueError(
+            f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
+        )
+    if np.abs(sensor.position).max() > 1e5:
+        raise ValueError(
+            f"sensor {sensor.name!r} stands at {sensor.position.tolist()}, too far from the origin for float32 points: "
+            "take coordinates from an origin near the site"
+        )
+    flat = np.asarray(measurement, np.float32).ravel()
+    valid = is_return(flat, sensor.model.max_range)
+    xyz = sensor.world_rays * np.where(valid, flat, np.float32(0))
+    xyz += sensor.position.astype(np.float32)[:, None]
+    return xyz, valid
+
+
+def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
+    """Return the positions in `available` of the sensors named or numbered in `wanted`, None for all.
+
+    Raises ValueError for an unknown sensor, one chosen twice, and names that two sensors share.
+    """
+    names = [sensor.name for sensor in available]
+    if len(set(names)) < len(names):
+        raise ValueError(f"every sensor needs a name of its own, got {', '.join(names)}: rename those that share one")
+    if wanted is None:
+        return list(range(len(names)))
+    if isinstance(wanted, str):
+        raise ValueError(f"sensors must be a list of numbers or names, got the text {wanted!r}: pass [{wanted!r}]")
+    chosen = [_position(names, which) for which in wanted]
+    if len(set(chosen)) < len(chosen):
+        raise ValueError(f"a sensor can be chosen once only, got {list(wanted)}: leave out what is there twice")
+    return chosen
+
+
+def _position(names: list[str], which: int | str) -> int:
+    if isinstance(which, str) and which in names:
+        return names.index(which)
+    if isinstance(which, int | np.integer) and 0 <= which < len(names):
+        return int(which)
+    raise ValueError(f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}")
 
 
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
-    """What each sensor measures behind all that moves: the farthest return of each pixel over `sample` spread frames.
+    """Return what each sensor measures behind all that moves: the farthest return of each pixel over spread frames.
 
-    Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises ValueError without frames.
+    sample: frames at most. Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises
+    ValueError without frames.
     """
     if not len(frames):
-        raise ValueError("there must be a frame to see the empty scene in, got none")
+        raise ValueError("the empty scene needs a frame, got none")
     farthest: list[np.ndarray] = []
     for k in np.unique(np.linspace(0, len(frames) - 1, min(sample, len(frames))).astype(int)):
-        seen = [np.where(image > 0, image, np.inf) for image in frames[int(k)].measurements]
+        seen = [np.where(image > 0, image, np.inf) for image in frames[int(k)].images]
         farthest = [np.maximum(*pair) for pair in zip(farthest, seen, strict=True)] if farthest else seen
     still = tuple(np.where(np.isfinite(depth), depth, 0).astype(np.float32) for depth in farthest)
     return Frame(frames[0].sensors, still, Objects.empty())

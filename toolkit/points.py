@@ -15,10 +15,10 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.boxes import count_points
-from toolkit.frame import Frame
+from toolkit.frame import Frame, SensorCloud, select_sensors, unproject
 from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, level_rows, tilt_rows
 from toolkit.objects import Detections, Detector, UnionDetector
-from toolkit.sensors.sensor import Sensor, is_return
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, check_area
 
 Distance = Literal["horizontal", "published"]
@@ -44,6 +44,10 @@ def frame_points(
     crop, clouds = Crop.of(area, height), []
     for index in select_sensors(frame.sensors, sensors):
         sensor, measurement = frame.sensors[index], frame.measurements[index]
+        if isinstance(measurement, SensorCloud):
+            points = measurement.in_world()
+            clouds.append(points[crop.holds(points)].astype(np.float32))
+            continue
         if rng is not None:
             measurement = sensor.model.noisy(measurement, rng)
         shift = frame.shifts[index] if frame.shifts else None
@@ -58,7 +62,7 @@ def find_crop_pixels(frame: Frame, sensor: int, *, area: Area, height: float | N
     Counted row after row, in the same order.
     """
     shift = frame.shifts[sensor] if frame.shifts else None
-    return crop_image(frame.sensors[sensor], frame.measurements[sensor], Crop.of(area, height), shift=shift)[1]
+    return crop_image(frame.sensors[sensor], frame.images[sensor], Crop.of(area, height), shift=shift)[1]
 
 
 class Crop(NamedTuple):
@@ -99,29 +103,6 @@ def crop_image(
     if shift is not None:
         xyz += shift.reshape(-1, 3).T
     return xyz, np.flatnonzero(valid & crop.holds(xyz.T))
-
-
-def unproject(
-    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"]
-) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
-    """x, y, z in the world of every pixel, and a mask of returns.
-
-    Row after row of the image.
-    """
-    if measurement.shape != sensor.model.shape:
-        raise ValueError(
-            f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
-        )
-    if np.abs(sensor.position).max() > 1e5:
-        raise ValueError(
-            f"sensor {sensor.name!r} stands at {sensor.position.tolist()}, too far from the origin for float32 points: "
-            "take coordinates from an origin near the site"
-        )
-    flat = np.asarray(measurement, np.float32).ravel()
-    valid = is_return(flat, sensor.model.max_range)
-    xyz = sensor.world_rays * np.where(valid, flat, np.float32(0))
-    xyz += sensor.position.astype(np.float32)[:, None]
-    return xyz, valid
 
 
 def is_inside(
@@ -207,32 +188,6 @@ def is_beyond(
     else:
         raise ValueError(f'metric must be "horizontal" or "published", got {metric!r}')
     return np.einsum("ij,ij->i", across, across) > radius**2
-
-
-def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
-    """Positions in `available` of the sensors in `wanted`, None for all.
-
-    Raises ValueError for an unknown sensor, listing all, for one chosen twice, and for a name that two of them have.
-    """
-    names = [sensor.name for sensor in available]
-    if len(set(names)) < len(names):
-        raise ValueError(f"every sensor needs a name of its own, got {', '.join(names)}: rename those that share one")
-    if wanted is None:
-        return list(range(len(names)))
-    if isinstance(wanted, str):
-        raise ValueError(f"sensors must be a list of numbers or names, got the text {wanted!r}: pass [{wanted!r}]")
-    chosen = [_position(names, which) for which in wanted]
-    if len(set(chosen)) < len(chosen):
-        raise ValueError(f"a sensor can be chosen once only, got {list(wanted)}: leave out what is there twice")
-    return chosen
-
-
-def _position(names: list[str], which: int | str) -> int:
-    if isinstance(which, str) and which in names:
-        return names.index(which)
-    if isinstance(which, int | np.integer) and 0 <= which < len(names):
-        return int(which)
-    raise ValueError(f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}")
 
 
 def get_area(place: Area) -> Float64[np.ndarray, "4"]:

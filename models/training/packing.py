@@ -106,7 +106,7 @@ def recording(
     area: xmin ymin xmax ymax (m), height: of the crop (m); empty: measurements of the empty site per sensor, None to
     take them from the frames; count: only the first frames; slope: of the ground (m per m, x and y).
     """
-    empty = empty_scene(frames).measurements if empty is None else empty
+    empty = empty_scene(frames).images if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
     return PackedRecording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
 
@@ -169,7 +169,7 @@ def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
 
 def change(rig: Rig, frame: Frame) -> Change:
     """Find pixels that show something in the crop that the empty site does not, or the reverse."""
-    found = [_find_changes(rig, s, measurement) for s, measurement in enumerate(frame.measurements)]
+    found = [_find_changes(rig, s, measurement) for s, measurement in enumerate(frame.images)]
     return Change(tuple(pixels for pixels, _ in found), tuple(steps for _, steps in found), frame.objects)
 
 

@@ -1,6 +1,6 @@
 """`Detected`: sensor sets scored by fusing what they see, detecting in it and matching that against what is there.
 
-It gives what `toolkit.detection.evaluation.evaluate_dataset` gives for the same sensors and frames, by protocol
+It gives what `toolkit.detection.evaluation.evaluate_recording` gives for the same sensors and frames, by protocol
 `exact`: objects centred outside the site's area are there but not scored. Every run of the detector and every match is
 kept in a `Cache` under all that it depends on, so that a set costs detection once, whoever asks again, for however many
 frames.

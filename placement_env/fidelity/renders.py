@@ -22,9 +22,9 @@ from models.training.packing import FARTHEST, change
 from placement_env.fidelity.traffic import Traffic, renderer_of
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
-from toolkit.calibration.scenes import RecordingScenes
+from toolkit.calibration.scenes import Scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import read_frame, with_errors
+from toolkit.datasets.readings import ReadRecording, Reads, read_frame, with_errors
 from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
@@ -107,7 +107,7 @@ class Renders:
             packed, sensor = self._of_candidate(c), self.sensors[c]
             learner = SceneLearner(sensor)
             for k in range(self.frames) if self._whole else ():
-                learner.add(self._reading(packed, k, c).measurements[0])
+                learner.add(self._reading(packed, k, c).images[0])
             still = np.zeros(sensor.model.shape, np.float32)
             still.ravel()[packed.rig.pixels[0]] = packed.rig.depth[0]
             self._scenes[c] = learner.scene() if self._whole else EmptyScene.of(sensor, still)
@@ -183,7 +183,7 @@ class Recorded:
         self.recording, self.site, self.sensors = recording, recording.site, recording.sensors
         self.frames, self._noise_seed, self.errors = len(recording), noise_seed, errors
         self._last: Frame | None = None
-        self.scene = RecordingScenes(recording, errors=errors, noise_seed=noise_seed)
+        self.scene = Scenes(ReadRecording(recording, Reads(errors, noise_seed)))
 
     @cached_property
     def digest(self) -> str:

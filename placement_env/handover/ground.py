@@ -15,8 +15,8 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.frame import unproject
 from toolkit.geometry import invert, transform
-from toolkit.points import unproject
 from toolkit.rendering.renderer import Renderer, SightLines
 from toolkit.rendering.static_scene import build_scenery
 from toolkit.rendering.static_scene import ground as ground_mesh

@@ -2,7 +2,6 @@
 
 import json
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,8 @@ import pytest
 from models.training.packed import PackedFrames
 from toolkit.boxes import footprints
 from toolkit.datasets.cloud_files import read_poses
-from toolkit.datasets.recordings import read, write_samples
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.datasets.recordings import read, write_recording
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
 from toolkit.rendering.renderer import Renderer
@@ -28,7 +27,7 @@ REACH = ("--area", -30, -30, 30, 30)
 def rows(path, measure):
     content = json.loads(path.read_text())
     wanted = ("vehicle", "ours", measure, "all")
-    return [r for r in content["rows"] if (r["label"], r["protocol"], r["measure"], r["among"]) == wanted]
+    return [r for r in content["breakdown"] if (r["label"], r["protocol"], r["measure"], r["among"]) == wanted]
 
 
 @pytest.fixture(scope="session")
@@ -36,13 +35,13 @@ def own(recording, tmp_path_factory):
     """One frame of a simulated recording as a folder of clouds."""
     folder = tmp_path_factory.mktemp("own") / "mine"
     samples = [sample for sample, _ in zip(read(recording, "hdf5"), range(1), strict=False)]
-    write_samples(samples, folder, "folder")
+    write_recording(samples, folder, "folder")
     return folder
 
 
 def test_from_a_folder_to_ap(own, tmp_path, run):
     mine = (own, "--layout", "folder")
-    assert "objects per sample" in run("survey", *mine)[1]
+    assert "objects per frame" in run("survey", *mine)[1]
     assert run("doctor", *mine)[:2] == (0, "nothing suspected\n")
     assert run("detect", *mine, *REACH, "--level", "plane", "--still", "--out", tmp_path / "boxes.json")[0] == 0
     assert len(json.loads((tmp_path / "boxes.json").read_text())["samples"]) == 1
@@ -97,9 +96,9 @@ def lidars(tmp_path_factory):
             points = (model.rays() * noisy[..., None])[noisy > 0]
             believed = sensor.pose if sensor.name == "east" else crooked
             clouds.append(SensorCloud(sensor.name, points, believed))
-        samples.append(Sample(str(k), tuple(clouds), Objects(boxes)))
+        samples.append(Frame.of_clouds(str(k), tuple(clouds), Objects(boxes)))
     folder = tmp_path_factory.mktemp("lidars") / "street"
-    write_samples(samples, folder, "folder")
+    write_recording(samples, folder, "folder")
     return folder
 
 
@@ -134,7 +133,7 @@ def test_lidars_are_calibrated_by_each_other(lidars, tmp_path, run, refused):
     right = list(read(tmp_path / "right", "folder"))
     assert len(right) == 5
     np.testing.assert_allclose(right[4].clouds[1].world_SE3_sensor, found["west"], atol=1e-9)
-    assert "--errors is not for --layout" in refused(*arguments, "--errors", "poor")
+    assert "recorded clouds have errors of their own" in refused(*arguments, "--errors", "poor")
     assert "no sensor 'south'" in refused("calibrate", lidars, "--layout", "folder", "--held", "south")
 
 
@@ -144,8 +143,8 @@ def test_one_lidar_alone_is_scored_whatever_the_other_is(lidars, tmp_path, run):
     for sample in read(lidars, "folder"):
         east, west = sample.clouds
         blinded = SensorCloud("west", west.points[:9], west.world_SE3_sensor)
-        samples.append(replace(sample, clouds=(east, blinded)))
-    write_samples(samples, alone, "folder")
+        samples.append(sample.with_clouds((east, blinded)))
+    write_recording(samples, alone, "folder")
     arguments = ("evaluate", alone, "--layout", "folder", "--level", "plane", "--still", "--classes", "vehicle")
     chosen = (*arguments, "--detector", "cluster", "--sensors", "east", "--schemes", "foreground")
     code, said, err = run(*chosen, "--out", tmp_path / "e")
@@ -166,8 +165,7 @@ def test_clusters_find_what_no_label_says(lidars, tmp_path, run):
     assert row["ap"] > 0.5
 
 
-def test_calibration_is_for_clouds_and_by_what_there_is(lidars, recording, tmp_path, refused):
-    assert "--calibrate needs --layout" in refused("evaluate", recording, "--calibrate", "together")
+def test_calibration_is_by_what_there_is(lidars, tmp_path, refused):
     arguments = ("evaluate", lidars, *LIDAR_AREA, "--out", tmp_path)
     assert "nowhere.ply" in refused(*arguments, "--calibrate", "nowhere.ply")
 

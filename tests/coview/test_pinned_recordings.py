@@ -28,11 +28,11 @@ CLOUDS = {  # by scheme, protocol, measure and group: AP of vehicles, how many t
 @pytest.fixture(scope="session")
 def layouts(recording, tmp_path_factory):
     """The recording as a plain folder of clouds and as KITTI."""
-    from toolkit.datasets.recordings import read, write_samples
+    from toolkit.datasets.recordings import read, write_recording
 
     folder = tmp_path_factory.mktemp("pinned")
     for layout in ("folder", "kitti"):
-        write_samples(read(recording, "hdf5"), folder / layout, layout)
+        write_recording(read(recording), folder / layout, layout)
     return folder
 
 
@@ -83,8 +83,8 @@ def test_evaluate_clouds(layouts, tmp_path, printed):
     )
     where = ("--layout", "folder", "--out", tmp_path)
     found = printed("evaluate", layouts / "folder", *where, *arguments)
-    aps = {(row["scheme"], row["protocol"], row["measure"], row["among"]): row for row in found["rows"]}
-    assert len(aps) == len(found["rows"]) == 2 * 29
+    aps = {(row["scheme"], row["protocol"], row["measure"], row["among"]): row for row in found["breakdown"]}
+    assert len(aps) == len(found["breakdown"]) == 2 * 29
     for key, (ap, truths) in CLOUDS.items():
         assert (aps[key]["ap"], aps[key]["truths"]) == (near(ap, abs=0.15), truths), key
     kbit = {scheme: figures["kbit_per_sensor"] for scheme, figures in found["schemes"].items()}
@@ -97,7 +97,7 @@ def test_detect_and_convert(recording, layouts, tmp_path, printed):
     where = (layouts / "kitti", "--layout", "kitti", "--level", "none", "--frames", 1)
     assert printed("detect", *where, "--out", out)["detections"] == near(20, abs=4)
     assert len(json.loads(out.read_text())["samples"][0]["objects"]) == near(20, abs=4)
-    converted = printed("convert", recording, "--layout", "hdf5", "--to", "hdf5", "--out", tmp_path / "c.hdf5")
+    converted = printed("convert", recording, "--to", "hdf5", "--out", tmp_path / "c.hdf5")
     assert (converted["samples"], converted["problems"]) == (4, {})
 
 
@@ -113,8 +113,8 @@ def test_survey(recording, layouts, printed):
     assert clouds["points_per_cloud"] == near(
         {"d0": 17221, "d1": 16224, "d2": 17043, "d3": 16129, "d4": 17386, "d5": 16451}
     )
-    assert clouds["objects_per_sample"] == near({"vehicle": 12.75, "cyclist": 1.75, "pedestrian": 9.5, "heavy": 1.0})
-    assert clouds["classes"]["vehicle"]["mean_points"] == near(546.5)
+    assert clouds["objects_per_frame"] == near({"vehicle": 12.75, "cyclist": 1.75, "pedestrian": 9.5, "heavy": 1.0})
+    assert clouds["classes"]["vehicle"]["sets"]["0,1,2,3,4,5"]["mean_points"] == near(546.5)
 
 
 def test_doctor(recording, layouts, printed):

@@ -9,7 +9,7 @@ from models.detector import SHIPPED, load_detector
 from models.weight_files import load_weights
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.detection.evaluation import evaluate_dataset
+from toolkit.detection.evaluation import Comparison, evaluate_recording
 
 WEIGHTS = sorted(Path(SHIPPED).rglob("*.safetensors"))
 
@@ -74,5 +74,5 @@ def test_they_detect_at_their_site_and_the_general_ones_at_both(site, tmp_path):
     with CoopDataset(tmp_path / "few.hdf5") as recording:
         for name in (site, "general"):
             detector = load_detector(name, site=site, area=recording.site.area)
-            (row,) = evaluate_dataset(recording, detector, schemes=("early",), iou_thresholds=(0.7,))
+            (row,) = evaluate_recording(recording, detector, Comparison(schemes=("early",), iou_thresholds=(0.7,)))
             assert row.ap > 0.9, name

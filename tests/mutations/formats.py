@@ -138,18 +138,21 @@ def _published(path: Path) -> None:
 def _read_recording(path: Path) -> None:
     """As `doctor`, `survey` and `evaluate` read it."""
     from toolkit.datasets.dataset import CoopDataset
-    from toolkit.datasets.doctor import diagnose
-    from toolkit.detection.evaluation import evaluate_dataset
+    from toolkit.datasets.doctor import diagnose_file
+    from toolkit.datasets.readings import Reads
+    from toolkit.detection.evaluation import Comparison, evaluate_recording
     from toolkit.detection.survey import survey
     from toolkit.objects import Detections
 
-    for finding in diagnose(path):
+    for finding in diagnose_file(path):
         one_line(str(finding))
     with CoopDataset(path) as dataset:
         list(dataset)
         if len(dataset):
             survey(dataset)
-            evaluate_dataset(dataset, lambda points: Detections.empty(), frames=2, schemes=("early",))
+            evaluate_recording(
+                dataset, lambda points: Detections.empty(), Comparison(schemes=("early",)), reads=Reads(frames=2)
+            )
 
 
 def _packed(path: Path) -> None:

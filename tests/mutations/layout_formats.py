@@ -55,7 +55,7 @@ NAMED = {"pair": "dair", "ros1": "rosbag", "ros2": "rosbag", "sqlite": "rosbag"}
 
 def samples(count: int = 3) -> list[Any]:
     """Two lidars above flat ground, over cars, a cyclist and a truck that drive."""
-    from toolkit.datasets.sample import Sample, SensorCloud
+    from toolkit.frame import Frame, SensorCloud
     from toolkit.geometry import pose
     from toolkit.objects import Objects
 
@@ -74,14 +74,16 @@ def samples(count: int = 3) -> list[Any]:
         moved = boxes + np.array([0.8 * k, 0, 0, 0, 0, 0, 0])
         objects = Objects(moved, np.array([0, 0, 3, 1, 0, 2]), np.arange(11, 17))
         made.append(
-            Sample(str(k), tuple(clouds), objects, time=1.7e9 + 0.1 * k, map_SE3_world=pose(90.0, 40.0, 2.0, yaw=0.5))
+            Frame.of_clouds(
+                str(k), tuple(clouds), objects, time=1.7e9 + 0.1 * k, map_SE3_world=pose(90.0, 40.0, 2.0, yaw=0.5)
+            )
         )
     return made
 
 
 def write(layout: str, folder: Path) -> Path:
     """A sound recording; what is to be opened."""
-    from toolkit.datasets.recordings import write_samples
+    from toolkit.datasets.recordings import write_recording
 
     own: dict[str, Callable[[Path], Path]] = {
         "pair": _pair, "rcooper": _rcooper, "ros1": _ros1, "ros2": _ros2, "sqlite": partial(_ros2, sqlite=True),
@@ -89,7 +91,7 @@ def write(layout: str, folder: Path) -> Path:
     if layout in own:
         return own[layout](folder)
     where = folder / "clouds.hdf5" if layout == "hdf5" else folder
-    write_samples(samples(), where, layout)
+    write_recording(samples(), where, layout)
     return where
 
 
@@ -97,20 +99,20 @@ def read(layout: str, opened: Path) -> None:
     """All that commands do with a recording before they compute."""
     from formats import one_line
 
-    from toolkit.datasets.recordings import open_samples, write_samples
-    from toolkit.detection.label_doctor import diagnose_samples
-    from toolkit.detection.survey import survey_samples
+    from toolkit.datasets.recordings import Part, open_recording, write_recording
+    from toolkit.detection.label_doctor import diagnose_labels
+    from toolkit.detection.survey import survey
 
-    some = list(open_samples(opened, NAMED.get(layout, layout)))
+    some = list(open_recording(opened, NAMED.get(layout, layout)))
     for sample in some:
         if not (np.isfinite(sample.points()).all() and np.isfinite(sample.objects.boxes).all()):
             raise RuntimeError(f"sample {sample.name} has numbers that are none")
     if some:
-        survey_samples(some)
-    for finding in diagnose_samples(some):
+        survey(Part(open_recording(opened, NAMED.get(layout, layout))))
+    for finding in diagnose_labels(some):
         one_line(str(finding))
     with tempfile.TemporaryDirectory() as folder:
-        write_samples(some, Path(folder, "again.hdf5"), "hdf5")
+        write_recording(some, Path(folder, "again.hdf5"), "hdf5")
 
 
 def maker(name: str) -> Callable[[Path], None]:

@@ -25,7 +25,7 @@ from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.codec import PAPER, Codec, Message
-from toolkit.detection.evaluation import evaluate_dataset
+from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.detection.scheme import Scheme, make_fused
 from toolkit.detection.schemes import Hybrid, fuse_frame
 from toolkit.detection.survey import survey
@@ -158,20 +158,20 @@ def test_they_have_what_the_protocols_ask_for():
     assert isinstance(Centimetres(), Codec)
     for scheme in (Thinned, None, "middle"):
         with pytest.raises((ValueError, TypeError), match="of"):
-            evaluate_dataset(None, None, schemes=[scheme])  # type: ignore[list-item]
+            evaluate_recording(None, None, Comparison(schemes=[scheme]))  # type: ignore[list-item]
 
 
 def test_evaluation_takes_both(recording, detector):
     schemes, codec = [Thinned(), "early", Hybrid(radius=9.0, name="hybrid 9")], Centimetres()
-    rows = evaluate_dataset(recording, detector, schemes=schemes, codec=codec, iou_thresholds=[0.7])
-    plain = evaluate_dataset(recording, detector, schemes=["early"], iou_thresholds=[0.7])
+    rows = evaluate_recording(recording, detector, Comparison(schemes=schemes, codec=codec, iou_thresholds=[0.7]))
+    plain = evaluate_recording(recording, detector, Comparison(schemes=["early"], iou_thresholds=[0.7]))
     assert [row.scheme for row in rows] == ["thinned", "early", "hybrid 9"]
     assert 0 < rows[0].recall <= rows[1].recall
     assert 0 < rows[0].kbit_per_sensor < rows[1].kbit_per_sensor < plain[0].kbit_per_sensor
     assert rows.provenance["codec"] == codec.digest
     assert rows.provenance["schemes"]["thinned"] == Thinned().digest
     with pytest.raises(ValueError, match="two schemes are called 'hybrid'"):
-        evaluate_dataset(recording, detector, schemes=["hybrid", Hybrid(radius=9.0)])
+        evaluate_recording(recording, detector, Comparison(schemes=["hybrid", Hybrid(radius=9.0)]))
     assert survey(recording, codec=codec).kbit_per_sensor.mean() == pytest.approx(rows[1].kbit_per_sensor)
 
 
@@ -184,7 +184,9 @@ def test_what_arrives_is_what_the_codec_lets_through(recording, detector):
 def test_the_detector_fidelity_scores_what_evaluation_scores(recording, renders, detector):
     """To the scores alone: noise is drawn otherwise for candidates than for a recording's sensors."""
     detected = Detected(renders, detector, Thinned(), codec=Centimetres())
-    rows = evaluate_dataset(recording, detector, schemes=[Thinned()], codec=Centimetres(), iou_thresholds=[0.7])
+    rows = evaluate_recording(
+        recording, detector, Comparison(schemes=[Thinned()], codec=Centimetres(), iou_thresholds=[0.7])
+    )
     estimate = detected(np.ones((1, len(renders.sensors)), bool))
     assert estimate.ap[0] == pytest.approx(rows[0].ap, abs=0.1)
     assert estimate.kbit[0] / len(renders.sensors) == pytest.approx(rows[0].kbit_per_sensor, rel=0.02)

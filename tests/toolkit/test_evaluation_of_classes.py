@@ -1,4 +1,4 @@
-"""`evaluate_dataset` class by class: a detector that knows three of them, counted by hand."""
+"""`evaluate_recording` class by class: a detector that knows three of them, counted by hand."""
 
 import json
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from toolkit.detection.evaluation import (
+    Comparison,
     curve_files,
-    evaluate_dataset,
+    evaluate_recording,
     format_class_table,
     format_table,
     save_evaluation,
@@ -60,7 +61,7 @@ class Knows:
 
 
 def mixed(classes, **options):
-    return evaluate_dataset(Mixed(), Knows(), schemes=["early"], classes=classes, **options)
+    return evaluate_recording(Mixed(), Knows(), Comparison(schemes=["early"], classes=classes, **options))
 
 
 def test_each_class_has_its_rows_at_its_usual_thresholds():

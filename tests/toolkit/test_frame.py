@@ -30,8 +30,8 @@ def test_what_does_not_fit_is_refused(sensors, measurements, message):
 def test_the_empty_scene_is_the_farthest_return_and_none_counts_as_farthest():
     images = [IMAGE * np.float32(metres) for metres in (3.0, 7.0, 5.0)]
     images[1][0, 0] = 0
-    found = empty_scene([Frame((ONE,), (image,), Objects.empty()) for image in images]).measurements[0]
+    found = empty_scene([Frame((ONE,), (image,), Objects.empty()) for image in images]).images[0]
     assert found[0, 0] == 0
     assert (found.ravel()[1:] == 7).all()
-    with pytest.raises(ValueError, match="there must be a frame"):
+    with pytest.raises(ValueError, match="needs a frame"):
         empty_scene([])

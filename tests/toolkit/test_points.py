@@ -3,7 +3,7 @@ import pytest
 
 from toolkit.boxes import count_points
 from toolkit.clouds import crop, from_depth, from_points, positions
-from toolkit.frame import Frame
+from toolkit.frame import Frame, select_sensors
 from toolkit.geometry import level_rows, look, pose, tilt_rows
 from toolkit.objects import Detections, Objects, UnionDetector
 from toolkit.points import (
@@ -16,7 +16,6 @@ from toolkit.points import (
     has_centre_inside,
     is_beyond,
     is_inside,
-    select_sensors,
 )
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor

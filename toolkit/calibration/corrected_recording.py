@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,11 @@ import h5py
 import numpy as np
 
 from toolkit.arrays import Float64
+from toolkit.calibration.poses import Corrected, FoundPose
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import CoopDataset, published_cameras
+from toolkit.datasets.recordings import write_recording
+from toolkit.frame import Recording
 from toolkit.geometry import check_pose
 from toolkit.runtime.files import parse_json, writing
 from toolkit.sensors.sensor import Sensor
@@ -22,18 +25,27 @@ from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 
 
-def write_corrected(
+def write_corrected(recording: Recording, found: Sequence[FoundPose], out: Path) -> None:
+    """Write a recording whose sensors stand where they were found: of images a copy of the file, of clouds a folder."""
+    if not isinstance(recording, CoopDataset):
+        write_recording(Corrected.of(recording, found), out, "folder")
+        return
+    note = {each.sensor.name: each.described() for each in found}
+    copy_corrected(recording, {each.sensor.name: each.pose for each in found}, out, note=note)
+
+
+def copy_corrected(
     recording: CoopDataset,
     poses: Mapping[str, Float64[np.ndarray, "4 4"]],
     out: str | Path,
     *,
     note: Mapping[str, Any] | None = None,
 ) -> None:
-    """Copy a recording to `out` with other poses (site_SE3_sensor) of the sensors of these names, whole or not at all.
+    """Copy a recording with other poses (site_SE3_sensor) of the sensors of these names, whole or not at all.
 
     The extrinsics, the sensors of the site in the file and the plan it was made from change, nothing else; note: kept
     as JSON in the attribute `calibration` of the file. Raises ValueError for a sensor that is not there, and for a pose
-    that is none.
+    that is not rigid.
     """
     names = [sensor.name for sensor in recording.sensors]
     for name, pose in poses.items():

@@ -30,9 +30,8 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64
-from toolkit.datasets.readings import Readable, read_frame
+from toolkit.frame import Frames
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
@@ -173,27 +172,20 @@ class SceneLearner:
         return EmptyScene(self.sensor.name, model, frames=self.frames, **images)
 
 
-def learn_empty_scenes(
-    recording: Readable,
-    *,
-    frames: int | None = None,
-    sample: int = SAMPLE,
-    errors: ErrorProfile | str = PAPER_ERRORS,
-    noise_seed: int | None = 0,
-) -> tuple[EmptyScene, ...]:
-    """The empty scene of every sensor of a recording, in their order, from images spread over its first `frames`
-    frames, all if not given; errors, noise_seed: of the sensors, see `toolkit.datasets.readings.read_frame`.
+def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int | None = None) -> tuple[EmptyScene, ...]:
+    """Return the empty scene of every sensor of a recording, in their order.
 
-    Raises ValueError without frames.
+    sample: images that are looked at, spread over the first `frames` frames, all if None. Raises ValueError without
+    frames, and for frames of clouds.
     """
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
         raise ValueError(f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}")
     learners: list[SceneLearner] = []
     for k in np.unique(np.linspace(0, count - 1, min(sample, count)).astype(int)):
-        frame = read_frame(recording, int(k), errors=errors, noise_seed=noise_seed)
+        frame = recording[int(k)]
         learners = learners or [SceneLearner(sensor, max(sample, 2)) for sensor in frame.sensors]
-        for learner, measurement in zip(learners, frame.measurements, strict=True):
+        for learner, measurement in zip(learners, frame.images, strict=True):
             learner.add(measurement)
     return tuple(learner.scene() for learner in learners)
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -27,7 +26,6 @@ from toolkit.calibration.registration import (
     thin_rows,
     tukey_weight,
 )
-from toolkit.datasets.readings import Readable
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 from toolkit.objects import Detector
@@ -280,15 +278,6 @@ _WORST_HEADING = float(np.deg2rad(20.0))  # greatest difference of the headings 
 _NO_MATCH = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
-@runtime_checkable
-class SitedRecording(Readable, Protocol):
-    """Frames of a site."""
-
-    @property
-    def site(self) -> Site:
-        """Site of the recording."""
-
-
 @dataclass(frozen=True, eq=False)
 class SeenBoxes:
     """Objects that one sensor saw in one frame, in its own axes: centres (n, 3) and directions ahead (n, 3)."""
@@ -306,12 +295,12 @@ class SeenBoxes:
 SeenFrames = Sequence[Sequence[SeenBoxes]]  # for each frame, for each sensor
 
 
-def seen_objects(recording: SitedRecording, frames: Sequence[Frame], detector: Detector) -> list[list[SeenBoxes]]:
+def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> list[list[SeenBoxes]]:
     """Detect objects in the cloud of each sensor alone, frame by frame."""
     seen = []
     for frame in frames:
-        clouds = frame_points(frame, area=recording.site)
-        boxes = [detect_on_ground(detector, cloud, recording.site).boxes for cloud in clouds]
+        clouds = frame_points(frame, area=site)
+        boxes = [detect_on_ground(detector, cloud, site).boxes for cloud in clouds]
         seen.append([SeenBoxes.of(found, sensor.pose) for found, sensor in zip(boxes, frame.sensors, strict=True)])
     return seen
 

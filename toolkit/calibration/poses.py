@@ -9,19 +9,17 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.calibration.empty_scene import SAMPLE, EmptyScene, learn_empty_scenes
+from toolkit.calibration.empty_scene import SAMPLE, learn_empty_scenes
 from toolkit.calibration.joint import (
     Alignment,
     Pairs,
     Poses,
-    SitedRecording,
     align,
     face_sensor,
     object_pairs,
@@ -36,16 +34,13 @@ from toolkit.calibration.registration import (
     register,
     scene_points,
 )
-from toolkit.calibration.scenes import GRID_SAMPLES, STANDS_STILL, LearntScene, learn_sample_scenes
+from toolkit.calibration.scenes import GRID_SAMPLES, STANDS_STILL, learn_sample_scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.doctor import Finding
-from toolkit.datasets.readings import Readable, read_frame
-from toolkit.datasets.sample import Sample
+from toolkit.frame import Frame, Frames, Recording, SensorCloud, select_sensors
 from toolkit.geometry import invert
 from toolkit.objects import Detector
-from toolkit.points import select_sensors
 from toolkit.runtime.files import replace_infinite, write_text
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.models import RowLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -154,32 +149,53 @@ def save_poses(path: str | Path, found: Sequence[FoundPose]) -> None:
 
 
 def find_poses(
-    recording: Readable,
-    surface: Surface,
+    recording: Frames,
+    surface: Surface | None = None,
     *,
+    held: Sequence[int | str] = (),
+    detector: Detector | None = None,
     frames: int | None = None,
     sample: int = SAMPLE,
-    errors: ErrorProfile | str = PAPER_ERRORS,
-    noise_seed: int | None = 0,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[FoundPose, ...]:
-    """The pose of every sensor of a recording, from its empty scene over its first `frames` frames, all if not given.
+    """Return the pose of every sensor of a recording, from its empty scene over the first `frames` frames.
 
-    sample, errors, noise_seed: see `toolkit.calibration.empty_scene.learn_empty_scenes`; errors turn the believed poses
-    too. progress: called with how many sensors are done. Raises ValueError for fewer than `LEAST_FRAMES` frames.
+    Images teach a scene as they are. A lidar known by its clouds is found by their range images; where frames are fewer
+    than five, or it moves, by its points in the first frame that has any. The pose is that in the first frame.
+
+    surface: what stands there; None to fit the sensors to each other. Then held: numbers or names of sensors that stay
+    where they are believed to be (without any, all move as little as they can, and their common pose stays), and
+    detector: of road users in the cloud of one sensor, which say what the scene leaves open. sample: images kept of
+    each sensor. progress: called with the number of sensors done.
+
+    Raises ValueError for too few frames of images, clouds without points, fewer than two sensors without a surface, and
+    unknown sensors.
     """
-    count = check_frames_suffice(recording, frames)
-    scenes = learn_empty_scenes(recording, frames=count, sample=sample, errors=errors, noise_seed=noise_seed)
-    sensors = read_frame(recording, 0, errors=errors, noise_seed=noise_seed).sensors
+    if len(recording) and not recording[0].has_images:
+        sensors, seen = _seen_in_clouds(recording, frames)
+        stay, more = select_sensors(sensors, held), None
+    else:
+        count = check_frames_suffice(recording, frames)
+        seen = [scene_points(scene) for scene in learn_empty_scenes(recording, sample, frames=count)]
+        sensors, more = recording[0].sensors, None
+        stay = select_sensors(sensors, held)
+        if detector is not None:
+            chosen = np.unique(np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)).tolist()
+            site = getattr(recording, "site", None)
+            if site is None:
+                raise ValueError("a detector is for a recording of a known site: leave it out")
+            more = partial(object_pairs, seen_objects([recording[k] for k in chosen], detector, site))
+    if surface is None:
+        return align_clouds([points for points, _ in seen], sensors, held=stay, more=more)
     found = []
-    for scene, sensor in zip(scenes, sensors, strict=True):
-        found.append(find_pose(scene, sensor, surface))
+    for (points, deviation), sensor in zip(seen, sensors, strict=True):
+        found.append(find_pose(points, sensor, surface, deviation=deviation))
         if progress is not None:
             progress(len(found))
     return tuple(found)
 
 
-def check_frames_suffice(recording: Readable, frames: int | None) -> int:
+def check_frames_suffice(recording: Frames, frames: int | None) -> int:
     """How many frames empty scenes are learnt from. Raises ValueError where they are fewer than `LEAST_FRAMES`."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < LEAST_FRAMES:
@@ -189,20 +205,17 @@ def check_frames_suffice(recording: Readable, frames: int | None) -> int:
     return count
 
 
-def find_pose(scene: EmptyScene, sensor: Sensor, surface: Surface) -> FoundPose:
-    """The pose of one sensor from its empty scene, near the one it is believed to have; a refusal says why not."""
-    points, deviation = scene_points(scene)
-    return find_pose_of_points(points, sensor, surface, deviation=deviation)
-
-
-def find_pose_of_points(
+def find_pose(
     points: Float64[np.ndarray, "n 3"],
     sensor: Sensor,
     surface: Surface,
     *,
     deviation: Float64[np.ndarray, " n"] | None = None,
 ) -> FoundPose:
-    """The same from points that it measured, own frame; deviation: of each (m)."""
+    """Return the pose of one sensor from points it measured of its empty scene, own frame; deviation: of each (m).
+
+    It is near the one it is believed to have; a refusal says why none is found.
+    """
     try:
         registration = register(points, surface, sensor.pose, deviation=deviation)
     except ValueError as error:
@@ -217,49 +230,22 @@ def find_pose_of_points(
     return FoundPose(sensor, registration)
 
 
+TOGETHER = "together"  # in place of a reference: sensors are fitted to each other
 LEAST_SHARED = 50  # rows that a sensor must share with the others
 OBJECT_FRAMES = 40  # in which road users are looked for
 
 
-def find_poses_together(
-    recording: SitedRecording,
-    *,
-    held: Sequence[int | str] = (),
-    detector: Detector | None = None,
-    frames: int | None = None,
-    sample: int = SAMPLE,
-    errors: ErrorProfile | str = PAPER_ERRORS,
-    noise_seed: int | None = 0,
-) -> tuple[FoundPose, ...]:
-    """The pose of every sensor of a recording that fits what the others see of the same standing scene.
-
-    held: numbers or names of sensors that stay where they are believed to be; without any, all move as little as they
-    can, and their common pose stays; detector: of road users in the cloud of one sensor, which then say what the scene
-    does not, in up to `OBJECT_FRAMES` frames. The other arguments are those of
-    `toolkit.calibration.poses.find_poses`. Raises ValueError for too few frames, fewer than two sensors, and
-    sensors that are not there.
-    """
-    count = check_frames_suffice(recording, frames)
-    scenes = learn_empty_scenes(recording, frames=count, sample=sample, errors=errors, noise_seed=noise_seed)
-    sensors = read_frame(recording, 0, errors=errors, noise_seed=noise_seed).sensors
-    stay = select_sensors(sensors, held)
-    more = None
-    if detector is not None:
-        chosen = np.unique(np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)).tolist()
-        read = [read_frame(recording, k, errors=errors, noise_seed=noise_seed) for k in chosen]
-        more = partial(object_pairs, seen_objects(recording, read, detector))
-    return clouds_together([scene_points(scene)[0] for scene in scenes], sensors, held=stay, more=more)
-
-
-def clouds_together(
+def align_clouds(
     clouds: Sequence[Float64[np.ndarray, "_ 3"]],
     sensors: Sequence[Sensor],
     *,
     held: Sequence[int] = (),
     more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
 ) -> tuple[FoundPose, ...]:
-    """The same of sensors whose points of the standing scene are known, each in its own frame; held: numbers; more: see
-    `toolkit.calibration.joint.align`."""
+    """Return the poses of sensors that fit what the others see of the same standing scene.
+
+    clouds: points of the scene, each in its sensor's frame; held: numbers; more: see `toolkit.calibration.joint.align`.
+    """
     surfaces = [face_sensor(cloud_surface(points)) for points in clouds]
     alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
     return tuple(_found(sensor, k, alignment, k in held) for k, sensor in enumerate(sensors))
@@ -286,45 +272,56 @@ def _found(sensor: Sensor, number: int, alignment: Alignment, stays: bool) -> Fo
     )
 
 
-def find_sample_poses(
-    opened: Callable[[], Iterable[Sample]], surface: Surface | None = None, *, held: Sequence[int | str] = ()
-) -> tuple[FoundPose, ...]:
-    """The pose of every lidar of a recording in the first sample that has it.
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """A recording with its sensors where they were found to be; labels stay.
 
-    opened: gives the samples, twice; surface: what stands there, None to fit the lidars to each other, then held:
-    numbers or names of those that stay. Raises ValueError where no cloud has points, and, without a surface, for fewer
-    than two lidars and held ones that are not there.
+    corrections: believed_SE3_found of each sensor, by name, which its believed pose is multiplied by in every frame.
     """
-    first = list(islice(opened(), GRID_SAMPLES))
-    points = _standing(learn_sample_scenes(opened())) if _still(first) else _of_one(first)
-    placed = {cloud.name: cloud.world_SE3_sensor for sample in reversed(first) for cloud in sample.clouds}
-    sensors = tuple(Sensor(name, RowLidar(), placed[name]) for name in points)
-    if surface is not None:
-        every = zip(points.values(), sensors, strict=True)
-        return tuple(find_pose_of_points(own, sensor, surface) for own, sensor in every)
-    return clouds_together(list(points.values()), sensors, held=select_sensors(sensors, held))
+
+    recording: Recording
+    corrections: Mapping[str, Float64[np.ndarray, "4 4"]]
+
+    @staticmethod
+    def of(recording: Recording, found: Iterable[FoundPose]) -> Corrected:
+        """Return a recording with the corrections of some poses that were found in it."""
+        return Corrected(recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found})
+
+    @property
+    def site(self) -> Site | None:
+        """The place, None where unknown."""
+        return self.recording.site
+
+    @property
+    def path(self) -> Path | None:
+        """The recording's file or folder."""
+        return getattr(self.recording, "path", None)
+
+    def __len__(self) -> int:
+        return len(self.recording)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.__getitem__, range(len(self)))
+
+    def __getitem__(self, index: int) -> Frame:
+        return self.correct(self.recording[index])
+
+    def correct(self, frame: Frame) -> Frame:
+        """Return a frame with its sensors where they were found to be."""
+        sensors, measurements = [], []
+        for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
+            correction = self.corrections.get(sensor.name)
+            if correction is not None:
+                if isinstance(measurement, SensorCloud):
+                    own = measurement.in_own_frame()
+                    measurement = replace(own, world_SE3_sensor=own.world_SE3_sensor @ correction)
+                sensor = Sensor(sensor.name, sensor.model, sensor.pose @ correction)
+            sensors.append(sensor)
+            measurements.append(measurement)
+        return replace(frame, sensors=tuple(sensors), measurements=tuple(measurements))
 
 
-def corrections(found: Iterable[FoundPose]) -> dict[str, Float64[np.ndarray, "4 4"]]:
-    """believed_SE3_found of each sensor, by name: what its believed pose is multiplied with."""
-    return {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found}
-
-
-def with_corrections(
-    samples: Iterable[Sample], corrected: Mapping[str, Float64[np.ndarray, "4 4"]]
-) -> Iterator[Sample]:
-    """The samples with their sensors where they were found to be; labels stay."""
-    for sample in samples:
-        clouds = tuple(
-            replace(own := cloud.in_own_frame(), world_SE3_sensor=own.world_SE3_sensor @ corrected[cloud.name])
-            if cloud.name in corrected
-            else cloud
-            for cloud in sample.clouds
-        )
-        yield replace(sample, clouds=clouds)
-
-
-def _still(samples: Sequence[Sample]) -> bool:
+def _stand_still(samples: Sequence[Frame]) -> bool:
     """Whether there are enough samples, and no sensor moves in the map."""
     places: dict[str, np.ndarray] = {}
     for sample in samples:
@@ -335,17 +332,29 @@ def _still(samples: Sequence[Sample]) -> bool:
     return len(samples) >= LEAST_FRAMES
 
 
-def _standing(learnt: Mapping[str, LearntScene]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
-    return {name: scene_points(each.scene)[0] for name, each in learnt.items()}
+_Seen = tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"] | None]  # points and their deviations (m)
 
 
-def _of_one(samples: Sequence[Sample]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
-    """The points of each lidar in the first sample that has any, own frame."""
-    for sample in samples:
-        points = {cloud.name: cloud.in_sensor() for cloud in sample.clouds if len(cloud.points)}
+def _seen_in_clouds(recording: Frames, frames: int | None) -> tuple[tuple[Sensor, ...], list[_Seen]]:
+    """Sensors of clouds, and the points of the standing scene of each, own frame."""
+    count = min(len(recording), len(recording) if frames is None else frames)
+    first = [recording[k] for k in range(min(count, GRID_SAMPLES))]
+    if _stand_still(first):
+        learnt = learn_sample_scenes(recording[k] for k in range(count))
+        points = {name: scene_points(each.scene)[0] for name, each in learnt.items()}
+    else:
+        points = _points_of_one(first)
+    placed = {cloud.name: cloud.world_SE3_sensor for frame in reversed(first) for cloud in frame.clouds}
+    return tuple(Sensor(name, RowLidar(), placed[name]) for name in points), [(own, None) for own in points.values()]
+
+
+def _points_of_one(frames: Sequence[Frame]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
+    """The points of each lidar in the first frame that has any, own frame."""
+    for frame in frames:
+        points = {cloud.name: cloud.in_sensor() for cloud in frame.clouds if len(cloud.points)}
         if points:
             return points
-    raise ValueError("no sample has a point to find a pose by")
+    raise ValueError("no frame has a point to find a pose by")
 
 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
@@ -357,7 +366,7 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
     surface = read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
-            return drift_findings(find_poses(recording, surface, noise_seed=None), str(reference))
+            return drift_findings(find_poses(recording, surface), str(reference))
     except (ValueError, OSError) as error:
         return [Finding("warning", str(path), "its sensors' poses cannot be checked", str(error), "check them by hand")]
 

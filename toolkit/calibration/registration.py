@@ -97,7 +97,7 @@ def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface
     ending = Path(reference).suffix.lower()
     if ending in (".hdf5", ".h5"):
         with CoopDataset(reference) as recording:
-            scenes = learn_empty_scenes(recording, frames=frames, noise_seed=None)
+            scenes = learn_empty_scenes(recording, frames=frames)
             return scenes_surface(scenes, [sensor.pose for sensor in recording.sensors])
     if ending in ("", ".json", ".geojson"):
         return site_surface(load_site(reference))

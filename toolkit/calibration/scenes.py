@@ -1,9 +1,14 @@
-"""`RecordingScenes`: the empty scenes of a recording's sensors, learnt when the first of them is asked for."""
+"""`Scenes`: the empty scenes of a recording's sensors, learnt when the first of them is asked for.
+
+Images teach a scene as they are (`toolkit.calibration.empty_scene`). Clouds of a sensor become images of one grid first
+(`toolkit.datasets.lidar_grid`). Sensors must stand still. Whoever passes or parks for a while does not disturb;
+whatever never moves is part of the scene.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, islice
@@ -13,53 +18,8 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.calibration.empty_scene import SAMPLE, EmptyScene, SceneLearner, learn_empty_scenes
 from toolkit.datasets.lidar_grid import CloudImage, LidarGrid, find_grid, image_of
-from toolkit.datasets.readings import Readable
-from toolkit.datasets.sample import Sample, SensorCloud
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
+from toolkit.frame import Frame, Frames, SensorCloud
 from toolkit.sensors.sensor import Sensor
-
-
-class RecordingScenes:
-    """The empty scene of a sensor (index). given: in place of what the recording itself shows, in any order, found by
-    the sensors' names; errors, noise_seed: of the sensors.
-
-    Raises ValueError, when asked, where one of a sensor is missing.
-    """
-
-    def __init__(
-        self,
-        recording: Readable,
-        given: Sequence[EmptyScene] | None = None,
-        *,
-        errors: ErrorProfile | str = PAPER_ERRORS,
-        noise_seed: int | None = 0,
-    ) -> None:
-        self._recording, self._given, self._errors, self._noise_seed = recording, given, errors, noise_seed
-        self.used = False
-
-    def __call__(self, sensor: int) -> EmptyScene:
-        """Of the sensor with this index."""
-        self.used = True
-        return self._scenes[sensor]
-
-    @property
-    def digests(self) -> list[str]:
-        """Of the scenes of all sensors, for results to say; none where nobody asked for a scene."""
-        return [scene.digest for scene in self._scenes] if self.used else []
-
-    @cached_property
-    def _scenes(self) -> tuple[EmptyScene, ...]:
-        if self._given is None:
-            return learn_empty_scenes(self._recording, errors=self._errors, noise_seed=self._noise_seed)
-        by_name = {scene.name: scene for scene in self._given}
-        sensors = self._recording[0].sensors
-        missing = [sensor.name for sensor in sensors if sensor.name not in by_name]
-        if missing:
-            raise ValueError(
-                f"there are empty scenes of {', '.join(by_name)}, none of {', '.join(missing)}: learn them"
-            )
-        return tuple(by_name[sensor.name] for sensor in sensors)
-
 
 GRID_SAMPLES = 8  # first samples, that the grids are found in
 FEW_SAMPLES = 5  # below which who stands still is taken for the scene
@@ -69,49 +29,75 @@ _KEPT_PIXELS = 1 << 26  # of all images kept of one sensor
 
 @dataclass(frozen=True, eq=False)
 class LearntScene:
-    """The grid and the empty scene of one sensor. points: how many its clouds had; left_out: those of them that its
-    images do not show, by kind."""
+    """The empty scene of one sensor; grid: of the images of its clouds, None where it measures images.
 
-    grid: LidarGrid
+    points: number of points of its clouds; left_out: those that its images do not show, by kind.
+    """
+
     scene: EmptyScene
+    grid: LidarGrid | None = None
     points: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
 
 
-class SampleScenes:
-    """Grid and empty scene of the sensors of a recording, by their names, learnt when the first is asked for.
+class Scenes:
+    """Empty scenes of the sensors of a recording, learnt when the first is asked for; `scenes(k)` is that of sensor k.
 
-    opened: gives the recording's samples, once for learning; given: empty scenes in place of those it shows. Raises
-    ValueError, when asked, for a sensor that is not there, one that does not stand still, and clouds that are no image;
-    warns where samples are few.
+    given: scenes in place of those the recording shows, in any order, found by the sensors' names; sample: images kept
+    of each sensor at most. Raises ValueError, when asked, for an unknown sensor, one that moves, and clouds that make
+    no image; warns where frames of clouds are few.
     """
 
-    def __init__(
-        self, opened: Callable[[], Iterable[Sample]], given: Sequence[EmptyScene] | None = None, *, sample: int = SAMPLE
-    ) -> None:
-        self._opened, self._given, self._sample = opened, given, sample
+    def __init__(self, recording: Frames, given: Sequence[EmptyScene] | None = None, *, sample: int = SAMPLE) -> None:
+        self._recording, self._given, self._sample = recording, given, sample
+        self.used = False
+
+    def __call__(self, sensor: int) -> EmptyScene:
+        """Empty scene of the sensor with this number in the first frame."""
+        return self[self._names[sensor]].scene
 
     def __getitem__(self, name: str) -> LearntScene:
-        """Of the sensor of that name."""
+        """Scene and grid of the sensor of that name."""
         if name not in self.every:
             raise ValueError(f"there are empty scenes of {', '.join(self.every) or 'no sensor'}, none of {name}")
         return self.every[name]
 
     def image(self, cloud: SensorCloud) -> CloudImage:
-        """A cloud in the grid of its sensor."""
-        return image_of(cloud, self[cloud.name].grid)
+        """Return a cloud in the grid of its sensor."""
+        return image_of(cloud, self.grid(cloud.name))
+
+    def grid(self, name: str) -> LidarGrid:
+        """Grid of the clouds of a sensor. Raises ValueError where its scene was learnt from images of its own."""
+        learnt = self[name]
+        if learnt.grid is None:
+            raise ValueError(
+                f"the empty scene of {name!r} was learnt from images of {learnt.scene.model}, not from clouds"
+            )
+        return learnt.grid
+
+    @property
+    def digests(self) -> list[str]:
+        """Digests of all scenes, for results to say; none where nobody asked for a scene."""
+        return [learnt.scene.digest for learnt in self.every.values()] if self.used else []
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(sensor.name for sensor in self._recording[0].sensors)
 
     @cached_property
     def every(self) -> dict[str, LearntScene]:
-        """Of all sensors."""
+        """Scenes of all sensors, by name."""
+        self.used = True
         if self._given is not None:
-            return {scene.name: LearntScene(_grid_of(scene), scene) for scene in self._given}
-        return learn_sample_scenes(self._opened(), sample=self._sample)
+            return {scene.name: LearntScene(scene, _grid_of(scene)) for scene in self._given}
+        if not (len(self._recording) and self._recording[0].has_images):
+            return learn_sample_scenes((self._recording[k] for k in range(len(self._recording))), sample=self._sample)
+        return {scene.name: LearntScene(scene) for scene in learn_empty_scenes(self._recording, self._sample)}
 
 
-def learn_sample_scenes(samples: Iterable[Sample], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
+def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
     """The grid and the empty scene of every sensor, by name, from samples that come one after another, in memory that
-    does not grow; sample: images that are kept of each at most. Raises ValueError as `SampleScenes`."""
+    does not grow; sample: images that are kept of each at most. Raises ValueError as `Scenes`."""
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     grids: dict[str, LidarGrid] = {}
@@ -135,11 +121,11 @@ def learn_sample_scenes(samples: Iterable[Sample], *, sample: int = SAMPLE) -> d
     return {name: learner.learnt() for name, learner in learners.items()}
 
 
-def _measured(sample: Sample) -> Iterator[SensorCloud]:
+def _measured(sample: Frame) -> Iterator[SensorCloud]:
     return (cloud for cloud in sample.clouds if len(cloud.points))
 
 
-def _by_sensor(samples: Sequence[Sample]) -> dict[str, list[SensorCloud]]:
+def _by_sensor(samples: Sequence[Frame]) -> dict[str, list[SensorCloud]]:
     clouds: dict[str, list[SensorCloud]] = {}
     for each in samples:
         for cloud in _measured(each):
@@ -147,12 +133,10 @@ def _by_sensor(samples: Sequence[Sample]) -> dict[str, list[SensorCloud]]:
     return clouds
 
 
-def _grid_of(scene: EmptyScene) -> LidarGrid:
+def _grid_of(scene: EmptyScene) -> LidarGrid | None:
     from toolkit.sensors.models import RowLidar
 
-    if type(scene.model) is not RowLidar:
-        raise ValueError(f"the empty scene of {scene.name!r} was learnt from images of {scene.model}, not from clouds")
-    return LidarGrid(scene.model)
+    return LidarGrid(scene.model) if type(scene.model) is RowLidar else None
 
 
 class _Learner:
@@ -181,4 +165,4 @@ class _Learner:
 
     def learnt(self) -> LearntScene:
         """What is known."""
-        return LearntScene(self.grid, self._scene.scene(), self.points, self.left_out)
+        return LearntScene(self._scene.scene(), self.grid, self.points, self.left_out)

@@ -1,2 +1,1 @@
-from .recordings import open_samples as open_samples, read as read, write_samples as write_samples
-from .sample import Sample as Sample, SensorCloud as SensorCloud
+from .recordings import open_recording as open_recording, read as read, write_recording as write_recording

@@ -17,8 +17,8 @@ import numpy as np
 
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.recording import OWN_IMAGES
-from toolkit.frame import Frame
-from toolkit.objects import Objects
+from toolkit.frame import Frame, Rectangle
+from toolkit.objects import LABELS, Objects
 from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
 from toolkit.sensors.models import find_model_class, make_model
@@ -55,6 +55,8 @@ class CoopDataset(Sequence[Frame]):
             self.site = site if site is not None else _site(file)
             self.channels = _channels(file, self.site)
             self.sensors: tuple[Sensor, ...] = tuple(sensor for sensor, _, _ in self.channels)
+            xmin, ymin, xmax, ymax = self.site.area.tolist()
+            self._area = Rectangle((xmin, ymin, xmax, ymax))
             self._times = _own(file, "coview/time")
             self._starts = _own(file, "coview/object_start")
             self._length = _length(file, [name for _, name, _ in self.channels])
@@ -124,7 +126,17 @@ class CoopDataset(Sequence[Frame]):
         except ValueError as error:
             raise ValueError(f"{self.path}: frame {k}: {error}") from None
         time = 0.0 if self._times is None else float(self._times[k])
-        return Frame(self.sensors, measurements, objects, time, k)
+        return Frame(
+            self.sensors,
+            measurements,
+            objects,
+            time,
+            k,
+            name=f"{k:06d}",
+            categories=tuple(LABELS[label] for label in objects.labels.tolist()),
+            complete=self._area,
+            map_SE3_world=self.site.map_SE3_site,
+        )
 
     def _objects(self, file: h5py.File, k: int) -> Objects:
         name = f"objects/{k}"
@@ -165,7 +177,7 @@ def noisy(frame: Frame, seed: int) -> Frame:
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     measurements = []
-    for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
+    for sensor, measurement in zip(frame.sensors, frame.images, strict=True):
         rng = np.random.default_rng([seed, frame.index, zlib.crc32(sensor.name.encode())])
         measurements.append(sensor.model.noisy(measurement, rng))
     return replace(frame, measurements=tuple(measurements))

@@ -358,7 +358,7 @@ def _error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
     return Finding("error", where, suspected, evidence, remedy)
 
 
-def diagnose(path: str | Path, site: Site | None = None) -> list[Finding]:
+def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
     """What looks wrong in a dataset, ours or a published one; an empty list for a healthy one.
 
     All tables of objects are looked at, and the measurements of some frames. Raises FileNotFoundError where there is no

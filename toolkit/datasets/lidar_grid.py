@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int64
-from toolkit.datasets.sample import SensorCloud
+from toolkit.frame import SensorCloud
 from toolkit.sensors.models import RowLidar
 
 NEAREST = 1.0  # m: nearer points do not tell angles

@@ -7,30 +7,70 @@ are; its objects stay the truth.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Protocol, runtime_checkable
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.frame import Frame
+from toolkit.frame import Frame, Frames
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, get_profile
 from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.readings import TrueImage
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
 
 
-@runtime_checkable
-class Readable(Protocol):
-    """Frames in order, such as `toolkit.datasets.dataset.CoopDataset`."""
+@dataclass(frozen=True)
+class Reads:
+    """How a recording is read: with which errors of its sensors, and how much of it.
 
-    def __len__(self) -> int: ...
-    def __getitem__(self, index: int, /) -> Frame: ...
+    errors: a profile or its name; noise_seed: what they are drawn from, None for no noise; frames: only the first ones.
+    Sensors of recorded clouds have errors of their own, so only `paper`, which leaves clouds alone, goes with them.
+    """
+
+    errors: ErrorProfile | str = PAPER_ERRORS
+    noise_seed: int | None = 0
+    frames: int | None = None
+
+    def count(self, recording: Frames) -> int:
+        """Number of frames to be read. Raises ValueError where that is none."""
+        total = min(len(recording), len(recording) if self.frames is None else self.frames)
+        if total < 1 or isinstance(self.frames, float):
+            raise ValueError(f"need one frame at least, a whole number, got {self.frames} of {len(recording)}")
+        return total
+
+    def profile(self) -> ErrorProfile:
+        """Return the error profile. Raises ValueError for an unknown one, and for errors without a seed."""
+        errors = get_profile(self.errors)
+        check_drawn(errors, self.noise_seed)
+        return errors
+
+
+@dataclass(frozen=True)
+class ReadRecording:
+    """A recording as its sensors, with their errors, say it; without limit on frames."""
+
+    recording: Frames
+    reads: Reads = Reads()
+
+    @property
+    def site(self) -> Site | None:
+        """The place, None where unknown."""
+        return getattr(self.recording, "site", None)
+
+    def __len__(self) -> int:
+        return len(self.recording)
+
+    def __getitem__(self, index: int) -> Frame:
+        return read_frame(self.recording, index, errors=self.reads.errors, noise_seed=self.reads.noise_seed)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.__getitem__, range(len(self)))
 
 
 def read_frame(
-    frames: Readable, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
+    frames: Frames, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
 ) -> Frame:
     """Frame k as its sensors say it, drawn from the seed; noise_seed: None for no noise, which only `paper` allows.
 
@@ -39,7 +79,9 @@ def read_frame(
     """
     errors, frame = get_profile(errors), frames[k]
     check_drawn(errors, noise_seed)
-    if noise_seed is None:
+    if noise_seed is None or not frame.has_images:
+        if noise_seed is not None and errors.name != PAPER_ERRORS.name:
+            raise ValueError(f"recorded clouds have errors of their own, got errors {errors.name!r}: leave them out")
         return frame
     speed = None
     if errors.needs_velocities:
@@ -70,7 +112,7 @@ def with_errors(
             TrueImage(sensor, measurement, frame.objects, frame.time, velocities),
             seed=seed, sensor=number, frame=frame.index,
         )
-        for sensor, measurement, number in zip(frame.sensors, frame.measurements, numbers, strict=True)
+        for sensor, measurement, number in zip(frame.sensors, frame.images, numbers, strict=True)
     ]  # fmt: skip
     believed = tuple(
         sensor if reading.pose is sensor.pose else Sensor(sensor.name, sensor.model, reading.pose)

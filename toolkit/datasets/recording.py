@@ -177,7 +177,7 @@ def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.D
 
 def _write_measurements(file: h5py.File, header: Header, k: int, frame: Frame) -> None:
     channel, pinholes = 0, header.pinholes
-    for sensor, measurement, name in zip(header.sensors, frame.measurements, header.images, strict=True):
+    for sensor, measurement, name in zip(header.sensors, frame.images, header.images, strict=True):
         if name == "dslices":
             file[name][k, channel] = published.stored_image(measurement, pinholes[sensor.name])
             channel += 1

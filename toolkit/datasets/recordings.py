@@ -1,104 +1,190 @@
-"""The layouts by name: how each is opened, and written where it can be."""
+"""Recordings in any layout: opened, written, and cut to some of their frames.
+
+A layout is one reader module of `toolkit.datasets.layouts`. Others plug in by an entry point of the group
+`coview.layouts`, whose name is the layout's and whose value is a `Layout`.
+"""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from toolkit.datasets.layouts.argoverse import argoverse, write_argoverse
-from toolkit.datasets.layouts.dair import dair, write_dair
-from toolkit.datasets.layouts.folder import folder, write_folder
-from toolkit.datasets.layouts.hdf5 import hdf5, write_hdf5_clouds
-from toolkit.datasets.layouts.kitti import kitti, write_kitti
-from toolkit.datasets.layouts.nuscenes import nuscenes, write_nuscenes
-from toolkit.datasets.layouts.openlabel import openlabel, write_openlabel
-from toolkit.datasets.layouts.opv2v import opv2v, v2xreal, write_opv2v, write_v2xreal
-from toolkit.datasets.layouts.rcooper import rcooper
-from toolkit.datasets.layouts.rosbag import rosbag, write_rosbag
-from toolkit.datasets.layouts.sustech import sustech, write_sustech
-from toolkit.datasets.records import Samples
-from toolkit.datasets.sample import Sample
+from toolkit.datasets.records import ENDINGS, Listing
+from toolkit.frame import Frame, Recording
 from toolkit.objects import label_index
+from toolkit.sites.site import Site
+
+GROUP = "coview.layouts"
 
 
 @dataclass(frozen=True)
 class Layout:
-    """opened: the samples of a path, read one by one; write: samples into a folder, and how many there were; file:
-    whether it writes one file instead."""
+    """A way to write recordings down.
+
+    module: where its functions are; reader: from a path to a recording; writer: from frames and a path to their number,
+    None for a layout that is only read; file: it writes one file instead of a folder.
+    """
 
     name: str
-    opened: Callable[[Path], Samples]
-    write: Callable[[Iterable[Sample], Path], int] | None = None
+    module: str
+    reader: str
+    writer: str | None = None
     file: bool = False
+
+    @property
+    def open(self) -> Callable[..., Recording]:
+        """The reader."""
+        return getattr(import_module(self.module), self.reader)
+
+    @property
+    def write(self) -> Callable[[Iterable[Frame], Path], int]:
+        """The writer. Raises ValueError for a layout that is only read."""
+        if self.writer is None:
+            raise ValueError(f"layout {self.name} is only read: write another, such as folder")
+        return getattr(import_module(self.module), self.writer)
+
+
+def _built_in(name: str, *, module: str = "", only_read: bool = False, file: bool = False) -> Layout:
+    writer = None if only_read else f"write_{name}"
+    return Layout(name, f"toolkit.datasets.layouts.{module or name}", name, writer, file)
 
 
 LAYOUTS = {
     layout.name: layout
     for layout in (
-        Layout("folder", folder, write_folder),
-        Layout("kitti", kitti, write_kitti),
-        Layout("openlabel", openlabel, write_openlabel),
-        Layout("dair", dair, write_dair),
-        Layout("opv2v", opv2v, write_opv2v),
-        Layout("v2xset", opv2v, write_opv2v),
-        Layout("v2xreal", v2xreal, write_v2xreal),
-        Layout("rcooper", rcooper),
-        Layout("nuscenes", nuscenes, write_nuscenes),
-        Layout("argoverse", argoverse, write_argoverse),
-        Layout("sustech", sustech, write_sustech),
-        Layout("rosbag", rosbag, write_rosbag),
-        Layout("hdf5", hdf5, write_hdf5_clouds, file=True),
+        _built_in("folder"),
+        _built_in("kitti"),
+        _built_in("openlabel"),
+        _built_in("dair"),
+        _built_in("opv2v"),
+        replace(_built_in("opv2v"), name="v2xset"),
+        _built_in("v2xreal", module="opv2v"),
+        _built_in("rcooper", only_read=True),
+        _built_in("nuscenes"),
+        _built_in("argoverse"),
+        _built_in("sustech"),
+        _built_in("rosbag"),
+        _built_in("hdf5", file=True),
     )
 }
 
 
-def layout_named(name: str) -> Layout:
-    """A layout. Raises ValueError, which lists them, for a name that is none.
+@cache
+def plugged_layouts() -> dict[str, Layout]:
+    """Layouts that other packages bring, by name."""
+    return {point.name: point.load() for point in entry_points(group=GROUP)}
 
-    >>> layout_named("kiti")
+
+def find_layout(name: str) -> Layout:
+    """Return a layout by name. Raises ValueError for an unknown one.
+
+    >>> find_layout("kiti")
     Traceback (most recent call last):
     ValueError: there is no layout 'kiti': choose among folder, kitti, ...
     """
-    if name not in LAYOUTS:
-        raise ValueError(f"there is no layout {name!r}: choose among {', '.join(LAYOUTS)}")
-    return LAYOUTS[name]
+    layout = LAYOUTS.get(name) or plugged_layouts().get(name)
+    if layout is None:
+        raise ValueError(f"there is no layout {name!r}: choose among {', '.join([*LAYOUTS, *plugged_layouts()])}")
+    return layout
 
 
-def read(path: str | Path, layout: str, *, classes: Sequence[str | int] | None = None) -> Iterator[Sample]:
-    """The samples of a recording, in order, each read when its turn comes.
+def guess_layout(path: str | Path) -> str:
+    """Name of the layout of a path that nobody named: folder for a folder or a cloud file, else hdf5.
 
-    layout: a name of `toolkit.datasets.recordings.LAYOUTS`; classes: only objects of these, names or numbers of
-    `toolkit.objects.LABELS`. Labels that cannot be, points that are none and clouds without points are left out or
-    empty, and counted in `Sample.problems`. Raises FileNotFoundError where there is no such recording, ValueError for
-    an unknown layout or class and, naming it, for a file that is damaged.
+    >>> guess_layout("north.pcd"), guess_layout("monday.hdf5")
+    ('folder', 'hdf5')
     """
-    return of_classes(open_samples(path, layout), classes)
-
-
-def of_classes(samples: Iterable[Sample], classes: Sequence[str | int] | None) -> Iterator[Sample]:
-    """The samples with only their objects of some classes, all for None. Raises ValueError for one that is none."""
-    wanted = None if classes is None else [label_index(label) for label in classes]
-    return (sample if wanted is None else sample.of(np.isin(sample.objects.labels, wanted)) for sample in samples)
-
-
-def open_samples(path: str | Path, layout: str) -> Samples:
-    """The samples of a recording, which say how many they are. Raises as `read`."""
-    opened = layout_named(layout).opened
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"no such recording: {path}")
-    return opened(path)
+    return "folder" if path.is_dir() or path.suffix.lower() in ENDINGS else "hdf5"
 
 
-def write_samples(samples: Iterable[Sample], path: str | Path, layout: str) -> int:
-    """Write samples in a layout, clouds, labels and poses; how many. Raises ValueError for a layout that is only read.
+def open_recording(path: str | Path, layout: str | None = None, **options: Any) -> Recording:
+    """Open a recording; its frames are read one by one.
 
-    Boxes come back within a millimetre and a hundredth of a degree. Classes are written by the layout's names for ours.
+    layout: a name of `LAYOUTS` or of a plug-in, guessed by the path when None. options: of its reader, such as poses
+    and inverted of folder, site and drop_invalid of hdf5; None and False are not given. Invalid labels and points are
+    left out, and counted in `Frame.problems`.
+
+    Raises FileNotFoundError where there is no such recording; ValueError for an unknown layout, an option that its
+    reader does not have, and a damaged file.
     """
-    write = layout_named(layout).write
-    if write is None:
-        raise ValueError(f"layout {layout} is only read: write another, such as folder")
-    return write(samples, Path(path))
+    path, name = Path(path), layout or guess_layout(path)
+    reader = find_layout(name).open
+    given = {key: value for key, value in options.items() if value is not None and value is not False}
+    unknown = given.keys() - inspect.signature(reader).parameters.keys()
+    if unknown:
+        listed = ", ".join(f"--{key.replace('_', '-')}" for key in options if key in unknown)
+        raise ValueError(f"{listed} does not go with layout {name}, which has its own: leave it out")
+    if not path.exists() and name != "hdf5":
+        raise FileNotFoundError(f"no such recording: {path}")
+    recording = reader(path, **given)
+    return replace(recording, path=path) if isinstance(recording, Listing) else recording
+
+
+def read(path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None) -> Iterator[Frame]:
+    """Yield the frames of a recording, with only their objects of some classes. Raises as `open_recording`."""
+    return filter_classes(open_recording(path, layout), classes)
+
+
+def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None) -> Iterator[Frame]:
+    """Yield frames with only their objects of some classes, all for None. Raises ValueError for an unknown class."""
+    wanted = None if classes is None else [label_index(label) for label in classes]
+    return (frame if wanted is None else frame.of(np.isin(frame.objects.labels, wanted)) for frame in frames)
+
+
+def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> int:
+    """Write frames in a layout, clouds, labels and poses; return how many. Raises ValueError for one only read.
+
+    Boxes come back within a millimetre and a hundredth of a degree. Classes get the layout's names for ours.
+    """
+    return find_layout(layout).write(frames, Path(path))
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some frames of a recording: every so many, and only the first of these, all when None.
+
+    Raises ValueError for numbers below 1, and for a recording without frames.
+    """
+
+    recording: Recording
+    frames: int | None = None
+    every: int = 1
+
+    def __post_init__(self) -> None:
+        for name, value in (("every", self.every), ("frames", self.frames)):
+            if value is not None and value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}: leave it out for all")
+        if not len(self.recording):
+            raise ValueError("there is no frame in the recording: check the path and the layout")
+
+    @property
+    def site(self) -> Site | None:
+        """The place, None where unknown."""
+        return self.recording.site
+
+    @property
+    def path(self) -> Path | None:
+        """The recording's file or folder."""
+        return getattr(self.recording, "path", None)
+
+    def __len__(self) -> int:
+        count = -(-len(self.recording) // self.every)
+        return count if self.frames is None else min(self.frames, count)
+
+    def __getitem__(self, number: int) -> Frame:
+        """Frame of this number among the chosen ones. Raises IndexError where there is none."""
+        if not 0 <= number < len(self):
+            raise IndexError(f"there is no frame {number}: {len(self)} are chosen, counted from 0")
+        return self.recording[number * self.every]
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.__getitem__, range(len(self)))

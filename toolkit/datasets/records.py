@@ -11,18 +11,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from toolkit.arrays import Float64, Int64, Shaped
 from toolkit.datasets.cloud_files import read_recorded
 from toolkit.datasets.published_layout import FARTHEST_OBJECT, LARGEST_EXTENT
-from toolkit.datasets.sample import OtherObjects, Sample, SensorCloud
+from toolkit.frame import Frame, OtherObjects, SensorCloud
 from toolkit.geometry import check_pose
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections, Objects
 from toolkit.point_files import pcd_bytes
 from toolkit.runtime.files import parse_json, replace_infinite, write_bytes, write_text
+from toolkit.sites.site import Site
 
 NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ArithmeticError, RecursionError)
@@ -30,27 +31,21 @@ _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, Overflow
 
 @dataclass(frozen=True)
 class Listing:
-    """Samples by name, each read when it is asked for. No `Sequence`: checkers of types would read one."""
+    """A recording of frames by name, each read when it is asked for."""
 
     names: tuple[str, ...]
-    load: Callable[[str], Sample]
+    load: Callable[[str], Frame]
+    path: Path | None = None
+    site: Site | None = None
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def __iter__(self) -> Iterator[Sample]:
+    def __iter__(self) -> Iterator[Frame]:
         return map(self.load, self.names)
 
-    def __getitem__(self, index: int) -> Sample:
+    def __getitem__(self, index: int) -> Frame:
         return self.load(self.names[index])
-
-
-@runtime_checkable
-class Samples(Protocol):
-    """The samples of a recording, in order: how many there are, and each when its turn comes."""
-
-    def __len__(self) -> int: ...
-    def __iter__(self) -> Iterator[Sample]: ...
 
 
 @contextmanager
@@ -186,7 +181,7 @@ CATEGORIES = {name: label for label, names in _NAMES.items() for name in names.s
 
 
 class Labelled(NamedTuple):
-    """As the fields of `toolkit.datasets.sample.Sample`: objects, the set's names of them, its own counts of their
+    """As the fields of `toolkit.frame.Frame`: objects, the set's names of them, its own counts of their
     points where it has some, and what it labels beside our classes."""
 
     objects: Objects
@@ -351,7 +346,7 @@ def write_cloud(path: str | Path, cloud: SensorCloud, *, in_world: bool = False)
     write_bytes(path, pcd_bytes(columns | {"intensity": intensity_of(cloud)} | ring))
 
 
-def one_cloud(sample: Sample, name: str = "lidar") -> SensorCloud:
+def one_cloud(sample: Frame, name: str = "lidar") -> SensorCloud:
     """All clouds of a sample as one in its world frame, with their intensities if all have some."""
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
     whole = len(intensities) == len(sample.clouds) and len(intensities) > 0

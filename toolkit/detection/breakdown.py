@@ -11,18 +11,18 @@ recall 0.1, taken at 101 recalls and divided by 0.9; the figure is the mean over
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool
+from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import Overlap, count_points, iou_3d, iou_bev
-from toolkit.datasets.records import add_problem, add_problems
-from toolkit.detection.detect import Detected
 from toolkit.detection.metrics import Curve, evaluate, precision_recall
+from toolkit.frame import Frame, Region
 from toolkit.objects import LABELS, Detections, Objects, label_index
+from toolkit.points import has_centre_inside
 
 KITTI_IOU = {"vehicle": 0.7, "heavy": 0.7, "cyclist": 0.5, "pedestrian": 0.5}
 KITTI_RECALLS = 40
@@ -115,7 +115,6 @@ def mean_of(values: Sequence[float]) -> float:
 
 LEAST_POINTS = 1
 TWICE = 0.9  # 3D IoU of two labels of a class from which they are of one object: no two bodies share that much room
-LABELLED_TWICE = "objects labelled twice, by boxes that differ a little (one counts)"
 RANGES = (0.0, 20.0, 35.0, 50.0, float("inf"))  # m
 POINTS = (1.0, 5.0, 20.0, 100.0, float("inf"))
 _LARGE, _SMALL = (0.3, 0.5, 0.7), (0.1, 0.25, 0.5)
@@ -124,9 +123,12 @@ METRICS: tuple[Overlap, ...] = ("bev", "3d")
 
 
 @dataclass(frozen=True)
-class SampleRow:
-    """AP of one class under one protocol. measure: by what detections are true, such as BEV 0.5; among: which objects;
-    truths: how many of them; scheme: how the sensors fused."""
+class GroupRow:
+    """AP of one class among some objects under one protocol.
+
+    measure: rule by which detections are true, such as BEV 0.5; among: the objects; truths: number of them; scheme:
+    how the sensors fused.
+    """
 
     label: str
     protocol: str
@@ -137,14 +139,43 @@ class SampleRow:
     scheme: str = "all clouds"
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the row for JSON."""
         return dict(vars(self))
 
 
 @dataclass(frozen=True, eq=False)
+class FrameTruth:
+    """What is there in one frame, and what of it counts.
+
+    objects: all that are there; counted: mask of those to be found; points: on each of them; corners: of the detection
+    area (xmin ymin xmax ymax, m, world); middle: of the area; complete: where labels are, None where they are anywhere.
+    """
+
+    objects: Objects
+    counted: Bool[np.ndarray, " n"]
+    points: Int64[np.ndarray, " n"]
+    corners: Float64[np.ndarray, "4"]
+    middle: Float64[np.ndarray, "2"]
+    complete: Region | None = None
+
+    def keep(self, found: Detections) -> Detections:
+        """Return the detections that count: where labels may be incomplete, those in the area and where they are."""
+        if self.complete is None:
+            return found
+        return found[has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes)]
+
+    def judge(self, found: Detections) -> Judged:
+        """Return detections and truths with their ranges from the middle of the area."""
+        boxes, found = self.objects.boxes, self.keep(found)
+        ranges = np.linalg.norm(boxes[:, :2] - self.middle, axis=1)
+        return Judged(
+            found, self.objects, self.counted, self.points, ranges, _ranges(found, boxes, ranges, self.middle)
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Judged:
-    """One sample to be scored: what was found where labels are complete, what is there, which of it counts, points on
-    it, and how far (m) both are from the middle."""
+    """One frame to be scored: detections that count, objects, which of these count, points on them, and ranges (m)."""
 
     found: Detections
     truths: Objects
@@ -154,42 +185,21 @@ class Judged:
     found_range: np.ndarray
 
 
-@dataclass
-class Scoring:
-    """Collects samples as they come by. half: of the area's sides (m), about each sample's middle."""
+def measured_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
+    """Return what counts by the rule for recorded labels: in the area, where labels are complete, with a point on it.
 
-    half: tuple[float, float] = (50.0, 50.0)
-    judged: list[Judged] = field(default_factory=list)
-    problems: dict[str, int] = field(default_factory=dict)
-    level_ms: list[float] = field(default_factory=list)
-    detect_ms: list[float] = field(default_factory=list)
-
-    def add(self, each: Detected) -> None:
-        """One sample more."""
-        self.judged.append(judged(each, self.half))
-        add_problems(self.problems, each.sample.problems)
-        add_problem(self.problems, LABELLED_TWICE, int(repeated(each.sample.objects).sum()))
-        self.level_ms.append(each.level_ms)
-        self.detect_ms.append(each.detect_ms)
-
-    def rows(self, classes: Sequence[str], ious: Sequence[float] | None = None) -> list[SampleRow]:
-        """All rows of some classes, those without an object to find among them."""
-        return [row for label in classes for row in _class_rows(self.judged, label, ious or IOUS[label])]
+    Other labelled objects are neither misses nor, where a detection lies on one, false alarms.
+    """
+    boxes = frame.objects.boxes
+    points = count_points(frame.points(), boxes)
+    counted = has_centre_inside(boxes, corners) & frame.complete.covers(boxes) & (points >= LEAST_POINTS)
+    middle = (corners[:2] + corners[2:]) / 2
+    return FrameTruth(frame.objects, counted & ~repeated(frame.objects), points, corners, middle, frame.complete)
 
 
-def judged(each: Detected, half: tuple[float, float] = (50.0, 50.0)) -> Judged:
-    """A sample's detections and truths as they are scored."""
-    sample, middle = each.sample, each.middle
-
-    def in_area(boxes: np.ndarray) -> np.ndarray:
-        return np.asarray((np.abs(boxes[:, :2] - middle) <= half).all(axis=1))
-
-    boxes = sample.objects.boxes
-    points = count_points(sample.points(), boxes)
-    counted = in_area(boxes) & sample.complete.covers(boxes) & (points >= LEAST_POINTS) & ~repeated(sample.objects)
-    found = each.detections[in_area(each.detections.boxes) & sample.complete.covers(each.detections.boxes)]
-    ranges = np.linalg.norm(boxes[:, :2] - middle, axis=1)
-    return Judged(found, sample.objects, counted, points, ranges, _ranges(found, boxes, ranges, middle))
+def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | None = None) -> list[GroupRow]:
+    """Return all rows of a class, even without an object to find; ious: None for those usual for it."""
+    return list(_class_rows(samples, label, ious or IOUS[label]))
 
 
 def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
@@ -212,7 +222,7 @@ def _ranges(found: Detections, boxes: np.ndarray, ranges: np.ndarray, middle: np
     return np.where(overlap.max(axis=1) > 0.1, ranges[overlap.argmax(axis=1)], own)
 
 
-def _class_rows(samples: Sequence[Judged], label: str, ious: Sequence[float]) -> Iterable[SampleRow]:
+def _class_rows(samples: Sequence[Judged], label: str, ious: Sequence[float]) -> Iterable[GroupRow]:
     middle = sorted(ious)[len(ious) // 2]
     everything = list(samples)
     for metric in METRICS:
@@ -228,15 +238,15 @@ def _class_rows(samples: Sequence[Judged], label: str, ious: Sequence[float]) ->
     iou = KITTI_IOU[label]
     for metric in METRICS:
         at = _evaluated(everything, label, [iou], metric)[iou]
-        yield SampleRow(label, "KITTI R40", _named(metric, iou), "all", kitti_ap(at.curve), at.truths)
+        yield GroupRow(label, "KITTI R40", _named(metric, iou), "all", kitti_ap(at.curve), at.truths)
     yield from _nuscenes(everything, label)
 
 
 def _ours(
     samples: Sequence[Judged], label: str, ious: Sequence[float], metric: Overlap, among: str
-) -> Iterable[SampleRow]:
+) -> Iterable[GroupRow]:
     for iou, at in _evaluated(samples, label, ious, metric).items():
-        yield SampleRow(label, "ours", _named(metric, iou), among, at.ap, at.truths)
+        yield GroupRow(label, "ours", _named(metric, iou), among, at.ap, at.truths)
 
 
 def _evaluated(samples: Sequence[Judged], label: str, ious: Sequence[float], metric: Overlap) -> dict[float, Any]:
@@ -250,15 +260,15 @@ def _evaluated(samples: Sequence[Judged], label: str, ious: Sequence[float], met
     )
 
 
-def _nuscenes(samples: Sequence[Judged], label: str) -> Iterable[SampleRow]:
+def _nuscenes(samples: Sequence[Judged], label: str) -> Iterable[GroupRow]:
     found, truths, counted = ([getattr(each, name) for each in samples] for name in ("found", "truths", "counted"))
     aps, total = [], 0
     for distance in CENTRE_DISTANCES:
         matched = by_centre(found, truths, counted, distance, label_index(label))
         aps.append(nuscenes_ap(matched.curve) if matched.truths else float("nan"))
         total = matched.truths
-        yield SampleRow(label, "nuScenes", f"centre {distance:g} m", "all", aps[-1], total)
-    yield SampleRow(label, "nuScenes", "centre, mean", "all", mean_of(aps), total)
+        yield GroupRow(label, "nuScenes", f"centre {distance:g} m", "all", aps[-1], total)
+    yield GroupRow(label, "nuScenes", "centre, mean", "all", mean_of(aps), total)
 
 
 def _within(each: Judged, low: float, high: float) -> Judged:
@@ -279,7 +289,7 @@ def _span(low: float, high: float, unit: str) -> str:
     return f"{low:g}-{high:g}{unit}" if np.isfinite(high) else f"{low:g} and more{unit}"
 
 
-def format_rows(rows: Sequence[SampleRow]) -> str:
+def format_rows(rows: Sequence[GroupRow]) -> str:
     """Rows as tables, one per class and protocol: a line for each group of objects, a column for each measure."""
     tables = []
     for label in LABELS:
@@ -289,7 +299,7 @@ def format_rows(rows: Sequence[SampleRow]) -> str:
     return "\n\n".join(tables)
 
 
-def _table(rows: Sequence[SampleRow]) -> str:
+def _table(rows: Sequence[GroupRow]) -> str:
     measures, groups = (list(dict.fromkeys(getattr(row, name) for row in rows)) for name in ("measure", "among"))
     cells = {(row.among, row.measure): row for row in rows}
     lines = [["objects", "to find", *measures]]

@@ -7,7 +7,6 @@ as Open3D has it; `learn_cluster_detector` makes of the empty scenes a detector 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,14 +14,12 @@ import numpy as np
 from toolkit.arrays import Float, Float64, Int64
 from toolkit.calibration.empty_scene import SIGMAS
 from toolkit.calibration.ground import level
-from toolkit.calibration.scenes import LearntScene, SampleScenes
-from toolkit.datasets.sample import Sample
+from toolkit.calibration.scenes import Scenes
 from toolkit.detection.cluster import ClusterDetector
-from toolkit.detection.detect import DETECTION_REACH, Level, middle_of
-from toolkit.detection.view import CROP_HEIGHT
+from toolkit.detection.place import Place, crop_points, middle_of
+from toolkit.frame import Frame
 from toolkit.geometry import transform
 from toolkit.objects import Detections
-from toolkit.points import is_inside
 
 CLUSTER_REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
 SWEEPS = 4  # of the empty scenes with their noise, that a background is learnt from
@@ -67,11 +64,11 @@ class AreaClusters:
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Detect in the points of the area."""
-        return self.clusters(points[is_inside(points, np.array(self.area), CROP_HEIGHT)])
+        return self.clusters(crop_points(points, self.area))
 
 
 def foreground_clusters(
-    sample: Sample, scenes: SampleScenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
+    sample: Frame, scenes: Scenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
 ) -> Clusters:
     """The points of all clouds of a sample that stand out from the empty scenes of their sensors, in objects.
 
@@ -110,41 +107,30 @@ def cluster_points(
     return np.asarray(cloud.cluster_dbscan(eps=reach, min_points=fewest), np.int64)
 
 
-def learn_cluster_detector(
-    scenes: SampleScenes,
-    sample: Sample,
-    *,
-    levelling: Level = "map",
-    middle: Sequence[float] | None = None,
-    half: tuple[float, float] = (DETECTION_REACH, DETECTION_REACH),
-    seed: int = 0,
-) -> AreaClusters:
-    """A detector of what stands out, from the empty scenes of lidars that stand where they do in a sample, for
-    `toolkit.detection.sample_evaluation.evaluate_samples` with the same levelling, middle and half. Raises ValueError
-    where the empty scenes have no point in the area."""
-    centre = middle_of(sample) if middle is None else np.array(middle, np.float64)
+def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(), *, seed: int = 0) -> AreaClusters:
+    """Return a detector of what stands out from the empty scenes of lidars that stand as in a frame.
+
+    place: the one it will detect in. Raises ValueError where the empty scenes have no point in the area.
+    """
+    centre = middle_of(frame) if place.middle is None else place.middle
     rng = np.random.default_rng(seed)
-    sweeps = [
-        np.concatenate([
-            np.zeros((0, 3)),
-            *(transform(cloud.world_SE3_sensor, _sweep(scenes[cloud.name], rng)) for cloud in sample.clouds),
-        ])
-        - [*centre, 0.0]
-        for _ in range(SWEEPS)
-    ]  # fmt: skip
-    ground = None if levelling == "none" else level(sweeps[0], method=levelling)
-    area = (-half[0], -half[1], half[0], half[1])
+    sweeps = []
+    for _ in range(SWEEPS):
+        parts = [transform(cloud.world_SE3_sensor, _sweep(scenes, cloud.name, rng)) for cloud in frame.clouds]
+        sweeps.append(np.concatenate([np.zeros((0, 3)), *parts]) - [*centre, 0.0])
+    (x, y), method = place.half, place.level or "map"
+    ground = None if method == "none" else level(sweeps[0], method=method)
+    area = (-x, -y, x, y)
     upright = [(sweep if ground is None else ground.points(sweep)).astype(np.float32) for sweep in sweeps]
-    cropped = [points[is_inside(points, np.array(area), CROP_HEIGHT)] for points in upright]
-    return AreaClusters(ClusterDetector.learn(cropped), area)
+    return AreaClusters(ClusterDetector.learn([crop_points(points, area) for points in upright]), area)
 
 
-def _sweep(learnt: LearntScene, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
+def _sweep(scenes: Scenes, name: str, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
     """What a sensor measures when nobody is there, its own frame: of every pixel one of its two measurements, as often
     as it was met, with its spread."""
-    scene = learnt.scene
+    scene, model = scenes[name].scene, scenes.grid(name).model
     other = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)
     median = np.where(other, scene.second, scene.first).astype(np.float64)
     measured = median + np.where(other, scene.second_spread, scene.spread) * rng.standard_normal(median.shape)
     there = (median > 0) & (measured > 0)
-    return learnt.grid.model.rays().astype(np.float64)[there] * measured[there][:, None]
+    return model.rays().astype(np.float64)[there] * measured[there][:, None]

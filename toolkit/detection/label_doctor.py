@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +17,13 @@ import numpy as np
 from toolkit.arrays import Bool, Float, Float64, Int64
 from toolkit.boxes import points_in_boxes
 from toolkit.calibration.ground import Ground, level
-from toolkit.datasets.doctor import Finding
+from toolkit.datasets.doctor import Finding, diagnose_file
+from toolkit.datasets.layouts.hdf5 import holds_clouds
+from toolkit.datasets.recordings import Part, guess_layout, open_recording
 from toolkit.datasets.records import FULL_TURNS
-from toolkit.datasets.sample import Sample
+from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
+from toolkit.sites.site import Site
 
 CLEARANCE = 0.3  # m above the ground
 SHELL = 0.5  # m
@@ -39,12 +43,12 @@ class Seen:
     Without a ground: all its points and None.
     """
 
-    sample: Sample
+    sample: Frame
     points: Float64[np.ndarray, "n 3"]
     ground: Ground | None = None
 
     @staticmethod
-    def of(sample: Sample) -> Seen:
+    def of(sample: Frame) -> Seen:
         """A sample with its ground found."""
         points = sample.points()
         try:
@@ -264,7 +268,7 @@ def _among_clouds(some: Sequence[Seen]) -> Shift | None:
     return found
 
 
-def _not_there(labels: Sample, other: Sample) -> Bool[np.ndarray, " n"]:
+def _not_there(labels: Frame, other: Frame) -> Bool[np.ndarray, " n"]:
     """Which objects of a sample have none of another within `STANDING` of their places."""
     from scipy.spatial import cKDTree
 
@@ -278,7 +282,7 @@ def _gain(shift: Shift) -> float:
     return float(shift.after.mean() - shift.before.mean())
 
 
-def _boxes_in(labels: Sample, cloud: Sample) -> np.ndarray:
+def _boxes_in(labels: Frame, cloud: Frame) -> np.ndarray:
     return boxes_through(labels.objects.boxes, invert(cloud.map_SE3_world) @ labels.map_SE3_world)
 
 
@@ -293,7 +297,7 @@ class Headed(NamedTuple):
     of: int
 
 
-def against_their_way(samples: Sequence[Sample], undo: Callable[[Sample, np.ndarray], np.ndarray]) -> Headed | None:
+def against_their_way(samples: Sequence[Frame], undo: Callable[[Frame, np.ndarray], np.ndarray]) -> Headed | None:
     """Whether boxes that head against their way head along it once a mistake is undone, and hardly any other way
     round; None where not."""
     tracks: set[int] = set()
@@ -323,7 +327,7 @@ class Movers(NamedTuple):
     ids: Int64[np.ndarray, " n"]
 
 
-def movers_in(samples: Sequence[Sample], k: int) -> Movers:
+def movers_in(samples: Sequence[Frame], k: int) -> Movers:
     """What moves in sample k, by the nearest sample that has the track too and another time."""
     here = samples[k]
     boxes, velocities, ids = [], [], []
@@ -353,8 +357,37 @@ FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
 
 
-def diagnose_samples(samples: Iterable[Sample]) -> list[Finding]:
-    """What looks wrong with the labels of some samples, consecutive ones; an empty list for healthy ones."""
+@dataclass(frozen=True)
+class Diagnosis:
+    """Findings of the doctor; healthy: what to say where there is none."""
+
+    findings: list[Finding]
+    healthy: str = "nothing suspected"
+
+
+def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None = None, frames: int = 20) -> Diagnosis:
+    """Check a recording for the classic mistakes.
+
+    Files of images are checked as they are stored (`toolkit.datasets.doctor`), labels of clouds by how the points of
+    the first frames lie in them. Raises what opening a recording of clouds raises.
+    """
+    if (layout or guess_layout(path)) == "hdf5" and not (Path(path).is_file() and _holds_clouds(path)):
+        return Diagnosis(diagnose_file(path, site))
+    some = list(Part(open_recording(path, layout, site=site), frames))
+    if not any(len(frame.objects) for frame in some):
+        return Diagnosis([], f"{len(some)} frames without a label: there is nothing to be checked")
+    return Diagnosis(diagnose_labels(some))
+
+
+def _holds_clouds(path: str | Path) -> bool:
+    try:
+        return holds_clouds(path)
+    except (OSError, ValueError):
+        return False  # the file's own doctor says what is wrong
+
+
+def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
+    """Return what looks wrong with the labels of consecutive frames; an empty list for healthy ones."""
     some = [Seen.of(sample) for sample in samples]
     findings = _find_full_turns(some)
     if findings:
@@ -477,7 +510,7 @@ def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
     samples = [each.sample for each in some]
     for in_map in (False, True):
 
-        def undo(sample: Sample, boxes: np.ndarray, in_map: bool = in_map) -> np.ndarray:
+        def undo(sample: Frame, boxes: np.ndarray, in_map: bool = in_map) -> np.ndarray:
             return undone_in(YAW_SIGN, boxes, sample.map_SE3_world if in_map else np.eye(4))
 
         headed = against_their_way(samples, undo)

@@ -26,9 +26,9 @@ from toolkit.detection.link.differences import KEY_EVERY, ForegroundDifferences,
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Counts, Fused, Scheme, make_fused
 from toolkit.detection.view import NMS_IOU, View, frame_view
-from toolkit.frame import Frame
+from toolkit.frame import Frame, select_sensors
 from toolkit.objects import Detector
-from toolkit.points import Area, Distance, is_beyond, select_sensors
+from toolkit.points import Area, Distance, is_beyond
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import HYBRID_RADIUS, Site
 

@@ -14,18 +14,17 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float32, Int64
 from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.calibration.ground import Ground
-from toolkit.calibration.scenes import SampleScenes
-from toolkit.datasets.sample import Sample
+from toolkit.calibration.scenes import Scenes
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
-from toolkit.frame import Frame
+from toolkit.detection.place import CROP_HEIGHT, Stand, crop_points
+from toolkit.frame import Frame, unproject
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import Area, detect_on_ground, find_crop_pixels, frame_points, is_inside, unproject
-from toolkit.sensors.models import SpinningLidar
-from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.points import Area, detect_on_ground, find_crop_pixels, frame_points, is_inside
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
 
 NMS_IOU = 0.1
 LinkMemory = dict[tuple[int, str], Any]  # what links keep from frame to frame, by sensor (index) and name
@@ -66,7 +65,7 @@ class Captured:
     @property
     def measurement(self) -> Float32[np.ndarray, "rows columns"]:
         """The whole image."""
-        return self.frame.measurements[self.index]
+        return self.frame.images[self.index]
 
     @cached_property
     def pixels(self) -> Int64[np.ndarray, " n"]:
@@ -295,104 +294,83 @@ def _timed(call: Callable[[], _Value]) -> tuple[_Value, float]:
     return result, (perf_counter() - start) * 1e3
 
 
-class ImagedClouds:
-    """What a `toolkit.detection.view.View` asks of a sample with images, cloud by cloud (index), each made once.
+class _Images:
+    """Clouds of a frame as images in the grids of their sensors, on level ground, each made once."""
 
-    ground, middle, area, height: as of `toolkit.detection.view.sample_view`; number: of the sample.
-    """
-
-    def __init__(
-        self,
-        sample: Sample,
-        scenes: SampleScenes,
-        ground: Ground | None,
-        middle: Float64[np.ndarray, "2"],
-        area: Float64[np.ndarray, "4"],
-        *,
-        height: float,
-        number: int = 0,
-    ) -> None:
-        self.sample, self.scenes, self.middle, self.area = sample, scenes, middle, area
-        self.height, self.number = height, number
-        self._lift = None if ground is None else ground.points
+    def __init__(self, frame: Frame, stand: Stand, scenes: Scenes) -> None:
+        self.frame, self.stand, self.scenes = frame, stand, scenes
         self._made = lru_cache(maxsize=None)(self._make)
 
-    def model(self, k: int) -> SensorModel:
-        """Of the sensor."""
-        return self.scenes[self.sample.clouds[k].name].grid.model
-
     def measure(self, k: int) -> Float32[np.ndarray, "n 3"]:
-        """The points in the crop that the image shows, where they were measured."""
+        """Points in the crop that the image shows, where they were measured."""
         return self._made(k)[0]
 
     def capture(self, k: int) -> Captured:
-        """The image."""
         return self._made(k)[1]
 
     def scene(self, k: int) -> EmptyScene:
-        """Of the sensor."""
-        return self.scenes[self.sample.clouds[k].name].scene
+        return self.scenes[self.frame.sensors[k].name].scene
 
     def _make(self, k: int) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
-        cloud = self.sample.clouds[k]
+        cloud, stand = self.frame.clouds[k], self.stand
         image = self.scenes.image(cloud)
         shift = np.eye(4)
-        shift[:2, 3] = -self.middle
+        shift[:2, 3] = -stand.middle
         sensor = Sensor(cloud.name, image.grid.model, shift @ cloud.world_SE3_sensor)
-        known = np.isfinite(self.sample.time) and self.sample.time >= 0
-        time = self.sample.time if known else 0.0
-        frame = Frame((sensor,), (image.measurement,), Objects.empty(), time, self.number)
-        points = (cloud.in_world() - [*self.middle, 0.0])[image.shown]
-        lifted = points if self._lift is None or not len(points) else self._lift(points)
-        upright = lifted.astype(np.float32)
-        kept = is_inside(upright, self.area, self.height)
-        cells = image.cells[image.shown][kept]
-        return upright[kept], Captured(frame, 0, self.area, self.height, cells, self._lift)
+        time = self.frame.time if np.isfinite(self.frame.time) and self.frame.time >= 0 else 0.0
+        frame = Frame((sensor,), (image.measurement,), Objects.empty(), time, self.frame.index)
+        upright = stand.lift(cloud.in_world()[image.shown])
+        kept = is_inside(upright, np.asarray(stand.area, np.float64), CROP_HEIGHT)
+        lift = None if stand.ground is None else stand.ground.points
+        return upright[kept], Captured(frame, 0, stand.area, CROP_HEIGHT, image.cells[image.shown][kept], lift)
 
 
-CROP_HEIGHT = 4.0  # m, of the paper's crop
-
-
-def sample_view(
-    sample: Sample,
+def stand_view(
+    frame: Frame,
     detector: Detector,
-    ground: Ground | None,
-    middle: Float64[np.ndarray, "2"],
-    area: Float64[np.ndarray, "4"],
+    stand: Stand,
     *,
     codec: Codec = PAPER,
     nms_iou: float = NMS_IOU,
-    scenes: SampleScenes | None = None,
-    number: int = 0,
+    scenes: Scenes | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """The view of a sample's clouds, counted from the middle, on level ground, cropped to the area and below 4 m.
+    """Return the view of a frame where it stands: at its site, else counted from the middle, on level ground.
 
-    Sensor k is that of cloud k, where it stands on that ground; what kind of sensor it is does not matter here unless
-    there are scenes. number: of the sample, for messages to say; memory: of links, from sample to sample of the same
-    sensors.
+    With scenes, clouds are images too, so that schemes which send pixels work as on simulated frames: a sensor has the
+    points that its image shows, and what the centre makes of a message lies along the rays of its cells. Without them
+    the model of a sensor that measured a cloud does not matter. memory: of links, from frame to frame.
     """
-    lifted = np.eye(4) if ground is None else ground.level_SE3_frame
-    shift = np.eye(4)
-    shift[:2, 3] = -middle
+    if isinstance(stand.area, Site):
+        return frame_view(frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory)
 
-    def points(k: int) -> Float32[np.ndarray, "n 3"]:
-        points = sample.clouds[k].in_world() - [*middle, 0.0]
-        upright = (points if ground is None or not len(points) else ground.points(points)).astype(np.float32)
-        return upright[is_inside(upright, area, CROP_HEIGHT)]
+    def measure(k: int) -> Float32[np.ndarray, "n 3"]:
+        return crop_points(stand.lift(frame.clouds[k].in_world()), stand.area)
 
     def run(clouds: Sequence[Cloud]) -> Detections:
         points = together(clouds)
         return detector(points) if len(points) else Detections.empty()
 
-    given: dict[str, Any] = {"measure": points}
-    models: list[SensorModel] = [SpinningLidar() for _ in sample.clouds]
-    if scenes is not None:
-        imaged = ImagedClouds(sample, scenes, ground, middle, area, height=CROP_HEIGHT, number=number)
-        given = {"measure": imaged.measure, "capture": imaged.capture, "scene": imaged.scene}
-        models = [imaged.model(k) for k in range(len(sample.clouds))]
+    level_SE3_world = np.eye(4) if stand.ground is None else stand.ground.level_SE3_frame.copy()
+    shift = np.eye(4)
+    shift[:2, 3] = -stand.middle
+    images = None if scenes is None else _Images(frame, stand, scenes)
     sensors = tuple(
-        Sensor(cloud.name, model, lifted @ shift @ cloud.world_SE3_sensor)
-        for cloud, model in zip(sample.clouds, models, strict=True)
+        Sensor(
+            cloud.name,
+            sensor.model if scenes is None else scenes.grid(cloud.name).model,
+            level_SE3_world @ shift @ cloud.world_SE3_sensor,
+        )
+        for cloud, sensor in zip(frame.clouds, frame.sensors, strict=True)
     )
-    return View(area, sensors, run=run, codec=codec, nms_iou=nms_iou, memory=memory, **given)
+    return View(
+        stand.area,
+        sensors,
+        measure=measure if images is None else images.measure,
+        run=run,
+        codec=codec,
+        nms_iou=nms_iou,
+        capture=None if images is None else images.capture,
+        scene=None if images is None else images.scene,
+        memory=memory,
+    )

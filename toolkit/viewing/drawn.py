@@ -1,73 +1,25 @@
-"""Some samples of a recording by number, also of one that can only be read from its beginning, as a bag."""
+"""Frames as they are drawn: clouds and boxes counted from one origin, on level ground if wanted, with outcomes.
+
+Outcomes are by the rule `measured` of `toolkit.detection.evaluation`: a detection is true where its IoU by volume with
+a label of its class, which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal
 
 import numpy as np
 
 from toolkit.arrays import Float, Float32, Float64, UInt8
-from toolkit.datasets.records import Samples
-from toolkit.datasets.sample import OtherObjects, Sample
-from toolkit.detection.breakdown import judged
-from toolkit.detection.detect import DETECTION_REACH, Detected, Level, detect_samples, middle_of
+from toolkit.detection.breakdown import measured_truth
+from toolkit.detection.detect import Detected, detect_frames
 from toolkit.detection.metrics import TRUE_IOU, match
+from toolkit.detection.place import Place, middle_of
+from toolkit.frame import Frame, OtherObjects
 from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.palette import Outcome, sensor_colour
-
-
-@runtime_checkable
-class Indexed(Protocol):
-    """Samples that are read by number."""
-
-    def __getitem__(self, index: int) -> Sample: ...
-
-
-class ChosenSamples:
-    """Every so many of a recording's samples, and only the first of these: `frames`, all when None.
-
-    Raises ValueError where that is none.
-    """
-
-    def __init__(self, samples: Samples, *, frames: int | None = None, every: int = 1) -> None:
-        if every < 1:
-            raise ValueError(f"every must be at least 1, got {every}: 1 takes all samples")
-        if frames is not None and frames < 1:
-            raise ValueError(f"frames must be at least 1, got {frames}: leave it out for all")
-        if not len(samples):
-            raise ValueError("there is no sample to view: check the path and the layout")
-        self.samples, self.every = samples, every
-        count = -(-len(samples) // every)
-        self.count = count if frames is None else min(frames, count)
-        self._ahead: Iterator[Sample] = iter(())
-        self._next: int | None = None  # what `_ahead` gives next
-
-    def __len__(self) -> int:
-        return self.count
-
-    def __iter__(self) -> Iterator[Sample]:
-        return map(self.at, range(self.count))
-
-    def at(self, number: int) -> Sample:
-        """The sample of this number among the chosen, from 0. Raises ValueError where there is none, and what reading
-        raises."""
-        if not 0 <= number < self.count:
-            raise ValueError(f"there is no sample {number}: {self.count} are chosen, counted from 0")
-        index = number * self.every
-        if isinstance(self.samples, Indexed):
-            return self.samples[index]
-        if self._next is None or index < self._next:
-            self._ahead, self._next = iter(self.samples), 0
-        sample = next(islice(self._ahead, index - self._next, None), None)
-        if sample is None:
-            self._next = None
-            raise ValueError(f"the recording ends before its sample {index}")
-        self._next = index + 1
-        return sample
-
 
 Marked = Literal["hits", "missed", "false alarms"]
 MARKED: dict[Marked, Outcome] = {"hits": "hit", "missed": "missed", "false alarms": "false alarm"}
@@ -75,12 +27,12 @@ MARKED: dict[Marked, Outcome] = {"hits": "hit", "missed": "missed", "false alarm
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
 
-def outcomes_of(each: Detected, half: tuple[float, float]) -> dict[Marked, BoxesByKind]:
-    """Boxes of each outcome and class, world frame; none where nothing is labelled. half: of the area's sides (m)."""
+def sort_outcomes(each: Detected) -> dict[Marked, BoxesByKind]:
+    """Return the boxes of each outcome and class, world frame; none where nothing is labelled."""
     made: dict[Marked, BoxesByKind] = {name: {} for name in MARKED}
-    if not len(each.sample.objects):
+    if not len(each.frame.objects):
         return {}
-    scored = judged(each, half)
+    scored = measured_truth(each.frame, each.stand.corners).judge(each.detections)
     for label, name in enumerate(LABELS):
         what = match(scored.found, scored.truths, TRUE_IOU[label], label=label, counted=scored.counted)
         rows = {
@@ -126,7 +78,7 @@ class DrawnSample:
     warning: str | None = None
     outcomes: dict[Marked, BoxesByKind] = field(default_factory=dict)
 
-    def described(self) -> str:
+    def describe(self) -> str:
         """How much is in it, in one line."""
         points = sum(len(cloud.points) for cloud in self.clouds)
         counts: dict[str, int] = {"points": points, "labelled": _count(self.truth), "detected": _count(self.detections)}
@@ -142,35 +94,34 @@ def _count(boxes: dict[str, np.ndarray]) -> int:
 
 @dataclass(frozen=True)
 class Drawing:
-    """How samples are drawn: with what a detector finds, if there is one, and levelled as
-    `toolkit.detection.detect.detect_samples` does; middle: x and y, world frame, of where it detects; half:
-    of the sides (m) of the area in which detections count; least_score: of those that are drawn; classes, sensors: only
-    boxes of these, and only the clouds of these, all when None."""
+    """How frames are drawn.
+
+    detector: its boxes are drawn too; place: where it looks, and on what ground; least_score: of the boxes that are
+    drawn; classes, sensors: only boxes of these, and only the clouds of these, all when None.
+    """
 
     detector: Detector | None = None
-    levelling: Level = "none"
-    middle: tuple[float, float] | None = None
-    half: tuple[float, float] = (DETECTION_REACH, DETECTION_REACH)
+    place: Place = Place("none")
     least_score: float = 0.0
     classes: Sequence[str] | None = None
-    sensors: Sequence[str] | None = None
+    sensors: Sequence[int | str] | None = None
 
-    def origin(self, sample: Sample) -> Float64[np.ndarray, "3"]:
+    def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
         """What a recording that begins with this sample is counted from, in metres, world frame: the middle of its
         sensors, and its ground where that stays as it is."""
         points = sample.points()
-        stays = self.levelling == "none" and len(points) > 0
+        stays = self.place.level == "none" and len(points) > 0
         low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
-        return np.array([*(middle_of(sample) if self.middle is None else self.middle), low], np.float64)
+        return np.array([*(middle_of(sample) if self.place.middle is None else self.place.middle), low], np.float64)
 
-    def drawn(self, sample: Sample, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
+    def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
         """A sample as it is drawn. Raises ValueError for a levelling that there is not."""
         sample = sample if self.sensors is None else sample.seen_by(self.sensors)
         detector = self.detector or _detects_nothing
-        (each,) = detect_samples([sample], detector, levelling=self.levelling, middle=self.middle)
+        (each,) = detect_frames([sample], detector, self.place)
         each = self._chosen(each)
-        sample = each.sample
-        ground, to_middle = each.ground, np.array([*each.middle, 0.0])
+        sample = each.frame
+        ground, to_middle = each.stand.ground, np.array([*each.stand.middle, 0.0])
         back = to_middle - origin
 
         def placed(points: np.ndarray) -> np.ndarray:
@@ -191,9 +142,9 @@ class Drawing:
         truth = _by_kind(boxes(sample.objects.boxes), sample.objects.labels)
         truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
         found = _by_kind(boxes(each.detections.boxes), each.detections.labels)
-        known = {} if self.detector is None else outcomes_of(each, self.half)
+        known = {} if self.detector is None else sort_outcomes(each)
         outcomes = {name: {kind: boxes(rows) for kind, rows in by.items()} for name, by in known.items()}
-        return DrawnSample(sample.name, sample.time, clouds, truth, found, each.warning, outcomes)
+        return DrawnSample(sample.name, sample.time, clouds, truth, found, each.stand.warning, outcomes)
 
     def _chosen(self, each: Detected) -> Detected:
         """What is to be drawn of a sample and what was detected in it."""
@@ -201,18 +152,18 @@ class Drawing:
         if self.classes is None:
             return replace(each, detections=found)
         wanted = [label_index(label) for label in self.classes]
-        sample = replace(each.sample.of(np.isin(each.sample.objects.labels, wanted)), others=OtherObjects())
-        return replace(each, sample=sample, detections=found[np.isin(found.labels, wanted)])
+        sample = replace(each.frame.of(np.isin(each.frame.objects.labels, wanted)), others=OtherObjects())
+        return replace(each, frame=sample, detections=found[np.isin(found.labels, wanted)])
 
-    def all_of(
-        self, samples: Iterable[Sample], progress: Callable[[int], None] = lambda done: None
+    def draw_all(
+        self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
     ) -> list[DrawnSample]:
         """Samples as they are drawn, counted from the origin of the first; progress: is handed how many are done."""
         drawn: list[DrawnSample] = []
         origin: np.ndarray | None = None
         for sample in samples:
             origin = self.origin(sample) if origin is None else origin
-            drawn.append(self.drawn(sample, origin))
+            drawn.append(self.draw(sample, origin))
             progress(len(drawn))
         return drawn
 
@@ -271,10 +222,10 @@ class Scales:
             _span([newest - cloud.time for cloud in clouds if cloud.time is not None]),
         )
 
-    def described(self, colouring: Colouring) -> str:
+    def describe(self, colouring: Colouring) -> str:
         """What the colours of a colouring go from and to.
 
-        >>> Scales(height=(-0.1, 3.04)).described("height")
+        >>> Scales(height=(-0.1, 3.04)).describe("height")
         'height, -0.1 to 3.04 m'
         """
         if colouring == "sensor":

@@ -8,7 +8,8 @@ from dataclasses import replace
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
-from toolkit.viewing.drawn import BOX_KINDS, COLOURINGS, ChosenSamples, Colouring, Drawing, DrawnSample, Scales
+from toolkit.datasets.recordings import Part
+from toolkit.viewing.drawn import BOX_KINDS, COLOURINGS, Colouring, Drawing, DrawnSample, Scales
 from toolkit.viewing.recording_scene import (
     BOXES,
     GRID_NODE,
@@ -39,14 +40,14 @@ class LiveView:
     sample raises.
     """
 
-    def __init__(self, server: ViserServer, samples: ChosenSamples, drawing: Drawing) -> None:
+    def __init__(self, server: ViserServer, samples: Part, drawing: Drawing) -> None:
         self.server, self.samples, self.drawing = server, samples, drawing
         self.said, self._lock = "", Lock()
         self.colouring: Colouring = COLOURINGS[0]
         self._drawn: DrawnSample | None = None
-        first = samples.at(0)
+        first = samples[0]
         self.origin = drawing.origin(first)
-        drawn = drawing.drawn(first, self.origin)
+        drawn = drawing.draw(first, self.origin)
         self.style = SceneStyle(sensors_of([drawn]), COLOURINGS, Scales.of(drawn), LIVE_POINTS)
         area = viewed_area(drawn)
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
@@ -79,7 +80,7 @@ class LiveView:
             if number != self._wanted:  # the slider has gone on meanwhile
                 return
             try:
-                self._drawn = self.drawing.drawn(self.samples.at(number), self.origin)
+                self._drawn = self.drawing.draw(self.samples[number], self.origin)
                 self.said = _line_of(self._drawn)
             except (ValueError, OSError) as error:
                 self._drawn, self.said = None, f"sample {number} cannot be shown: {error}"
@@ -128,7 +129,7 @@ class LiveView:
         after.on_click(go_on)
 
     def _add_colourings(self) -> None:
-        names = {self.style.scales.described(each): each for each in self.style.colourings}
+        names = {self.style.scales.describe(each): each for each in self.style.colourings}
         choice = self.server.gui.add_dropdown("Points coloured by", tuple(names))
         choice.on_update(lambda _: self.colour_by(names[choice.value]))
 
@@ -146,7 +147,7 @@ class LiveView:
 
 def _line_of(drawn: DrawnSample) -> str:
     """What a sample holds, and what is to be said of it."""
-    parts = [drawn.described()]
+    parts = [drawn.describe()]
     if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
         parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
     return ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
@@ -157,9 +158,7 @@ def _as_text(line: str) -> str:
     return "".join(f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter for letter in line)
 
 
-def view_live(
-    samples: ChosenSamples, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print
-) -> None:
+def view_live(samples: Part, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print) -> None:
     """Serve a recording to browsers of this machine until the process is interrupted; ready: is handed the address.
 
     Raises ImportError without viser, ValueError for a port that is none, and what reading the first sample raises.

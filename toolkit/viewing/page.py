@@ -82,7 +82,7 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
         _switches(samples, style.sensors),
         tuple(_colouring(each, style) for each in style.colourings),
         tuple(nodes),
-        tuple(sample.described() for sample in samples),
+        tuple(sample.describe() for sample in samples),
         sum(sizes),
         sum(min(size, style.most) for size in sizes),
     )
@@ -102,7 +102,7 @@ def _switches(samples: Sequence[DrawnSample], sensors: Sequence[str]) -> tuple[S
 
 def _colouring(colouring: Colouring, style: SceneStyle) -> Switch:
     nodes = " ".join(f"/sensors/{number}/{colouring}" for number in range(len(style.sensors)))
-    return Switch(style.scales.described(colouring), nodes, checked=colouring == style.colourings[0])
+    return Switch(style.scales.describe(colouring), nodes, checked=colouring == style.colourings[0])
 
 
 def page_html(content: PageContent) -> str:

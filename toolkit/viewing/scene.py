@@ -23,7 +23,7 @@ from toolkit.mesh import Mesh
 if TYPE_CHECKING:
     from viser import LineSegmentsHandle, SceneApi, ViserServer
 
-Place = tuple[float, float, float]
+Spot = tuple[float, float, float]
 
 _CONTROL = """<style>.mantine-Notification-root{display:none!important}</style><script>
 addEventListener("message", function (event) {
@@ -96,8 +96,8 @@ def start_at(server: ViserServer, position: tuple[float, ...], look_at: tuple[fl
     server.initial_camera.near = 0.5
 
 
-def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Place, Place]:
-    """Place and target of a camera that sees a whole area, at a slant from the south.
+def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Spot, Spot]:
+    """Spot and target of a camera that sees a whole area, at a slant from the south.
 
     area: xmin, ymin, xmax, ymax (m); height: of the ground.
 

@@ -52,7 +52,7 @@ def write_still(
             colour = sensor_colour(order.index(cloud.name))
             axes.plot(*cloud.place[:2], "s", color=colour, markersize=8, markeredgecolor=INK, zorder=6, clip_on=True)
         figure.suptitle(shorten(title or sample.name, 90), fontsize=11.0)
-        said = f"{sample.described()}; points by {scales.described(colouring)}"
+        said = f"{sample.describe()}; points by {scales.describe(colouring)}"
         axes.set_title(shorten(said, 130), fontsize=7.5)
         entries = [*shown, *_sensor_entries(order)]
         if entries:

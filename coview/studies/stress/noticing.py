@@ -17,17 +17,15 @@ import numpy as np
 from coview.studies.stress.conditions import make_conditions
 from toolkit.arrays import Bool
 from toolkit.boxes import count_points
-from toolkit.calibration.scenes import RecordingScenes
-from toolkit.datasets.readings import read_frame
-from toolkit.detection.evaluation import Recording
+from toolkit.calibration.scenes import Scenes
+from toolkit.datasets.readings import ReadRecording, Reads, read_frame
 from toolkit.detection.link.channel import PERFECT, LinkChannel, delay_frames
 from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
 from toolkit.detection.link.range_images import STEPS
 from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.detection.view import frame_view
-from toolkit.frame import Frame
+from toolkit.frame import Frame, SiteRecording, unproject
 from toolkit.objects import Detector
-from toolkit.points import unproject
 from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 
@@ -72,7 +70,7 @@ class FalseAlarms:
 
 
 def time_faults(
-    recording: Recording, detector: Detector, run: Run = Run()
+    recording: SiteRecording, detector: Detector, run: Run = Run()
 ) -> tuple[tuple[Noticed, ...], tuple[FalseAlarms, ...]]:
     """Time every fault of every sensor in every stretch of traffic, and count false alarms over every link.
 
@@ -80,7 +78,7 @@ def time_faults(
     ValueError if no stretch of traffic is longer than `ONSET`.
     """
     count, seed = min(len(recording), run.frames_or(len(recording))), run.seed
-    scenes, links = RecordingScenes(recording, noise_seed=seed), _links()
+    scenes, links = Scenes(ReadRecording(recording, Reads(noise_seed=seed))), _links()
     after: dict[tuple[Fault, str], list[float]] = {(fault, way): [] for fault in FAULTS for way in SENT_AS}
     alarms = {(link, way): 0 for link in links for way in SENT_AS}
     minutes = dict.fromkeys(links, 0.0)
@@ -113,7 +111,7 @@ def _links() -> dict[str, LinkChannel]:
     return {"nothing wrong": PERFECT} | {f"{each.kind} {each.level}": each.channel for each in wrong}
 
 
-def _stretches(recording: Recording, count: int, seed: int) -> Iterator[list[Frame]]:
+def _stretches(recording: SiteRecording, count: int, seed: int) -> Iterator[list[Frame]]:
     """Runs of frames in which traffic goes on."""
     stretch: list[Frame] = []
     for k in range(count):
@@ -129,13 +127,13 @@ def _stretches(recording: Recording, count: int, seed: int) -> Iterator[list[Fra
 class _Centre:
     """The fusion centre: what it receives of each frame, and detects in it."""
 
-    def __init__(self, recording: Recording, detector: Detector, scenes: RecordingScenes) -> None:
+    def __init__(self, recording: SiteRecording, detector: Detector, scenes: Scenes) -> None:
         self._site, self._detector, self.scenes = recording.site, detector, scenes
 
     def shown(self, frame: Frame, sensor: int, way: str, time: float) -> Shown:
         """Message of a sensor: the whole image, or the foreground of its crop in the finest step."""
         if way == SENT_AS[0]:
-            return Shown(time, np.asarray(frame.measurements[sensor], np.float32))
+            return Shown(time, np.asarray(frame.images[sensor], np.float32))
         captured = frame_view(frame, self._detector, self._site).captured(sensor)
         out = standing_out(captured, self.scenes(sensor))
         image = captured.sending(out.pixels).measurement
@@ -185,12 +183,10 @@ def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, faul
 def _break_sensor(frame: Frame, first: Frame, sensor: int, fault: Fault) -> Frame:
     """Frame in which one sensor measures nothing, or what it measured first."""
     instead = {
-        Fault.BLINDED: np.zeros_like(frame.measurements[sensor]),
-        Fault.FROZEN: first.measurements[sensor],
-    }.get(fault, frame.measurements[sensor])
-    return replace(
-        frame, measurements=tuple(instead if k == sensor else each for k, each in enumerate(frame.measurements))
-    )
+        Fault.BLINDED: np.zeros_like(frame.images[sensor]),
+        Fault.FROZEN: first.images[sensor],
+    }.get(fault, frame.images[sensor])
+    return replace(frame, measurements=tuple(instead if k == sensor else each for k, each in enumerate(frame.images)))
 
 
 def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], sensor: int, way: str) -> int:

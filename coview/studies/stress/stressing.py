@@ -25,16 +25,15 @@ from coview.studies.stress.conditions import (
 from placement_env.analysis.intervals import BLOCK_FRAMES, Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
-from toolkit.calibration.scenes import RecordingScenes
-from toolkit.datasets.readings import read_frame
-from toolkit.detection.evaluation import Recording
+from toolkit.calibration.scenes import Scenes
+from toolkit.datasets.readings import ReadRecording, Reads, read_frame
 from toolkit.detection.link.channel import STALE, Lagged, delay_frames
 from toolkit.detection.link.tracks import Tracks
 from toolkit.detection.metrics import match
 from toolkit.detection.scheme import Chained, Scheme
 from toolkit.detection.schemes import SCHEMES, find_scheme
 from toolkit.detection.view import LinkMemory, frame_view
-from toolkit.frame import Frame
+from toolkit.frame import Frame, SiteRecording
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, known_labels, label_index
 from toolkit.points import has_centre_inside
 from toolkit.runtime.cache import Cache, make_key
@@ -95,12 +94,12 @@ class StressRow:
         return values | {"judged": asdict(self.judged)}
 
 
-def is_sequence(recording: Recording) -> bool:
+def is_sequence(recording: SiteRecording) -> bool:
     """Return whether frames lie close enough together to show what is late or lost."""
     return 0 < _frame_spacing(recording) <= MOST_APART
 
 
-def choose_kinds(recording: Recording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
+def choose_kinds(recording: SiteRecording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
     """Return the given kinds of stress, or all that a recording can show.
 
     Raises ValueError for an unknown kind, and for one that needs frames closer together.
@@ -117,7 +116,7 @@ def choose_kinds(recording: Recording, kinds: Sequence[str] = ()) -> tuple[str, 
     return tuple(kinds) or tuple(kind for kind in KINDS if close or kind not in IN_SEQUENCE)
 
 
-def _frame_spacing(recording: Recording) -> float:
+def _frame_spacing(recording: SiteRecording) -> float:
     """Seconds between the first two frames."""
     return recording[1].time - recording[0].time if len(recording) > 1 else np.inf
 
@@ -162,7 +161,7 @@ class KeptDetections:
 
 
 def run_stress(
-    recording: Recording,
+    recording: SiteRecording,
     detector: Detector,
     question: StressQuestion,
     run: Run = Run(),
@@ -181,7 +180,7 @@ def run_stress(
     conditions = [each for kind in choose_kinds(recording, question.kinds) for each in make_conditions(kind, names)]
     count = min(len(recording), run.frames_or(len(recording)))
     report = run.stage("frames under stress", count * len(conditions))
-    scenes, each_frame = RecordingScenes(recording, noise_seed=run.seed), report if run.alone else None
+    scenes, each_frame = Scenes(ReadRecording(recording, Reads(noise_seed=run.seed))), report if run.alone else None
     job = _ConditionJob(recording, kept, question, count, run.seed, scenes, each_frame)
     rows: list[StressRow] = []
     for number, more in enumerate(run.map(job, enumerate(conditions)), 1):
@@ -197,12 +196,12 @@ def run_stress(
 class _ConditionJob:
     """All systems under one of several conditions; report: called with the frames done, None in other processes."""
 
-    recording: Recording
+    recording: SiteRecording
     detector: KeptDetections
     question: StressQuestion
     frames: int
     seed: int
-    scenes: RecordingScenes
+    scenes: Scenes
     report: Callable[[int], None] | None
 
     def __call__(self, task: tuple[int, Condition]) -> list[StressRow]:
@@ -331,7 +330,7 @@ def _group_by_needed(trials: Sequence[Trial]) -> list[tuple[list[Trial], Needed 
 class _RedrawnErrors:
     """Frames whose sensor errors are drawn anew for every block of frames."""
 
-    def __init__(self, recording: Recording, errors: ErrorProfile, seed: int) -> None:
+    def __init__(self, recording: SiteRecording, errors: ErrorProfile, seed: int) -> None:
         self._recording, self._errors, self._seed = recording, errors, seed
 
     def __len__(self) -> int:
@@ -346,7 +345,7 @@ def _blind(lagged: Lagged, sensors: Sequence[int]) -> Lagged:
     """Frames without what these sensors measure."""
 
     def without(frame: Frame) -> Frame:
-        measured = tuple(np.zeros_like(image) if k in sensors else image for k, image in enumerate(frame.measurements))
+        measured = tuple(np.zeros_like(image) if k in sensors else image for k, image in enumerate(frame.images))
         return replace(frame, measurements=measured)
 
     return lagged._replace(frame=without(lagged.frame), sent=without(lagged.sent))

@@ -55,14 +55,18 @@ def main() -> None:
 
 def conditions(path, dataset, detector, asked) -> None:
     """AP by class and error profile."""
-    from toolkit.detection.evaluation import evaluate_dataset
+    from toolkit.datasets.readings import Reads
+    from toolkit.detection.evaluation import Comparison, evaluate_recording
 
     print(f"\n{path.stem}, {asked.frames} frames\n")
     print("| errors | class | to find | AP | false / frame | precision | recall | calibration error |")
     print("|---|---|---|---|---|---|---|---|")
     for errors in asked.errors:
-        answer = evaluate_dataset(
-            dataset, detector, schemes=("early",), classes=detector.config.labels, frames=asked.frames, errors=errors
+        answer = evaluate_recording(
+            dataset,
+            detector,
+            Comparison(schemes=("early",), classes=detector.config.labels),
+            reads=Reads(frames=asked.frames, errors=errors),
         )
         for each in answer.classes:
             ap = " / ".join(f"{row.ap:.3f}" for row in answer if row.label == each.label)
@@ -75,7 +79,8 @@ def conditions(path, dataset, detector, asked) -> None:
 
 def crossing(path, dataset, detector, asked) -> None:
     """AP of vehicles by scheme where sensors are believed to be where they are not."""
-    from toolkit.detection.evaluation import evaluate_dataset
+    from toolkit.datasets.readings import Reads
+    from toolkit.detection.evaluation import Comparison, evaluate_recording
     from toolkit.sensors.error_profiles import ErrorProfile
     from toolkit.sensors.error_terms import Calibration, OwnNoise
 
@@ -85,10 +90,12 @@ def crossing(path, dataset, detector, asked) -> None:
     print("|---|" + "---|" * len(schemes))
     for rotation in ROTATIONS:
         pose = Calibration(float(np.deg2rad(rotation)), rotation / 10)
-        answer = evaluate_dataset(
-            dataset, detector, schemes=schemes, frames=asked.frames, iou_thresholds=(0.5, 0.7, 0.8),
-            errors=ErrorProfile(f"calibration {rotation:g}", (OwnNoise(), pose)),
-        )  # fmt: skip
+        answer = evaluate_recording(
+            dataset,
+            detector,
+            Comparison(schemes=schemes, iou_thresholds=(0.5, 0.7, 0.8)),
+            reads=Reads(frames=asked.frames, errors=ErrorProfile(f"calibration {rotation:g}", (OwnNoise(), pose))),
+        )
         cells = (" / ".join(f"{row.ap:.3f}" for row in answer if row.scheme == scheme) for scheme in schemes)
         print(f"| {rotation:g}°, {rotation * 10:g} cm | " + " | ".join(cells) + " |", flush=True)
 

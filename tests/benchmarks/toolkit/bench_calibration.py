@@ -17,10 +17,10 @@ import numpy as np
 
 from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.calibration.poses import find_pose
-from toolkit.calibration.registration import site_surface
+from toolkit.calibration.registration import scene_points, site_surface
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import read_frame
-from toolkit.detection.evaluation import evaluate_dataset
+from toolkit.datasets.readings import ReadRecording, Reads, read_frame
+from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.frame import Frame
 from toolkit.objects import Detector
 from toolkit.sensors.error_profiles import TYPICAL, ErrorProfile
@@ -87,8 +87,11 @@ def main() -> None:
 
         def ap(sensors: Mapping[str, Sensor]) -> float:
             seen = Believed(recording, sensors)
-            rows = evaluate_dataset(
-                seen, detector, schemes=("early",), iou_thresholds=(0.7,), frames=asked.frames, errors=PROFILE
+            rows = evaluate_recording(
+                seen,
+                detector,
+                Comparison(schemes=("early",), iou_thresholds=(0.7,)),
+                reads=Reads(frames=asked.frames, errors=PROFILE),
             )
             return rows[0].ap
 
@@ -96,11 +99,11 @@ def main() -> None:
             print(f"exact poses: AP@0.7 {ap({each.name: each for each in recording.sensors}):.3f}", flush=True)
         for draw in range(asked.draws):
             if draw % 5 == 0:  # other noise, and other poses before they are made crooked
-                scenes = learn_empty_scenes(recording, sample=LEARNT, errors=TYPICAL, noise_seed=draw)
+                scenes = learn_empty_scenes(ReadRecording(recording, Reads(TYPICAL, draw)), LEARNT)
                 believed = read_frame(recording, 0, errors=TYPICAL, noise_seed=draw).sensors
             rng, started = np.random.default_rng([draw, 7]), time.process_time()
             hung = {each.name: crooked(each, rng) for each in believed}
-            put = {s.name: find_pose(s, hung[s.name], surface) for s in scenes}
+            put = {s.name: find_pose(scene_points(s)[0], hung[s.name], surface) for s in scenes}
             errors = [residual(put[each.name].pose, each.pose) for each in recording.sensors]
             off += errors
             lost = [name for name, each in put.items() if each.registration is None]

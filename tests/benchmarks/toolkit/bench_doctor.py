@@ -24,13 +24,13 @@ import numpy as np
 from written_mistakes import LATE, MISTAKES, Mistake, make, terms_of
 
 from toolkit.calibration.ground import Ground, level
-from toolkit.datasets.doctor import diagnose
+from toolkit.datasets.doctor import diagnose_file
 from toolkit.datasets.layouts.dair import written_labels
-from toolkit.datasets.recordings import LAYOUTS, open_samples, write_samples
+from toolkit.datasets.recordings import LAYOUTS, open_recording, write_recording
 from toolkit.datasets.records import write_cloud
-from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.detection import label_doctor as label_fits
-from toolkit.detection.label_doctor import boxes_through, diagnose_samples
+from toolkit.detection.label_doctor import boxes_through, diagnose_labels
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
 
@@ -53,7 +53,7 @@ def main() -> None:
         for recording in given.recordings or simulated(Path(folder), given.samples):
             print(f"\n{recording.stem}, {given.samples} samples\n")
             print(f"| layout | untouched | {' | '.join(MISTAKES)} |\n|{'---|' * (2 + len(MISTAKES))}", flush=True)
-            samples = [*islice(open_samples(recording, given.recorded_as), given.samples)]
+            samples = [*islice(open_recording(recording, given.recorded_as), given.samples)]
             for layout in given.layouts:
                 row = verdicts(layout, recording, two_lidars(samples), Path(folder, "written"))
                 print(f"| {layout} |", *(f"{cell} |" for cell in row), flush=True)
@@ -84,7 +84,7 @@ def simulated(folder: Path, frames: int) -> Iterator[Path]:
         yield out
 
 
-def two_lidars(samples: Sequence[Sample]) -> list[Sample]:
+def two_lidars(samples: Sequence[Frame]) -> list[Frame]:
     """The samples with every second point of half of the sensors as one lidar's, and of the others as another's, each
     level at the place of its first sensor; with times since 1970 and a place in a map."""
     made = []
@@ -92,7 +92,7 @@ def two_lidars(samples: Sequence[Sample]) -> list[Sample]:
         half = (len(sample.clouds) + 1) // 2
         parts = [part for part in (sample.clouds[:half], sample.clouds[half:]) if part]
         clouds = tuple(_lidar(name, part) for name, part in zip(("106", "105"), parts, strict=False))
-        made.append(Sample(sample.name, clouds, sample.objects, time=FIRST + sample.time, map_SE3_world=PLACE))
+        made.append(Frame.of_clouds(sample.name, clouds, sample.objects, time=FIRST + sample.time, map_SE3_world=PLACE))
     return made
 
 
@@ -102,15 +102,15 @@ def _lidar(name: str, clouds: Sequence[SensorCloud]) -> SensorCloud:
     return SensorCloud(name, transform(invert(placed), points).astype(np.float32), placed)
 
 
-def write_layout(samples: Sequence[Sample], path: Path, layout: str) -> None:
+def write_layout(samples: Sequence[Frame], path: Path, layout: str) -> None:
     """Samples in a layout, also in the one that is only read."""
-    if LAYOUTS[layout].write is not None:
-        write_samples(samples, path, layout)
+    if LAYOUTS[layout].writer is not None:
+        write_recording(samples, path, layout)
         return
     for sample in samples:
         for cloud in sample.clouds:
             local = boxes_through(sample.objects.boxes, invert(cloud.world_SE3_sensor))
-            own = Sample(sample.name, (), Objects(local, sample.objects.labels, sample.objects.ids))
+            own = Frame.of_clouds(sample.name, (), Objects(local, sample.objects.labels, sample.objects.ids))
             label = path / "label/106-105" / cloud.name / "seq-1" / f"{sample.time:.3f}.json"
             label.parent.mkdir(parents=True, exist_ok=True)
             label.write_text(json.dumps(written_labels(own)))
@@ -121,7 +121,7 @@ def write_layout(samples: Sequence[Sample], path: Path, layout: str) -> None:
             calib.write_text(json.dumps({"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3].tolist()}))
 
 
-def verdicts(layout: str, recording: Path, samples: Sequence[Sample], path: Path) -> Iterator[str]:
+def verdicts(layout: str, recording: Path, samples: Sequence[Frame], path: Path) -> Iterator[str]:
     """What is said of a layout's files untouched, then with each mistake."""
     terms = terms_of(layout.split(",")[0])
     assert terms is not None, layout
@@ -141,10 +141,10 @@ def verdicts(layout: str, recording: Path, samples: Sequence[Sample], path: Path
             terms.write(where, untouched)
             make(mistake, where, terms)
         if layout == IMAGES:
-            said = [finding.suspected for finding in diagnose(where)]
+            said = [finding.suspected for finding in diagnose_file(where)]
         else:
-            chosen = islice(open_samples(where, layout), len(samples))
-            said = [finding.suspected for finding in diagnose_samples(chosen)]
+            chosen = islice(open_recording(where, layout), len(samples))
+            said = [finding.suspected for finding in diagnose_labels(chosen)]
         yield verdict(mistake, said)
 
 

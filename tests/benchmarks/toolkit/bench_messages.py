@@ -105,7 +105,7 @@ def links() -> dict[str, Any]:
 
 def count_bytes(folder: Path, site: str, frames: int) -> None:
     """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and decode."""
-    from toolkit.calibration.scenes import RecordingScenes
+    from toolkit.calibration.scenes import Scenes
     from toolkit.datasets.readings import read_frame
     from toolkit.detection.link.foreground import standing_out
     from toolkit.detection.view import Captured
@@ -117,7 +117,7 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
     kept = path.read_text().splitlines(keepends=True)[:begin] if path.exists() else []
     path.write_text("".join(kept))
     recording = recorded(folder, site, CLOSE, frames)
-    scenes = RecordingScenes(recording, learnt(folder, site))
+    scenes = Scenes(recording, learnt(folder, site))
     for k in range(begin, frames):
         frame = read_frame(recording, k)
         if k == begin or k % BLOCK == 0:

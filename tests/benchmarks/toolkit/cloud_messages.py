@@ -13,8 +13,8 @@ from time import perf_counter
 
 import numpy as np
 
-from toolkit.calibration.scenes import SampleScenes
-from toolkit.datasets.recordings import open_samples
+from toolkit.calibration.scenes import Scenes
+from toolkit.datasets.recordings import open_recording
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link.foreground import decode_foreground, encode_foreground
 from toolkit.detection.link.range_images import RangeImages
@@ -23,9 +23,9 @@ from toolkit.sensors.sensor import Sensor
 
 def main(folder: str, layout: str, step: float = 0.02) -> None:
     """Print a line for each sensor."""
-    samples = open_samples(Path(folder), layout)
+    samples = open_recording(Path(folder), layout)
     start = perf_counter()
-    scenes = SampleScenes(lambda: samples)
+    scenes = Scenes(samples)
     names = list(scenes.every)
     print(f"{len(samples)} samples, empty scenes learnt in {perf_counter() - start:.1f} s; step {step:g} m")
     codec = RangeImages(step)
@@ -34,7 +34,7 @@ def main(folder: str, layout: str, step: float = 0.02) -> None:
         rows = [_measured(cloud, scenes, codec) for cloud in clouds]
         points, left, raw, whole, bits, image_ms, whole_ms, foreground_ms = np.median(rows, axis=0)[:8]
         off = np.median([row[8:] for row in rows], axis=0)
-        model = scenes[name].grid.model
+        model = scenes.grid(name).model
         print(
             f"{name}: {model.shape[0]} x {model.shape[1]}, {points:.0f} points, {left:.0f} left out; "
             f"kbit: points {raw:.0f}, image {whole:.1f}, foreground {bits:.1f}; "

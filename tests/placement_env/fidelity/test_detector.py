@@ -12,8 +12,9 @@ from placement_env.fidelity.renders import Renders
 from placement_env.protocol import Fidelity
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
+from toolkit.datasets.readings import Reads
 from toolkit.detection.background import Background, KnownBackground
-from toolkit.detection.evaluation import evaluate_dataset
+from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import average_precision, precision_recall
 from toolkit.frame import Frame
@@ -107,12 +108,12 @@ class Guess:
 @pytest.fixture(scope="module")
 def rows():
     sets = [np.flatnonzero(row).tolist() for row in SETS[1:]]
-    found = evaluate_dataset(Recording(), Guess(), sensor_sets=sets, frames=2)
+    found = evaluate_recording(Recording(), Guess(), Comparison(sensor_sets=sets), reads=Reads(frames=2))
     return {(row.scheme, row.sensors, row.iou): row for row in found}
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_it_equals_evaluate_dataset_to_the_last_digit(rows, scheme):
+def test_it_equals_evaluate_recording_to_the_last_digit(rows, scheme):
     detected = Detected(Seen(Recording()), Guess(), scheme, iou=0.8, frames=2)
     assert isinstance(detected, Fidelity)
     assert isinstance(detected.renders, Measured)

@@ -10,7 +10,8 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import renderer_of, scored
 from toolkit.boxes import count_points
-from toolkit.points import is_beyond, is_inside, unproject
+from toolkit.frame import unproject
+from toolkit.points import is_beyond, is_inside
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.calibration.corrected_recording import write_corrected
+from toolkit.calibration.corrected_recording import copy_corrected
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recording import Header, Scene, encode
 from toolkit.datasets.simulation import simulate_dataset
@@ -40,7 +40,7 @@ def recording(tmp_path):
 
 def test_only_the_poses_of_the_named_sensors_change(recording, tmp_path):
     out = tmp_path / "corrected.hdf5"
-    write_corrected(recording, MOVED, out, note={"two": {"turned_deg": 1.0}})
+    copy_corrected(recording, MOVED, out, note={"two": {"turned_deg": 1.0}})
     with CoopDataset(out) as corrected:
         assert [s.name for s in corrected.sensors] == ["one", "spun", "two"]
         for sensor, before in zip(corrected.sensors, SENSORS, strict=True):
@@ -61,7 +61,7 @@ def test_only_the_poses_of_the_named_sensors_change(recording, tmp_path):
 
 def test_a_reader_of_the_published_layout_sees_the_new_extrinsic(recording, tmp_path):
     out = tmp_path / "corrected.hdf5"
-    write_corrected(recording, MOVED, out)
+    copy_corrected(recording, MOVED, out)
     with h5py.File(out, "r+") as file:
         del file["coview"].attrs["sensors"]
         for camera in file["cameras"].values():
@@ -75,7 +75,7 @@ def test_a_reader_of_the_published_layout_sees_the_new_extrinsic(recording, tmp_
 
 def test_a_corrected_recording_is_not_taken_for_the_simulated_one(recording, tmp_path):
     out = tmp_path / "corrected.hdf5"
-    write_corrected(recording, MOVED, out)
+    copy_corrected(recording, MOVED, out)
     with pytest.raises(FileExistsError, match="calibrated"):
         simulate_dataset(PLACE, frames=2, seed=3, out=out, workers=1)
 
@@ -83,7 +83,7 @@ def test_a_corrected_recording_is_not_taken_for_the_simulated_one(recording, tmp
 def test_unknown_sensors_and_poses_that_are_none_are_refused(recording, tmp_path):
     out = tmp_path / "corrected.hdf5"
     with pytest.raises(ValueError, match=r"there is no sensor 'three' in .*few.hdf5: choose among one, spun, two"):
-        write_corrected(recording, {"three": np.eye(4)}, out)
+        copy_corrected(recording, {"three": np.eye(4)}, out)
     with pytest.raises(ValueError, match="pose of sensor 'one' must be a rotation"):
-        write_corrected(recording, {"one": 2 * np.eye(4) - np.diag([0, 0, 0, 1.0])}, out)
+        copy_corrected(recording, {"one": 2 * np.eye(4) - np.diag([0, 0, 0, 1.0])}, out)
     assert not out.exists()

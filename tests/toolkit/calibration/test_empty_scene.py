@@ -214,7 +214,7 @@ def recording(frames=30):
 
 def test_of_a_recording_come_back_as_they_were_saved(tmp_path):
     frames = recording()
-    scenes = learn_empty_scenes(frames, sample=10, noise_seed=None)
+    scenes = learn_empty_scenes(frames, sample=10)
     assert [scene.name for scene in scenes] == ["camera", "lidar", "solidstate"]
     assert [scene.frames for scene in scenes] == [10] * 3
     save_empty_scenes(tmp_path / "scenes.npz", scenes)

@@ -242,18 +242,13 @@ def test_a_detector_sees_level_ground_and_its_boxes_go_into_each_sensors_axes():
     site = Site("slope", np.array([-20.0, -20, 20, 20]), relief=Relief(slope=(0.05, 0.0)))
     frame = Frame((sensor,), (np.full(sensor.model.shape, 5.0, np.float32),), Objects.empty())
 
-    class Recorded(list):
-        @property
-        def site(self):
-            return site
-
     box = np.array([[2.0, 1.0, 1.0, 4.0, 2.0, 1.5, 0.3]])
 
     def detector(points):
         assert np.allclose(points[:, 2], 1.0 - 0.05 * points[:, 0], atol=1e-5)
         return Detections(box, np.ones(1))
 
-    seen = seen_objects(Recorded([frame]), [frame], detector)[0][0]
+    seen = seen_objects([frame], detector, site)[0][0]
     world = transform(sensor.pose, seen.centres)
     np.testing.assert_allclose(world, [[2.0, 1.0, 1.1]], atol=1e-9)
     np.testing.assert_allclose(seen.ahead @ sensor.pose[:3, :3].T, [[np.cos(0.3), np.sin(0.3), 0.0]], atol=1e-9)

@@ -9,23 +9,19 @@ import pytest
 from toolkit.calibration import poses as sample_poses
 from toolkit.calibration.empty_scene import SceneLearner
 from toolkit.calibration.poses import (
+    Corrected,
     FoundPose,
     check_drift,
-    corrections,
     describe_motion,
     drift_findings,
     find_pose,
     find_poses,
-    find_poses_together,
-    find_sample_poses,
-    with_corrections,
 )
-from toolkit.calibration.registration import Registration, Surface, site_surface
-from toolkit.datasets.sample import Sample, SensorCloud
-from toolkit.frame import Frame
+from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
+from toolkit.datasets.readings import ReadRecording, Reads
+from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Objects
-from toolkit.points import unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.models import DepthCamera, RowLidar
@@ -90,7 +86,7 @@ def test_sensors_that_are_where_they_should_be_have_not_drifted():
 
 
 def test_errors_of_a_profile_turn_the_believed_poses_too():
-    found = find_poses(recording(TRUE), surface(), errors="typical", noise_seed=3)
+    found = find_poses(ReadRecording(recording(TRUE), Reads("typical", 3)), surface())
     for each, true in zip(found, TRUE, strict=True):
         assert np.linalg.norm(each.sensor.pose[:3, 3] - true.pose[:3, 3]) > 0.005
         assert np.linalg.norm(each.pose[:3, 3] - true.pose[:3, 3]) < 0.02
@@ -114,7 +110,9 @@ def test_a_reference_that_shows_little_of_what_a_sensor_sees_is_refused():
         learner.add(images()[0])
     near = np.hypot(*(surface().points[:, :2] - TRUE[0].position[:2]).T) < 6.0
     patch = Surface(surface().points[near], surface().normals[near], surface().roughness[near])
-    assert "% are needed: is it of the same place" in find_pose(learner.scene(), TRUE[0], patch).refusal
+    assert (
+        "% are needed: is it of the same place" in find_pose(scene_points(learner.scene())[0], TRUE[0], patch).refusal
+    )
 
 
 def found_at(pose, deviation=1e-4, unobserved=()):
@@ -178,7 +176,7 @@ def recording_together(sensors, count=6):
 
 def test_sensors_are_put_right_by_each_other():
     crooked = Sensor("b", MODEL_TOGETHER, TRUE_TOGETHER[1].pose @ ERROR)
-    found = find_poses_together(recording_together([TRUE_TOGETHER[0], crooked, TRUE_TOGETHER[2]]), held=["a"])
+    found = find_poses(recording_together([TRUE_TOGETHER[0], crooked, TRUE_TOGETHER[2]]), held=["a"])
     assert [each.sensor.name for each in found] == ["a", "b", "away"]
     assert found[0].pose.tobytes() == TRUE_TOGETHER[0].pose.tobytes()
     assert np.linalg.norm(found[1].pose[:3, 3] - TRUE_TOGETHER[1].position) < 0.02
@@ -189,18 +187,18 @@ def test_sensors_are_put_right_by_each_other():
 
 def test_without_a_held_one_both_move_half_way():
     crooked = Sensor("b", MODEL_TOGETHER, TRUE_TOGETHER[1].pose @ ERROR)
-    a, b = find_poses_together(recording_together([TRUE_TOGETHER[0], crooked]))
+    a, b = find_poses(recording_together([TRUE_TOGETHER[0], crooked]))
     assert a.distance == pytest.approx(b.distance, abs=0.03)
     assert 0.0 < a.distance < 0.06
 
 
 def test_too_few_frames_and_unknown_sensors_are_refused():
     with pytest.raises(ValueError, match="3 frames are too few"):
-        find_poses_together(recording_together(TRUE_TOGETHER[:2]), frames=3)
+        find_poses(recording_together(TRUE_TOGETHER[:2]), frames=3)
     with pytest.raises(ValueError, match="no sensor 'c'"):
-        find_poses_together(recording_together(TRUE_TOGETHER[:2]), held=["c"])
+        find_poses(recording_together(TRUE_TOGETHER[:2]), held=["c"])
     with pytest.raises(ValueError, match="got 1 surfaces"):
-        find_poses_together(recording_together(TRUE_TOGETHER[:1]))
+        find_poses(recording_together(TRUE_TOGETHER[:1]))
 
 
 SOLIDS_CLOUDS = tuple(
@@ -236,7 +234,7 @@ def recording_sample_poses(count, *, driving=0.0, frame="sensor"):
         own = [SensorCloud(s.name, p, pose_) for s, p, pose_ in zip(TRUE_CLOUDS, clouds(), believed, strict=True)]
         if frame == "world":
             own = [replace(c, points=c.in_world().astype(np.float32), frame="world") for c in own]
-        samples.append(Sample(str(k), tuple(own), Objects.empty(), map_SE3_world=pose(driving * k)))
+        samples.append(Frame.of_clouds(str(k), tuple(own), Objects.empty(), map_SE3_world=pose(driving * k)))
     return samples
 
 
@@ -248,7 +246,7 @@ def apart(one, other):
 @pytest.mark.parametrize(("count", "driving"), [(5, 0.0), (2, 0.0), (6, 3.0)])
 def test_by_each_other(count, driving):
     samples = recording_sample_poses(count, driving=driving)
-    found = find_sample_poses(lambda: iter(samples), held=["a"])
+    found = find_poses(samples, held=["a"])
     assert [each.sensor.name for each in found] == ["a", "b"]
     np.testing.assert_array_equal(found[0].pose, TRUE_CLOUDS[0].pose)
     assert apart(ERROR_CLOUDS @ TRUE_CLOUDS[1].pose, TRUE_CLOUDS[1].pose)[0] == pytest.approx(0.78, abs=0.01)
@@ -265,16 +263,16 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypa
         learnt.append(len(list(samples)))
         return {}
 
-    def together(points, sensors, *, held):
+    def together(points, sensors, *, held, more):
         fitted.append((points, sensors))
         return ()
 
     monkeypatch.setattr(sample_poses, "learn_sample_scenes", learn)
-    monkeypatch.setattr(sample_poses, "clouds_together", together)
+    monkeypatch.setattr(sample_poses, "align_clouds", together)
     samples = recording_sample_poses(count, driving=driving)
     moved = tuple(replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor) for cloud in samples[1].clouds)
-    samples[1] = replace(samples[1], clouds=moved)
-    assert find_sample_poses(lambda: iter(samples)) == ()
+    samples[1] = samples[1].with_clouds(moved)
+    assert find_poses(samples) == ()
     ((points, sensors),) = fitted
     assert learnt == [count] * learns
     assert [sensor.name for sensor in sensors] == ([] if learns else ["a", "b"])
@@ -286,14 +284,14 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypa
 def test_the_pose_found_is_that_of_the_first_sample():
     samples = recording_sample_poses(2)
     own = samples[1].clouds[1]
-    samples[1] = replace(samples[1], clouds=(replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),))
-    found = find_sample_poses(lambda: iter(samples), held=["a"])
+    samples[1] = samples[1].with_clouds((replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),))
+    found = find_poses(samples, held=["a"])
     np.testing.assert_array_equal(found[1].sensor.pose, ERROR_CLOUDS @ TRUE_CLOUDS[1].pose)
 
 
 def test_by_a_reference():
     samples = recording_sample_poses(5)
-    found = find_sample_poses(lambda: iter(samples), site_surface(PLACE_CLOUDS))
+    found = find_poses(samples, site_surface(PLACE_CLOUDS))
     for each, true in zip(found, TRUE_CLOUDS, strict=True):
         turn, move = apart(each.pose, true.pose)
         assert turn < 0.05
@@ -304,7 +302,7 @@ def test_by_a_reference():
 def test_samples_are_put_where_their_sensors_are(frame):
     samples = recording_sample_poses(1, frame=frame)
     corrected = {"b": invert(ERROR_CLOUDS @ TRUE_CLOUDS[1].pose) @ TRUE_CLOUDS[1].pose}
-    (after,) = with_corrections(samples, corrected)
+    (after,) = Corrected(samples, corrected)
     assert after.clouds[0] is samples[0].clouds[0]
     np.testing.assert_allclose(after.clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9)
     np.testing.assert_allclose(after.clouds[1].in_world(), transform(TRUE_CLOUDS[1].pose, clouds()[1]), atol=1e-4)
@@ -312,21 +310,21 @@ def test_samples_are_put_where_their_sensors_are(frame):
 
 def test_corrections_are_in_the_sensors_own_frame():
     samples = recording_sample_poses(5)
-    found = find_sample_poses(lambda: iter(samples), held=["a"])
-    made = corrections(found)
+    found = find_poses(samples, held=["a"])
+    made = Corrected.of(samples, found).corrections
     np.testing.assert_allclose(made["a"], np.eye(4), atol=1e-12)
     np.testing.assert_allclose(ERROR_CLOUDS @ TRUE_CLOUDS[1].pose @ made["b"], found[1].pose, atol=1e-9)
 
 
 def test_what_is_refused():
-    nobody = Sample("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    with pytest.raises(ValueError, match="no sample has a point"):
-        find_sample_poses(lambda: iter([nobody]))
+    nobody = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    with pytest.raises(ValueError, match="no frame has a point"):
+        find_poses([nobody])
     samples = recording_sample_poses(1)
     with pytest.raises(ValueError, match="no sensor 'c'"):
-        find_sample_poses(lambda: iter(samples), held=["c"])
+        find_poses(samples, held=["c"])
     with pytest.raises(ValueError, match="1 surfaces"):
-        find_sample_poses(lambda: (each.seen_by(["a"]) for each in samples))
+        find_poses([each.seen_by(["a"]) for each in samples])
 
 
 SENSOR = Sensor("north", DepthCamera(width=40, height=30), np.eye(4))

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.doctor import Finding, diagnose
+from toolkit.datasets.doctor import Finding, diagnose_file
 from toolkit.datasets.recording import Header, Scene, encode
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
@@ -71,6 +71,6 @@ def spoil(tmp_path, healthy):
                 del file["coview"]
                 for camera in file["cameras"].values():
                     camera.attrs.clear()
-        return diagnose(path)
+        return diagnose_file(path)
 
     return spoiled

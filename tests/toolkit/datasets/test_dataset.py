@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.dataset import CoopDataset, noisy
-from toolkit.datasets.doctor import diagnose
+from toolkit.datasets.doctor import diagnose_file
 from toolkit.datasets.recording import Header, Scene, encode, join
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame
@@ -66,7 +66,7 @@ def same(read: Frame, made: Frame) -> bool:
     assert np.allclose(read.objects.boxes, made.objects.boxes, atol=1e-9)
     assert read.objects.labels.tolist() == made.objects.labels.tolist()
     assert read.objects.ids.tolist() == made.objects.ids.tolist()
-    return all(np.array_equal(a, b) for a, b in zip(read.measurements, made.measurements, strict=True))
+    return all(np.array_equal(a, b) for a, b in zip(read.images, made.measurements, strict=True))
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_the_published_files(path, published):
     for read, made in zip(dataset, published, strict=True):
         assert np.allclose(read.objects.boxes, made.objects.boxes)
         assert read.objects.labels.tolist() == made.objects.labels.tolist()
-        for a, b, sensor in zip(read.measurements, made.measurements, read.sensors, strict=True):
+        for a, b, sensor in zip(read.images, made.measurements, read.sensors, strict=True):
             assert a.dtype == np.float32
             assert np.array_equal(a, b)
             assert sensor.model == DepthCamera()
@@ -204,11 +204,11 @@ def test_the_published_reader_finds_points_on_the_surfaces_of_the_boxes(path):
 def test_noise_depends_on_seed_frame_and_sensor_alone(path):
     write(path, (NORTH, WEST, LIDAR))
     frame = CoopDataset(path)[2]
-    alone = Frame(frame.sensors[1:2], frame.measurements[1:2], frame.objects, frame.time, frame.index)
-    noise = [a - b for a, b in zip(noisy(frame, 7).measurements, frame.measurements, strict=True)]
-    assert np.array_equal(noisy(alone, 7).measurements[0], noisy(frame, 7).measurements[1])
-    assert not np.array_equal(noisy(alone, 8).measurements[0], noisy(frame, 7).measurements[1])
-    for sensor, measurement, difference in zip(frame.sensors, frame.measurements, noise, strict=True):
+    alone = Frame(frame.sensors[1:2], frame.images[1:2], frame.objects, frame.time, frame.index)
+    noise = [a - b for a, b in zip(noisy(frame, 7).images, frame.measurements, strict=True)]
+    assert np.array_equal(noisy(alone, 7).images[0], noisy(frame, 7).measurements[1])
+    assert not np.array_equal(noisy(alone, 8).images[0], noisy(frame, 7).measurements[1])
+    for sensor, measurement, difference in zip(frame.sensors, frame.images, noise, strict=True):
         assert not difference[measurement == 0].any()
         assert difference[measurement > 0].std() == pytest.approx(float(sensor.model.deviation(measurement)), rel=0.1)
 
@@ -356,7 +356,7 @@ def test_objects_that_cannot_be_are_refused_by_row_or_dropped(path, what):
     assert len(dataset[2].objects) == len(made[2].objects) - 1
     assert dataset[2].objects.ids.tolist() == np.delete(made[2].objects.ids, 1).tolist()
     assert survey(dataset).frames == len(made)
-    assert any(f.where == "objects/2" and "row 1" in f.evidence for f in diagnose(path))
+    assert any(f.where == "objects/2" and "row 1" in f.evidence for f in diagnose_file(path))
 
 
 def test_a_healthy_recording_loses_nothing_when_the_invalid_is_dropped(path, recwarn):

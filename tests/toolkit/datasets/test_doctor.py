@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.doctor import blind_frames, diagnose, failing_sensors, frozen_frames
+from toolkit.datasets.doctor import blind_frames, diagnose_file, failing_sensors, frozen_frames
 from toolkit.datasets.mistakes import SensorImages
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
@@ -174,12 +174,12 @@ def test_damage(spoil, change, suspected, where):
 def test_files_that_cannot_be_read(tmp_path, healthy):
     path = tmp_path / "recording.hdf5"
     with pytest.raises(FileNotFoundError):
-        diagnose(path)
+        diagnose_file(path)
     for content, says in (
         (b"", "is empty"),
         (b"text" * 99, "not an HDF5 file"),
         (healthy[: len(healthy) // 2], "cut off"),
     ):
         path.write_bytes(content)
-        (finding,) = diagnose(path)
+        (finding,) = diagnose_file(path)
         assert says in finding.evidence

@@ -13,7 +13,7 @@ from toolkit.datasets.lidar_grid import (
     image_of,
     nearest_row,
 )
-from toolkit.datasets.sample import SensorCloud
+from toolkit.frame import SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.sensors.models import RowLidar
 

@@ -49,7 +49,7 @@ class Frames:
 def same(one, other):
     return all(
         a.pose.tobytes() == b.pose.tobytes() and m.tobytes() == n.tobytes()
-        for a, b, m, n in zip(one.sensors, other.sensors, one.measurements, other.measurements, strict=True)
+        for a, b, m, n in zip(one.sensors, other.sensors, one.images, other.measurements, strict=True)
     )
 
 
@@ -66,7 +66,7 @@ def test_paper_is_the_noise_there_was_to_the_bit(seed):
 
 def test_every_model_has_the_errors_of_a_profile():
     said, true = with_errors(frame_at(1), POOR, 0), frame_at(1)
-    for sensor, before, image, seen in zip(said.sensors, SENSORS, said.measurements, true.measurements, strict=True):
+    for sensor, before, image, seen in zip(said.sensors, SENSORS, said.images, true.measurements, strict=True):
         assert sensor.name == before.name
         assert sensor.model == before.model
         assert 0 < np.linalg.norm(sensor.position - before.position) < 0.3
@@ -78,13 +78,13 @@ def test_every_model_has_the_errors_of_a_profile():
 
 def test_a_sensor_says_the_same_in_any_company_and_order():
     frame = frame_at(2)
-    turned = replace(frame, sensors=frame.sensors[::-1], measurements=frame.measurements[::-1])
-    alone = replace(frame, sensors=frame.sensors[1:2], measurements=frame.measurements[1:2])
+    turned = replace(frame, sensors=frame.sensors[::-1], measurements=frame.images[::-1])
+    alone = replace(frame, sensors=frame.sensors[1:2], measurements=frame.images[1:2])
     all_, back, one = (with_errors(each, POOR, 4) for each in (frame, turned, alone))
     for c in range(3):
-        assert all_.measurements[c].tobytes() == back.measurements[2 - c].tobytes()
+        assert all_.images[c].tobytes() == back.measurements[2 - c].tobytes()
         assert np.array_equal(all_.sensors[c].pose, back.sensors[2 - c].pose)
-    assert one.measurements[0].tobytes() == all_.measurements[1].tobytes()
+    assert one.images[0].tobytes() == all_.measurements[1].tobytes()
     assert same(with_errors(frame, POOR, 4), all_)
     assert not same(with_errors(frame, POOR, 5), all_)
 
@@ -94,7 +94,7 @@ def test_calibration_stays_over_the_frames_of_a_recording_and_noise_does_not():
     assert poses[0] == poses[1] == poses[3]
     still = replace(frame_at(0), index=1)
     one, two = with_errors(frame_at(0), TYPICAL, 0), with_errors(still, TYPICAL, 0)
-    assert not np.array_equal(one.measurements[0], two.measurements[0])
+    assert not np.array_equal(one.images[0], two.measurements[0])
 
 
 def test_the_cloud_is_placed_by_the_wrong_pose_and_the_measurement_is_right():
@@ -103,7 +103,7 @@ def test_the_cloud_is_placed_by_the_wrong_pose_and_the_measurement_is_right():
     said = with_errors(frame, moved, 0)
     clouds = (frame_points(each, area=[-900, -900, 900, 900], height=9.0) for each in (frame, said))
     for c, (true, placed) in enumerate(zip(*clouds, strict=True)):
-        assert np.array_equal(said.measurements[c], frame.measurements[c])
+        assert np.array_equal(said.images[c], frame.measurements[c])
         assert np.allclose(placed - true, said.sensors[c].position - SENSORS[c].position, atol=1e-4)
 
 
@@ -130,17 +130,17 @@ def test_a_clocks_offset_cannot_be_had_of_frames_far_apart():
 
 def test_no_terms_no_change_and_none_of_the_frame_is_written_to():
     frame = frame_at(1)
-    before = [image.copy() for image in frame.measurements]
+    before = [image.copy() for image in frame.images]
     assert same(with_errors(frame, ErrorProfile("none", ()), 0), frame)
     with_errors(frame, POOR, 0)
-    assert all(np.array_equal(*pair) for pair in zip(before, frame.measurements, strict=True))
+    assert all(np.array_equal(*pair) for pair in zip(before, frame.images, strict=True))
 
 
 def test_numbers_stand_for_names():
     frame = frame_at(1)
     one, two = (with_errors(frame, TYPICAL, 0, numbers=numbers) for numbers in ([9, 8, 7], [9, 1, 2]))
-    assert np.array_equal(one.measurements[0], two.measurements[0])
-    assert not np.array_equal(one.measurements[1], two.measurements[1])
+    assert np.array_equal(one.images[0], two.measurements[0])
+    assert not np.array_equal(one.images[1], two.measurements[1])
 
 
 def test_what_is_refused():

@@ -8,13 +8,23 @@ import numpy as np
 import pytest
 
 import toolkit.datasets
-from toolkit.datasets.recordings import LAYOUTS, layout_named, open_samples, read, write_samples
+from toolkit.datasets import recordings
+from toolkit.datasets.recordings import (
+    LAYOUTS,
+    Layout,
+    Part,
+    find_layout,
+    open_recording,
+    plugged_layouts,
+    read,
+    write_recording,
+)
 from toolkit.datasets.records import add_problems
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Objects
 
-WRITTEN = sorted(name for name, layout in LAYOUTS.items() if layout.write)
+WRITTEN = sorted(name for name, layout in LAYOUTS.items() if layout.writer)
 LABELLED = [name for name in WRITTEN if name != "rosbag"]
 ONE_CLOUD = {"kitti", "dair", "sustech"}  # where the clouds of a sample become one
 
@@ -38,7 +48,7 @@ def scene(count=2, sensors=2):
         )  # fmt: skip
         objects = Objects(boxes, np.array([0, 1, 2, 3, 0]), np.array([11, 12, 13, 14, 15]))
         place = pose(500.0, -200.0, 3.0, yaw=1.2)
-        samples.append(Sample(f"{k}", clouds, objects, time=1e9 + 0.1 * k, map_SE3_world=place))
+        samples.append(Frame.of_clouds(f"{k}", clouds, objects, time=1e9 + 0.1 * k, map_SE3_world=place))
     return samples
 
 
@@ -62,9 +72,9 @@ def where(sample, layout):
 def test_boxes_come_back_within_a_millimetre_and_a_hundredth_of_a_degree(tmp_path, layout):
     written = scene()
     place, opened = place_of(tmp_path, layout)
-    assert write_samples(written, place, layout) == 2
-    back = list(layout_named(layout).opened(opened))
-    assert len(back) == len(layout_named(layout).opened(opened)) == 2
+    assert write_recording(written, place, layout) == 2
+    back = list(find_layout(layout).open(opened))
+    assert len(back) == len(find_layout(layout).open(opened)) == 2
     for before, after in zip(written, back, strict=True):
         a, b = before.objects.boxes, after.objects.boxes
         if layout in ("nuscenes", "opv2v", "v2xset", "v2xreal"):
@@ -83,8 +93,8 @@ def test_boxes_come_back_within_a_millimetre_and_a_hundredth_of_a_degree(tmp_pat
 def test_points_come_back_where_they_were(tmp_path, layout):
     written = scene()
     place, opened = place_of(tmp_path, layout)
-    write_samples(written, place, layout)
-    for before, after in zip(written, layout_named(layout).opened(opened), strict=True):
+    write_recording(written, place, layout)
+    for before, after in zip(written, find_layout(layout).open(opened), strict=True):
         assert len(after.clouds) == (1 if layout in ONE_CLOUD else 2)
         a, b = (transform(where(s, layout), s.points()) for s in (before, after))
         np.testing.assert_allclose(a, b, atol=2e-4 if layout in ("opv2v", "v2xset", "v2xreal") else 2e-5)
@@ -96,8 +106,8 @@ def test_points_come_back_where_they_were(tmp_path, layout):
 def test_clouds_without_points_and_frames_without_objects_are_read(tmp_path, layout):
     nothing = SensorCloud("S0", np.zeros((0, 3), np.float32), np.eye(4))
     place, opened = place_of(tmp_path, layout)
-    write_samples([Sample("0", (nothing,), Objects.empty())], place, layout)
-    (back,) = layout_named(layout).opened(opened)
+    write_recording([Frame.of_clouds("0", (nothing,), Objects.empty())], place, layout)
+    (back,) = find_layout(layout).open(opened)
     assert len(back.points()) == len(back.objects) == 0
     assert layout == "hdf5" or back.problems["clouds without points"] >= 1
 
@@ -105,7 +115,7 @@ def test_clouds_without_points_and_frames_without_objects_are_read(tmp_path, lay
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_an_empty_folder_is_refused_in_one_line(tmp_path, layout):
     with pytest.raises((FileNotFoundError, ValueError, OSError)) as refused:
-        layout_named(layout).opened(tmp_path)
+        find_layout(layout).open(tmp_path)
     assert "\n" not in str(refused.value)
     assert str(tmp_path) in str(refused.value)
 
@@ -136,7 +146,7 @@ def test_damaged_files_are_one_line_or_read(tmp_path, layout):
     """A slice of the 600 mutants; COVIEW_MUTANTS says how many of each layout."""
     pytest.importorskip("rosbags" if layout == "rosbag" else "numpy")
     place, opened = place_of(tmp_path, layout)
-    write_samples(scene(1, 1), place, layout)
+    write_recording(scene(1, 1), place, layout)
     files = sorted(file for file in tmp_path.rglob("*") if file.is_file())
     rng = random.Random(layout)
     signal.signal(signal.SIGALRM, lambda *_: pytest.fail("a mutant takes more than 20 s"))
@@ -156,7 +166,7 @@ def test_damaged_files_are_one_line_or_read(tmp_path, layout):
 def read_all(layout, path):
     """What reading says where it refuses, None where it does not."""
     try:
-        for sample in layout_named(layout).opened(path):
+        for sample in find_layout(layout).open(path):
             assert np.isfinite(sample.objects.boxes).all()
             assert np.isfinite(sample.points()).all()
     except (ValueError, OSError) as error:
@@ -166,15 +176,15 @@ def read_all(layout, path):
 
 def test_an_unknown_layout_lists_those_there_are():
     with pytest.raises(ValueError, match="no layout 'kiti': choose among folder, kitti"):
-        layout_named("kiti")
+        find_layout("kiti")
 
 
 @pytest.fixture
 def folder(tmp_path):
     boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5], [9.0, 2, 3, 2, 1, 1.5, 0.5]])
     cloud = SensorCloud("s", np.array([[1, 1, 1], [0, 0, 0]], np.float32), np.eye(4))
-    samples = [Sample(str(k), (cloud,), Objects(boxes, np.array([0, 1]))) for k in range(3)]
-    assert write_samples(samples, tmp_path, "folder") == 3
+    samples = [Frame.of_clouds(str(k), (cloud,), Objects(boxes, np.array([0, 1]))) for k in range(3)]
+    assert write_recording(samples, tmp_path, "folder") == 3
     return tmp_path
 
 
@@ -182,7 +192,7 @@ def test_a_recording_is_read_one_by_one(folder):
     samples = read(folder, "folder")
     assert iter(samples) is samples
     assert [sample.name for sample in samples] == ["000000", "000001", "000002"]
-    assert len(open_samples(str(folder), "folder")) == 3
+    assert len(open_recording(str(folder), "folder")) == 3
     assert toolkit.datasets.read is read
 
 
@@ -206,4 +216,49 @@ def test_what_is_not_there_or_only_read(folder):
     with pytest.raises(ValueError, match="no layout 'x'"):
         read(folder, "x")
     with pytest.raises(ValueError, match="layout rcooper is only read"):
-        write_samples([], folder, "rcooper")
+        write_recording([], folder, "rcooper")
+
+
+class Read(list):
+    site = None
+
+
+def test_a_part_is_every_nth_frame_and_the_first_of_these():
+    part = Part(Read(range(7)), frames=2, every=3)
+    assert [*map(str, part), len(part)] == ["0", "3", 2]
+    assert [*map(str, Part(Read(range(7)), every=3))] == ["0", "3", "6"]
+    assert len(Part(Read(range(3)), frames=9)) == 3
+    for number in (-1, 2):
+        with pytest.raises(IndexError, match="2 are chosen"):
+            part[number]
+
+
+@pytest.mark.parametrize(("options", "message"), [({"every": 0}, "every must"), ({"frames": 0}, "frames must")])
+def test_no_part_is_empty(options, message):
+    with pytest.raises(ValueError, match=message):
+        Part(Read(range(3)), **options)
+    with pytest.raises(ValueError, match="there is no frame"):
+        Part(Read())
+
+
+def test_options_are_those_of_the_reader(tmp_path):
+    with pytest.raises(ValueError, match="--drop-invalid does not go with layout folder"):
+        open_recording(tmp_path, drop_invalid=True)
+    with pytest.raises(ValueError, match="--poses does not go with layout kitti"):
+        open_recording(tmp_path, "kitti", poses=tmp_path / "poses.txt")
+
+
+def test_layouts_plug_in(monkeypatch):
+    class Point:
+        name = "mine"
+
+        def load(self):
+            return Layout("mine", "tests_own_layout", "mine")
+
+    monkeypatch.setattr(recordings, "entry_points", lambda group: [Point()] if group == "coview.layouts" else [])
+    plugged_layouts.cache_clear()
+    assert find_layout("mine").reader == "mine"
+    monkeypatch.undo()
+    plugged_layouts.cache_clear()
+    with pytest.raises(ValueError, match="there is no layout 'mine'"):
+        find_layout("mine")

@@ -26,7 +26,7 @@ from toolkit.datasets.records import (
     write_boxes,
     write_cloud,
 )
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Detections, Objects
 
@@ -36,7 +36,7 @@ def test_a_listing_reads_when_asked():
 
     def load(name):
         read.append(name)
-        return Sample(name, (), Objects.empty())
+        return Frame.of_clouds(name, (), Objects.empty())
 
     listing = Listing(("a", "b", "c"), load)
     assert len(listing) == 3
@@ -206,10 +206,10 @@ def test_clouds_as_one():
     placed = pose(10.0)
     some = SensorCloud("a", np.ones((1, 3), np.float32), placed, intensity=np.ones(1, np.float32))
     other = SensorCloud("b", np.ones((2, 3), np.float32), np.eye(4))
-    together = one_cloud(Sample("0", (some, other), Objects.empty()))
+    together = one_cloud(Frame.of_clouds("0", (some, other), Objects.empty()))
     assert together.points[:, 0].tolist() == [11, 1, 1]
     assert together.intensity is None
-    assert one_cloud(Sample("0", (some,), Objects.empty())).intensity.tolist() == [1]
+    assert one_cloud(Frame.of_clouds("0", (some,), Objects.empty())).intensity.tolist() == [1]
 
 
 def test_rings_are_read_and_written(tmp_path):

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.sample import Everywhere, ImageWedge, Rectangle, Region, Sample, SensorCloud, region_of
+from toolkit.frame import Everywhere, Frame, ImageWedge, Rectangle, Region, SensorCloud, parse_region
 from toolkit.geometry import pose
 from toolkit.objects import Objects
 
@@ -12,11 +12,11 @@ POINTS = np.array([[1.0, 0, 0], [2, 0, 0]], np.float32)
 
 def test_points_of_some_sensors_in_the_world():
     clouds = (SensorCloud("a", POINTS, pose(10.0, yaw=np.pi / 2)), SensorCloud("b", POINTS, pose(99.0), "world"))
-    sample = Sample("0", clouds, Objects.empty())
+    sample = Frame.of_clouds("0", clouds, Objects.empty())
     np.testing.assert_allclose(sample.points(), [[10, 1, 0], [10, 2, 0], [1, 0, 0], [2, 0, 0]], atol=1e-9)
     assert sample.seen_by(["b"]).points().tolist() == [[1, 0, 0], [2, 0, 0]]
     assert sample.seen_by([]).points().shape == (0, 3)
-    with pytest.raises(ValueError, match="no sensor 'c': it has a, b"):
+    with pytest.raises(ValueError, match=r"no sensor 'c': choose among 0\.\.1 or a, b"):
         sample.seen_by(["c"])
     assert sample.points().dtype == np.float64
 
@@ -28,7 +28,7 @@ def test_map_coordinates_keep_their_millimetres():
 
 def test_some_of_the_objects():
     boxes = np.tile([0, 0, 0, 1, 1, 1, 0.0], (3, 1))
-    sample = Sample("0", (), Objects(boxes, np.array([0, 1, 2])), ("a", "b", "c"), np.array([5, 6, 7]))
+    sample = Frame.of_clouds("0", (), Objects(boxes, np.array([0, 1, 2])), ("a", "b", "c"), np.array([5, 6, 7]))
     some = sample.of(np.array([True, False, True]))
     assert some.objects.labels.tolist() == [0, 2]
     assert some.categories == ("a", "c")
@@ -40,9 +40,9 @@ def test_some_of_the_objects():
     [
         (lambda: SensorCloud("a", POINTS, np.diag([1.0, 1, -1, 1])), "pose of 'a' must be a rotation"),
         (lambda: SensorCloud("a", POINTS, np.eye(4), time=np.zeros(3)), "time of 'a' must be of 2 points"),
-        (lambda: Sample("0", (SensorCloud("a", POINTS, np.eye(4)),) * 2, Objects.empty()), "different names"),
-        (lambda: Sample("0", (), Objects.empty(), ("a",)), "0 objects but 1 categories"),
-        (lambda: Sample("0", (), Objects.empty(), (), np.array([1])), "0 objects but 1 counts"),
+        (lambda: Frame.of_clouds("0", (SensorCloud("a", POINTS, np.eye(4)),) * 2, Objects.empty()), "different names"),
+        (lambda: Frame.of_clouds("0", (), Objects.empty(), ("a",)), "0 objects but 1 categories"),
+        (lambda: Frame.of_clouds("0", (), Objects.empty(), (), np.array([1])), "0 objects but 1 counts"),
     ],
 )
 def test_what_does_not_fit_is_refused(made, names):
@@ -82,7 +82,7 @@ def test_the_rectangle_of_a_box_in_an_image():
     ],
 )
 def test_a_region_comes_back_from_what_files_say_of_it(region):
-    again = region_of(json.loads(json.dumps(region.record())))
+    again = parse_region(json.loads(json.dumps(region.record())))
     assert type(again) is type(region)
     assert again.record() == region.record()
 
@@ -100,4 +100,4 @@ def test_a_region_comes_back_from_what_files_say_of_it(region):
 )
 def test_damaged_regions_are_refused_in_one_line(record, says):
     with pytest.raises(ValueError, match=says):
-        region_of(record)
+        parse_region(record)

@@ -92,12 +92,12 @@ def test_frames_of_a_simulated_dataset(undisturbed):
 def test_points_above_the_street_lie_in_boxes(undisturbed):
     """What differs from the picture of the empty junction is on an object."""
     dataset = CoopDataset(undisturbed)
-    empty = [np.max([frame.measurements[i] for frame in dataset], axis=0) for i in range(2)]
+    empty = [np.max([frame.images[i] for frame in dataset], axis=0) for i in range(2)]
     seen = inside = 0
     for frame in dataset[::10]:
         boxes = frame.objects.boxes.copy()
         boxes[:, 3:6] += 0.04
-        for sensor, measurement, background in zip(frame.sensors, frame.measurements, empty, strict=True):
+        for sensor, measurement, background in zip(frame.sensors, frame.images, empty, strict=True):
             moving = (measurement > 0) & (measurement < background - 0.5)
             rays = sensor.model.rays()[moving]
             points = transform(sensor.pose, (rays * measurement[moving][:, None]).astype(np.float64))

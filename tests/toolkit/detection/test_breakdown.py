@@ -1,20 +1,20 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from toolkit.datasets.sample import Rectangle, Sample, SensorCloud
 from toolkit.detection.breakdown import (
-    LABELLED_TWICE,
-    Scoring,
     by_centre,
     format_rows,
-    judged,
+    group_rows,
     kitti_ap,
     mean_of,
+    measured_truth,
     nuscenes_ap,
     repeated,
 )
-from toolkit.detection.detect import Detected
 from toolkit.detection.metrics import precision_recall
+from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.objects import Detections, Objects
 
 
@@ -39,14 +39,14 @@ def test_nuscenes_leaves_the_lowest_tenth_out():
     assert np.isnan(nuscenes_ap(curve([0], 0)))
 
 
-def frame(places, scores=None, labels=None):
+def found_at(places, scores=None, labels=None):
     boxes = np.array([[x, 0, 0, 4, 2, 1.5, 0] for x in places], np.float64).reshape(-1, 7)
     kinds = np.zeros(len(places), np.int64) if labels is None else labels
     return Objects(boxes, kinds) if scores is None else Detections(boxes, np.array(scores), kinds)
 
 
 def test_centres_are_matched_best_first():
-    found, truths = frame([0.9, 0.2, 9.0], [0.9, 0.8, 0.7]), frame([0.0, 20.0])
+    found, truths = found_at([0.9, 0.2, 9.0], [0.9, 0.8, 0.7]), found_at([0.0, 20.0])
     matched = by_centre([found], [truths], [np.array([True, True])], 1.0, 0)
     assert matched.hits.tolist() == [True, False, False]  # the surer one takes it, though the other is nearer
     assert matched.truths == 2
@@ -54,12 +54,12 @@ def test_centres_are_matched_best_first():
 
 
 def test_what_is_not_counted_is_neither_hit_nor_false():
-    matched = by_centre([frame([0.1, 20.1], [0.9, 0.8])], [frame([0.0, 20.0])], [np.array([True, False])], 1.0, 0)
+    matched = by_centre([found_at([0.1, 20.1], [0.9, 0.8])], [found_at([0.0, 20.0])], [np.array([True, False])], 1.0, 0)
     assert (matched.hits.tolist(), matched.truths) == ([True], 1)
 
 
 def test_other_classes_do_not_take_part():
-    found, truths = frame([0.0, 0.0], [0.9, 0.8], np.array([0, 1])), frame([0.0], labels=np.array([1]))
+    found, truths = found_at([0.0, 0.0], [0.9, 0.8], np.array([0, 1])), found_at([0.0], labels=np.array([1]))
     matched = by_centre([found], [truths], [np.array([True])], 1.0, 1)
     assert (matched.scores.tolist(), matched.hits.tolist(), matched.truths) == ([0.8], [True], 1)
 
@@ -67,13 +67,14 @@ def test_other_classes_do_not_take_part():
 def test_frames_without_anything():
     empty = by_centre([Detections.empty()], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
     assert (len(empty.scores), empty.truths) == (0, 0)
-    alarm = by_centre([frame([0.0], [0.5])], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
+    alarm = by_centre([found_at([0.0], [0.5])], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
     assert alarm.hits.tolist() == [False]
     assert np.isnan(mean_of([]))
     assert mean_of([1.0, 2.0]) == 1.5
 
 
 # x of cars, and how many points lie in each: the last is out of the area, the fourth has none
+AREA = np.array([-50.0, -50.0, 50.0, 50.0])
 PLACES, POINTS = (5.0, 25.0, 45.0, 30.0, 70.0), (3, 10, 200, 0, 50)
 
 
@@ -81,13 +82,15 @@ def boxes(places):
     return np.array([[x, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0] for x in places]).reshape(-1, 7)
 
 
-def detected(found_at, scores, complete=None, middle=(0.0, 0.0)):
+def frame(places=PLACES, complete=None):
     points = np.concatenate([np.tile([x, 0, 0.75], (n, 1)) for x, n in zip(PLACES, POINTS, strict=True)])
     cloud = SensorCloud("s", points.astype(np.float32), np.eye(4))
     more = {} if complete is None else {"complete": complete}
-    sample = Sample("0", (cloud,), Objects(boxes(PLACES)), problems={"doubled labels": 1}, **more)
-    found = Detections(boxes(found_at), np.array(scores))
-    return Detected(sample, found, None, np.array(middle), 5.0, 7.0)
+    return Frame.of_clouds("0", (cloud,), Objects(boxes(places)), **more)
+
+
+def judged(seen, found_at, scores):
+    return measured_truth(seen, AREA).judge(Detections(boxes(found_at), np.array(scores)))
 
 
 def row(rows, protocol, measure, among="all"):
@@ -95,15 +98,8 @@ def row(rows, protocol, measure, among="all"):
     return one
 
 
-def scored(*samples, **more):
-    scoring = Scoring(**more)
-    for each in samples:
-        scoring.add(each)
-    return scoring
-
-
 def test_what_counts_and_what_does_not():
-    each = judged(detected(PLACES, [0.9] * 5))
+    each = judged(frame(), PLACES, [0.9] * 5)
     assert each.counted.tolist() == [True, True, True, False, False]
     assert each.points.tolist() == list(POINTS)
     assert len(each.found) == 4  # that out of the area is left out
@@ -111,17 +107,13 @@ def test_what_counts_and_what_does_not():
 
 def test_an_object_labelled_twice_counts_once():
     """As in a real log: the same car, the second box some millimetres shorter; a cyclist in it is somebody else."""
-    first = detected((5.0,), [0.9])
     again = boxes((5.002, 25.0))
     again[0, 3] -= 0.003
     objects = Objects(np.concatenate([boxes((5.0, 25.0)), again]), np.array([0, 0, 0, 2]))
     assert repeated(objects).tolist() == [False, False, True, False]
-    sample = Sample("0", first.sample.clouds, objects)
-    each = Detected(sample, first.detections, None, np.zeros(2), 5.0, 7.0)
-    assert judged(each).counted.tolist() == [True, True, False, True]
-    scoring = scored(each)
-    assert scoring.problems == {LABELLED_TWICE: 1}
-    assert row(scoring.rows(["vehicle"]), "ours", "BEV 0.5").truths == 2
+    each = judged(replace(frame(), objects=objects), (5.0,), [0.9])
+    assert each.counted.tolist() == [True, True, False, True]
+    assert row(group_rows([each], "vehicle"), "ours", "BEV 0.5").truths == 2
     near = boxes((5.0, 5.25))  # IoU 0.88: two labels that differ by more than an annotator's hand
     assert not repeated(Objects(near)).any()
     assert repeated(Objects(np.zeros((0, 7)))).shape == (0,)
@@ -129,7 +121,7 @@ def test_an_object_labelled_twice_counts_once():
 
 def test_rows_by_range_and_points():
     """Two of three cars found, surest first, then a false alarm at 12 m, then nothing."""
-    rows = scored(detected((5.0, 25.1, 12.0), (0.9, 0.8, 0.85))).rows(["vehicle"])
+    rows = group_rows([judged(frame(), (5.0, 25.1, 12.0), (0.9, 0.8, 0.85))], "vehicle")
     assert row(rows, "ours", "BEV 0.5").truths == 3
     assert row(rows, "ours", "BEV 0.5").ap == pytest.approx(1 / 3 + 2 / 3 / 3)
     assert row(rows, "ours", "BEV 0.5", "0-20 m").ap == 1  # the surest is the hit
@@ -147,35 +139,30 @@ def test_rows_by_range_and_points():
 
 def test_a_detection_goes_with_the_object_it_overlaps():
     """Found 1.2 m short of a car at 20.5 m, which lies in the next ring."""
-    sample = Sample("0", (SensorCloud("s", np.float32([[20.5, 0, 0.75]]), np.eye(4)),), Objects(boxes([20.5])))
-    each = Detected(sample, Detections(boxes([19.3]), np.array([0.9])), None, np.zeros(2), 0.0, 0.0)
-    rows = scored(each).rows(["vehicle"], [0.3])
+    sample = Frame.of_clouds("0", (SensorCloud("s", np.float32([[20.5, 0, 0.75]]), np.eye(4)),), Objects(boxes([20.5])))
+    rows = group_rows([judged(sample, [19.3], [0.9])], "vehicle", [0.3])
     assert row(rows, "ours", "BEV 0.3", "20-35 m").ap == 1
     assert np.isnan(row(rows, "ours", "BEV 0.3", "0-20 m").ap)
 
 
 def test_where_labels_are_not_complete_nothing_counts():
-    rows = scored(detected((5.0, 12.0), (0.8, 0.9), Rectangle((0.0, -5.0, 8.0, 5.0)))).rows(["vehicle"])
+    seen = frame(complete=Rectangle((0.0, -5.0, 8.0, 5.0)))
+    rows = group_rows([judged(seen, (5.0, 12.0), (0.8, 0.9))], "vehicle")
     assert row(rows, "ours", "BEV 0.5").truths == 1
     assert row(rows, "ours", "BEV 0.5").ap == 1  # the false alarm at 12 m lies where nobody labelled
 
 
 def test_ranges_are_from_the_middle_and_the_area_is_about_it():
-    each = judged(detected((70.0,), (0.9,), middle=(68.0, 0.0)), (10.0, 10.0))
+    found = Detections(boxes((70.0,)), np.array([0.9]))
+    each = measured_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
     assert each.counted.tolist() == [False, False, False, False, True]
     assert each.truth_range[-1] == 2
     assert len(each.found) == 1
 
 
-def test_what_was_met_is_kept():
-    scoring = scored(detected((), ()), detected((), ()))
-    assert scoring.problems == {"doubled labels": 2}
-    assert (scoring.level_ms, scoring.detect_ms) == ([5, 5], [7, 7])
-    assert {r.ap for r in scoring.rows(["vehicle"]) if r.truths} == {0.0}
-
-
 def test_tables():
-    text = format_rows(scored(detected((5.0, 25.0, 45.0), (0.9, 0.8, 0.7))).rows(["vehicle", "cyclist"]))
+    each = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
+    text = format_rows([*group_rows(each, "vehicle"), *group_rows(each, "cyclist")])
     assert text.startswith("vehicle, ours\nobjects              to find  BEV 0.3")
     assert "all                        3    1.000" in text
     assert "cyclist, nuScenes" in text

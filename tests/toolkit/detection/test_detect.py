@@ -1,8 +1,14 @@
+"""A detector in frames: levelled, detected in, written."""
+
+import json
+
 import numpy as np
 import pytest
 
-from toolkit.datasets.sample import Rectangle, Sample, SensorCloud
-from toolkit.detection.detect import detect_samples, level_samples, middle_of
+from toolkit.datasets.records import detections_in, read_entries
+from toolkit.detection.detect import Detected, describe_summary, detect_frames, file_name, summarise, write_detections
+from toolkit.detection.place import Place, Stand, level_frames, middle_of
+from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Detections, Objects
 
@@ -35,7 +41,7 @@ def samples(world, count=1):
     for k in range(count):
         place = world @ pose(0.0, 0.0, 3.0)
         points = transform(pose(0.0, 0.0, -3.0), street(np.random.default_rng(k)))
-        made.append(Sample(str(k), (SensorCloud("s", points.astype(np.float32), place),), Objects.empty()))
+        made.append(Frame.of_clouds(str(k), (SensorCloud("s", points.astype(np.float32), place),), Objects.empty()))
     return made
 
 
@@ -43,59 +49,59 @@ def samples(world, count=1):
 def test_a_street_that_leans_far_from_the_origin_is_detected_in(levelling):
     """A kilometre away, 120 m up, and leaning by 3 degrees: boxes are where they stand in that world."""
     world = pose(1000.0, 2000.0, 120.0, yaw=0.5, pitch=np.deg2rad(3))
-    (found,) = detect_samples(samples(world), Blocks(), levelling=levelling)
+    (found,) = detect_frames(samples(world), Blocks(), Place(levelling))
     expected = transform(world, np.array([[10.0, 5.0, 0.75]]))[0]
     np.testing.assert_allclose(found.detections.boxes[0, :3], expected, atol=0.15)
-    assert found.warning is None
-    assert found.ground.tilt == pytest.approx(np.deg2rad(3), abs=0.003)
-    assert found.middle.tolist() == np.round(transform(world, np.array([[0.0, 0, 3]]))[0, :2]).tolist()
-    assert found.level_ms > 0
+    assert found.stand.warning is None
+    assert found.stand.ground.tilt == pytest.approx(np.deg2rad(3), abs=0.003)
+    assert found.stand.middle.tolist() == np.round(transform(world, np.array([[0.0, 0, 3]]))[0, :2]).tolist()
+    assert found.stand.ms > 0
     assert found.detect_ms > 0
 
 
 def test_a_raw_cloud_is_warned_of():
-    (found,) = detect_samples(samples(pose(0.0, 0.0, -1.7)), Blocks(), levelling="none")
-    assert "ground seems to lie at z = -1.70 m" in str(found.warning)
-    assert found.ground is None
+    (found,) = detect_frames(samples(pose(0.0, 0.0, -1.7)), Blocks(), Place("none"))
+    assert "ground seems to lie at z = -1.70 m" in str(found.stand.warning)
+    assert found.stand.ground is None
 
 
 def test_points_are_counted_from_the_middle():
     detector = Blocks()
-    (found,) = detect_samples(samples(pose(5000.0)), detector, levelling="none", middle=(5005.0, 2.0))
+    (found,) = detect_frames(samples(pose(5000.0)), detector, Place("none", area=(4995.0, -8.0, 5015.0, 12.0)))
     assert detector.seen[0].dtype == np.float32
     assert detector.seen[0][:, 0].min() == pytest.approx(-35, abs=0.1)
     np.testing.assert_allclose(found.detections.boxes[0, :2], [5010, 5], atol=0.1)
 
 
 def test_sensors_that_stand_still_have_one_ground():
-    found = list(detect_samples(samples(np.eye(4), 2), Blocks(), still=True))
-    assert found[0].ground is found[1].ground
-    other = list(detect_samples(samples(np.eye(4), 2), Blocks()))
-    assert other[0].ground is not other[1].ground
+    found = list(detect_frames(samples(np.eye(4), 2), Blocks(), Place(still=True)))
+    assert found[0].stand.ground is found[1].stand.ground
+    other = list(detect_frames(samples(np.eye(4), 2), Blocks()))
+    assert other[0].stand.ground is not other[1].stand.ground
 
 
 def test_clouds_without_points_or_without_ground():
-    nothing = Sample("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    few = Sample("1", (SensorCloud("s", np.array([[1, 1, 1.0]], np.float32), np.eye(4)),), Objects.empty())
-    first, second = detect_samples([nothing, few], Blocks())
+    nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    few = Frame.of_clouds("1", (SensorCloud("s", np.array([[1, 1, 1.0]], np.float32), np.eye(4)),), Objects.empty())
+    first, second = detect_frames([nothing, few], Blocks())
     assert len(first.detections) == 0
-    assert first.warning is None
-    assert str(second.warning).startswith("not levelled: no ground found in 1 points")
+    assert first.stand.warning is None
+    assert str(second.stand.warning).startswith("not levelled: no ground found in 1 points")
     assert len(second.detections) == 1
 
 
 def test_some_sensors_only():
     clouds = tuple(SensorCloud(name, np.ones((2, 3), np.float32), pose(k)) for k, name in ((0.0, "a"), (9.0, "b")))
     detector = Blocks()
-    sample = Sample("0", clouds, Objects.empty())
-    list(detect_samples([sample], detector, levelling="none", middle=(0.0, 0.0), sensors=["b"]))
+    sample = Frame.of_clouds("0", clouds, Objects.empty())
+    list(detect_frames([sample.seen_by(["b"])], detector, Place("none", area=(-1.0, -1.0, 1.0, 1.0))))
     assert detector.seen[0].tolist() == [[10, 1, 1]] * 2
     assert middle_of(sample).tolist() == [4, 0]
 
 
 def test_an_unknown_levelling():
     with pytest.raises((ValueError, TypeError), match=r"one of map, plane, none|Type-check"):
-        list(detect_samples([], Blocks(), levelling="flat"))
+        Place("flat")
 
 
 def sample(complete=None, lift=20.0):
@@ -105,12 +111,12 @@ def sample(complete=None, lift=20.0):
     post = np.tile([110.0, 0.0, lift + 1.0], (30, 1))
     cloud = SensorCloud("s", np.concatenate([street, post]).astype(np.float32), pose(100.0, 0.0, lift + 5), "world")
     boxes = np.array([[x, 0, lift + 0.75, 4, 2, 1.5, 0.3] for x in (110.0, 153.0, 180.0)])
-    return Sample("0", (cloud,), Objects(boxes), **({} if complete is None else {"complete": complete}))
+    return Frame.of_clouds("0", (cloud,), Objects(boxes), **({} if complete is None else {"complete": complete}))
 
 
 @pytest.mark.parametrize("levelling", ["map", "plane"])
 def test_points_and_boxes_stand_on_the_ground(levelling):
-    (made,) = level_samples([sample()], levelling=levelling)
+    (made,) = level_frames([sample()], Place(levelling))
     assert made.area == (-50, -50, 50, 50)
     assert made.sensors == ("s",)
     np.testing.assert_allclose(made.objects.boxes[0], [10, 0, 0.75, 4, 2, 1.5, 0.3], atol=0.03)
@@ -122,20 +128,73 @@ def test_points_and_boxes_stand_on_the_ground(levelling):
 
 
 def test_what_nobody_labelled_is_no_background():
-    (made,) = level_samples([sample(Rectangle((100.0, -5.0, 120.0, 5.0)))], levelling="plane")
+    (made,) = level_frames([sample(Rectangle((100.0, -5.0, 120.0, 5.0)))], Place("plane"))
     assert (made.clouds[0][:, 0] >= 0).all()
     assert (np.abs(made.clouds[0][:, 1]) <= 5).all()
 
 
 def test_an_area_of_ones_own_and_one_ground_for_all():
-    first, second = level_samples([sample(), sample(lift=20.4)], middle=(110.0, 0.0), half=(8.0, 6.0), still=True)
+    first, second = level_frames([sample(), sample(lift=20.4)], Place(still=True, area=(102.0, -6.0, 118.0, 6.0)))
     assert first.area == (-8, -6, 8, 6)
     assert first.objects.boxes[0, 0] == pytest.approx(0, abs=0.01)
     assert second.objects.boxes[0, 2] == pytest.approx(1.15, abs=0.03)
 
 
 def test_samples_without_ground_are_left_out():
-    nothing = Sample("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    one = Sample("0", (SensorCloud("s", np.ones((1, 3), np.float32), np.eye(4)),), Objects.empty())
-    assert list(level_samples([nothing, one])) == []
-    assert len(list(level_samples([one], levelling="none"))) == 1
+    nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    one = Frame.of_clouds("0", (SensorCloud("s", np.ones((1, 3), np.float32), np.eye(4)),), Objects.empty())
+    assert list(level_frames([nothing, one], Place())) == []
+    assert len(list(level_frames([one], Place("none")))) == 1
+
+
+BOX = np.array([[10.0, 2, 1, 4, 2, 1.5, 0.5]])
+
+
+@pytest.fixture
+def found():
+    detections = Detections(BOX, np.array([0.75]))
+    problems = ({"doubled labels": 2}, {"doubled labels": 1})
+    return [
+        Detected(
+            Frame.of_clouds(f"a/{k}", (), Objects.empty(), problems=each),
+            detections,
+            Stand(np.zeros(4), np.zeros(2), ms=10.0 + k),
+            20.0 + k,
+        )
+        for k, each in enumerate(problems)
+    ]
+
+
+def test_boxes_in_one_file(found, tmp_path):
+    assert list(write_detections(iter(found), tmp_path / "b.json", weights="general")) == found
+    entries = read_entries(tmp_path / "b.json")
+    assert list(entries) == ["a/0", "a/1"]
+    np.testing.assert_allclose(detections_in("b.json", entries["a/0"]).boxes, BOX, atol=1e-12)
+    assert json.loads((tmp_path / "b.json").read_text())["weights"] == "general"
+
+
+def test_a_file_for_each_sample(found, tmp_path):
+    list(write_detections(iter(found), tmp_path / "o", "openlabel"))
+    list(write_detections(iter(found), tmp_path / "k", "kitti"))
+    assert sorted(file.name for file in (tmp_path / "o").iterdir()) == ["a_0.json", "a_1.json"]
+    words = (tmp_path / "k/a_0.txt").read_text().split()
+    assert words[0] == "Car"
+    assert len(words) == 16
+    assert float(words[-1]) == 0.75
+
+
+def test_a_summary(found):
+    figures = summarise(found)
+    assert figures == {
+        "samples": 2,
+        "detections": 2,
+        "problems": {"doubled labels": 3},
+        "level_ms": 10.5,
+        "detect_ms": 20.5,
+    }
+    assert describe_summary(figures) == "2 detections in 2 clouds; 10 ms to level, 20 ms to detect; 3 doubled labels"
+    assert describe_summary(summarise([])) == "0 detections in 0 clouds"
+
+
+def test_names_of_files():
+    assert file_name("106-105/seq-1/00000 b") == "106-105_seq-1_00000_b"

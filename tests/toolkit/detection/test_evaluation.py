@@ -1,4 +1,4 @@
-"""`evaluate_dataset`: rows, tables and files; with the clustering detector it says what it always said."""
+"""`evaluate_recording`: rows, tables and files; with the clustering detector it says what it always said."""
 
 import json
 from dataclasses import replace
@@ -10,10 +10,12 @@ from toolkit.bodies.body import include_mirrors
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
 from toolkit.calibration.empty_scene import learn_empty_scenes
-from toolkit.datasets.readings import read_frame
+from toolkit.calibration.scenes import Scenes
+from toolkit.datasets.readings import ReadRecording, Reads, read_frame
 from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.evaluation import (
-    evaluate_dataset,
+    Comparison,
+    evaluate_recording,
     format_table,
     save_evaluation,
 )
@@ -27,6 +29,7 @@ from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.points import frame_points, has_centre_inside
 from toolkit.rendering.renderer import Renderer
+from toolkit.runtime.run import Processes
 from toolkit.sensors.error_profiles import TYPICAL, ErrorProfile
 from toolkit.sensors.error_terms import Calibration
 from toolkit.sensors.models import DepthCamera, SpinningLidar
@@ -85,7 +88,9 @@ class Watched(Recording):
 
 def run(oracle=None, **options):
     oracle = oracle or Oracle()
-    return evaluate_dataset(Watched(oracle), oracle, **options)
+    reads = Reads(**{name: options.pop(name) for name in ("errors", "noise_seed", "frames") if name in options})
+    more = {name: options.pop(name) for name in ("run",) if name in options}
+    return evaluate_recording(Watched(oracle), oracle, Comparison(**options), reads=reads, **more)
 
 
 def test_an_oracle_is_perfect_though_it_reports_what_is_not_scored():
@@ -131,10 +136,11 @@ def test_same_seed_same_rows_and_other_seeds_other_noise():
 
 def test_frames_and_progress():
     told = []
-    run(schemes=["early"], frames=3, progress=told.append)
-    assert told == [1, 2, 3]
-    run(schemes=["early"], frames=99, progress=told.append)
-    assert told[-1] == 5
+    listening = Processes(progress=lambda *stage: told.append(stage))
+    run(schemes=["early"], frames=3, run=listening)
+    assert told == [("frame", done, 3) for done in (1, 2, 3)]
+    run(schemes=["early"], frames=99, run=listening)
+    assert told[-1] == ("frame", 5, 5)
 
 
 def test_published_protocol_knows_only_what_is_in_the_area():
@@ -147,7 +153,7 @@ def test_published_protocol_knows_only_what_is_in_the_area():
     [
         ({"schemes": ["middle"]}, "early"),
         ({"sensor_sets": [[9]]}, "no sensor 9"),
-        ({"frames": 0}, "a frame to evaluate"),
+        ({"frames": 0}, "need one frame"),
         ({"frames": 1.5}, "1.5"),
         ({"sensor_sets": [[0, "s0"]]}, r"chosen once only, got \[0, 's0'\]"),
         ({"radius": -1.0}, "hybrid_radius must be finite and at least 0 m"),
@@ -242,8 +248,8 @@ def golden_rows():
     recording = Rendered()
     sweeps = [frame_points(recording.empty, area=SITE, rng=np.random.default_rng(seed)) for seed in range(4)]
     detector = ClusterDetector.learn([cloud for sweep in sweeps for cloud in sweep])
-    return evaluate_dataset(
-        recording, detector, sensor_sets=[None, ["west"], [2, 0]], iou_thresholds=(0.5, 0.7), radius=9.0
+    return evaluate_recording(
+        recording, detector, Comparison(sensor_sets=[None, ["west"], [2, 0]], iou_thresholds=(0.5, 0.7), radius=9.0)
     )
 
 
@@ -305,7 +311,9 @@ def test_the_worse_the_calibration_the_lower_the_ap():
     sums = []
     for scale in (0.0, 0.05, 0.15, 0.4, 1.2):
         errors = ErrorProfile("scaled", (Calibration(0.01 * scale, scale),))
-        rows = evaluate_dataset(OneCar(), Mean(), schemes=["early", "late"], iou_thresholds=ious, errors=errors)
+        rows = evaluate_recording(
+            OneCar(), Mean(), Comparison(schemes=["early", "late"], iou_thresholds=ious), reads=Reads(errors=errors)
+        )
         sums.append([sum(row.ap for row in rows if row.scheme == scheme) for scheme in ("early", "late")])
     assert sums[0] == [len(ious), len(ious)]
     assert (np.diff(sums, axis=0) < 0).all(), sums
@@ -318,7 +326,9 @@ def test_errors_are_what_readings_have_and_the_results_say_which():
     paper, default = run(schemes=["early"], errors="paper"), run(schemes=["early"])
     assert [row.ap for row in paper] == [row.ap for row in default]
     kbit = np.mean([[len(cloud) * 96 for cloud in points_of(k, errors=TYPICAL)] for k in range(3)]) / 1000
-    (row,) = evaluate_dataset(OneCar(), Mean(), schemes=["early"], iou_thresholds=[0.5], errors=TYPICAL)
+    (row,) = evaluate_recording(
+        OneCar(), Mean(), Comparison(schemes=["early"], iou_thresholds=[0.5]), reads=Reads(errors=TYPICAL)
+    )
     assert row.kbit_per_sensor == pytest.approx(kbit)
     for wrong, message in (({"errors": "bad"}, "no error profile"), ({"errors": "poor", "noise_seed": None}, "a seed")):
         with pytest.raises(ValueError, match=message):
@@ -338,10 +348,12 @@ class Still(Recording):
 
 
 def test_foreground_sends_bytes_and_learns_its_scenes_here():
-    rows = evaluate_dataset(Still(), Oracle(), schemes=["early", "foreground"], iou_thresholds=[0.7], rate=10.0)
+    rows = evaluate_recording(
+        Still(), Oracle(), Comparison(schemes=["early", "foreground"], iou_thresholds=[0.7], rate=10.0)
+    )
     early, foreground = rows
     assert 0 < foreground.kbit_per_sensor < early.kbit_per_sensor / 100
-    assert rows.provenance["empty_scenes"] == [scene.digest for scene in learn_empty_scenes(Still())]
+    assert rows.provenance["empty_scenes"] == [scene.digest for scene in learn_empty_scenes(ReadRecording(Still()))]
     assert [(load.scheme, load.load.one_packet) for load in rows.loads] == [("early", 0.0), ("foreground", 1.0)]
     assert rows.loads[1].load.mbit_per_s == pytest.approx(foreground.kbit_per_sensor * 3 * 10 / 1000)
     assert len(rows.as_dict()["loads"]) == 2
@@ -354,9 +366,11 @@ def test_differences_remember_from_frame_to_frame(monkeypatch):
         memories.append(options["memory"])
         return frame_view(*arguments, **options)
 
-    monkeypatch.setattr("toolkit.detection.evaluation.frame_view", remembering)
+    monkeypatch.setattr("toolkit.detection.view.frame_view", remembering)
     for _ in range(2):
-        rows = evaluate_dataset(Still(), Oracle(), schemes=["foreground", "differences"], iou_thresholds=[0.7])
+        rows = evaluate_recording(
+            Still(), Oracle(), Comparison(schemes=["foreground", "differences"], iou_thresholds=[0.7])
+        )
         assert rows[1].kbit_per_sensor <= rows[0].kbit_per_sensor
     per_run = len(memories) // 2
     assert len({id(memory) for memory in memories[:per_run]}) == 1
@@ -365,10 +379,12 @@ def test_differences_remember_from_frame_to_frame(monkeypatch):
 
 
 def test_scenes_may_be_given_and_are_not_asked_for_in_vain():
-    other = learn_empty_scenes(Still(), noise_seed=3)
-    rows = evaluate_dataset(Still(), Oracle(), schemes=["foreground"], iou_thresholds=[0.7], scenes=other)
+    other = learn_empty_scenes(ReadRecording(Still(), Reads(noise_seed=3)))
+    rows = evaluate_recording(
+        Still(), Oracle(), Comparison(schemes=["foreground"], iou_thresholds=[0.7]), scenes=Scenes(Still(), other)
+    )
     assert rows.provenance["empty_scenes"] == [scene.digest for scene in other]
-    rows = evaluate_dataset(Still(), Oracle(), schemes=["early"], iou_thresholds=[0.7])
+    rows = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early"], iou_thresholds=[0.7]))
     assert "empty_scenes" not in rows.provenance
     assert rows.loads == ()
     assert "loads" not in rows.as_dict()
@@ -376,8 +392,8 @@ def test_scenes_may_be_given_and_are_not_asked_for_in_vain():
 
 def test_range_images_are_a_codec_of_all_schemes():
     options = {"iou_thresholds": [0.7], "codec": RangeImages()}
-    rows = evaluate_dataset(Still(), Oracle(), schemes=["early", "late", "hybrid"], **options)
-    paper = evaluate_dataset(Still(), Oracle(), schemes=["early", "late", "hybrid"], iou_thresholds=[0.7])
+    rows = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early", "late", "hybrid"], **options))
+    paper = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early", "late", "hybrid"], iou_thresholds=[0.7]))
     assert all(row.kbit_per_sensor > 0 for row in rows)
     assert rows[0].kbit_per_sensor < paper[0].kbit_per_sensor / 10
     assert rows[1].kbit_per_sensor <= rows[2].kbit_per_sensor < rows[0].kbit_per_sensor

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.calibration.scenes import LearntScene, SampleScenes
-from toolkit.datasets.lidar_grid import LidarGrid
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.calibration.scenes import Scenes
 from toolkit.detection import foreground_clusters as clusters
-from toolkit.detection.detect import detect_samples
+from toolkit.detection.detect import detect_frames
 from toolkit.detection.foreground_clusters import cluster_points, foreground_clusters, learn_cluster_detector
+from toolkit.detection.place import Place, middle_of
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors.models import RowLidar
@@ -43,7 +43,7 @@ def samples(count=6):
             image = measured(place, boxes)
             image += rng.normal(0, 0.01, image.shape).astype(np.float32)
             clouds.append(SensorCloud(name, (MODEL.rays() * image[..., None]).reshape(-1, 3), place))
-        yield Sample(str(k), tuple(clouds), Objects(boxes))
+        yield Frame.of_clouds(str(k), tuple(clouds), Objects(boxes))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def every():
 
 
 def test_objects_are_what_stands_out(every):
-    found = foreground_clusters(every[-1], SampleScenes(lambda: every))
+    found = foreground_clusters(every[-1], Scenes(every))
     assert len(found) == 2
     middles = np.array([found[k].mean(axis=0)[:2] for k in range(2)])
     order = np.argsort(-middles[:, 0])
@@ -61,20 +61,20 @@ def test_objects_are_what_stands_out(every):
     assert len(found.points) == len(found.of) == len(found.sensor)
     assert (found.of >= 0).mean() > 0.95
     assert min(len(found[k]) for k in range(2)) > 100
-    assert len(foreground_clusters(every[0], SampleScenes(lambda: every))) == 0
+    assert len(foreground_clusters(every[0], Scenes(every))) == 0
     with pytest.raises(IndexError, match="there are 2 objects, got number 2"):
         found[2]
 
 
 def test_points_outside_the_grid_stand_out_of_nothing(every):
-    scenes = SampleScenes(lambda: every)
+    scenes = Scenes(every)
     before = foreground_clusters(every[-1], scenes)
     cloud = every[-1].clouds[0]
     reach = scenes["a"].grid.model.max_range
     own = transform(np.linalg.inv(cloud.world_SE3_sensor), before.points[before.sensor == 0])
     beyond = (own * (1.5 * reach / np.linalg.norm(own, axis=1))[:, None]).astype(np.float32)
     more = SensorCloud("a", np.concatenate([cloud.points, beyond]), cloud.world_SE3_sensor)
-    after = foreground_clusters(Sample("5", (more, every[-1].clouds[1]), Objects.empty()), scenes)
+    after = foreground_clusters(Frame.of_clouds("5", (more, every[-1].clouds[1]), Objects.empty()), scenes)
     np.testing.assert_array_equal(after.points, before.points)
 
 
@@ -85,7 +85,7 @@ def test_both_measurements_of_a_pixel_are_in_the_background():
         return np.full(shape, value, np.float32)
 
     scene = EmptyScene("a", model, full(20.0), full(0.1), full(0.75), full(10.0), full(0.01), full(0.25), 8)
-    points = clusters._sweep(LearntScene(LidarGrid(model), scene), np.random.default_rng(0))
+    points = clusters._sweep(Scenes([], [scene]), "a", np.random.default_rng(0))
     ranges = np.linalg.norm(points, axis=1)
     near = ranges < 15
     assert len(points) == 1000
@@ -95,9 +95,11 @@ def test_both_measurements_of_a_pixel_are_in_the_background():
 
 
 def test_a_detector_that_learnt_no_label_has_boxes(every):
-    scenes = SampleScenes(lambda: every)
-    detector = learn_cluster_detector(scenes, every[0], levelling="plane", half=(20.0, 20.0))
-    found = list(detect_samples(every, detector, levelling="plane", still=True))
+    scenes = Scenes(every)
+    x, y = middle_of(every[0])
+    place = Place("plane", True, (x - 20, y - 20, x + 20, y + 20))
+    detector = learn_cluster_detector(scenes, every[0], place)
+    found = list(detect_frames(every, detector, place))
     assert [len(each.detections) for each in found] == [0] * 5 + [2]
     assert detector.area == (-20, -20, 20, 20)
     assert detector.labels == LABELS
@@ -120,11 +122,11 @@ def test_clusters_by_hand():
 
 
 def test_what_is_refused(every):
-    scenes = SampleScenes(lambda: every)
+    scenes = Scenes(every)
     with pytest.raises(ValueError, match=r"reach must be above 0 m and fewest at least 1, got 0\.0 and 5"):
         foreground_clusters(every[0], scenes, reach=0.0)
-    stranger = Sample("0", (SensorCloud("c", np.ones((9, 3), np.float32), np.eye(4)),), Objects.empty())
+    stranger = Frame.of_clouds("0", (SensorCloud("c", np.ones((9, 3), np.float32), np.eye(4)),), Objects.empty())
     with pytest.raises(ValueError, match="empty scenes of a, b, none of c"):
         foreground_clusters(stranger, scenes)
-    empty = Sample("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    empty = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     assert len(foreground_clusters(empty, scenes)) == 0

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.ground import level
-from toolkit.datasets.recordings import LAYOUTS, open_samples
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.datasets.recordings import LAYOUTS, open_recording
 from toolkit.detection import label_doctor as label_fits
 from toolkit.detection.label_doctor import (
     LABEL_MISTAKES,
@@ -22,13 +21,14 @@ from toolkit.detection.label_doctor import (
     better,
     boxes_through,
     degrees_of_turns,
-    diagnose_samples,
+    diagnose_labels,
     fits,
     fits_in,
     movers_in,
     shift_of,
     undone_in,
 )
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
 
@@ -90,11 +90,11 @@ def test_what_is_seen_of_a_sample():
     ground = np.column_stack([rng.uniform(-20, 20, (3000, 2)), np.full(3000, 2.0)])
     points = np.concatenate([ground, face(8.0, z=(2.5, 3.5))]).astype(np.float32)
     cloud = SensorCloud("s", points, np.eye(4))
-    seen = Seen.of(Sample("0", (cloud,), Objects(BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]))))
+    seen = Seen.of(Frame.of_clouds("0", (cloud,), Objects(BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]))))
     assert len(seen.points) == 40
     np.testing.assert_allclose(seen.heights(BOX + np.array([0, 0, 2.5, 0, 0, 0, 0])), [1.5], atol=0.02)
     assert fits([seen, seen], [BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]), np.zeros((0, 7))]).tolist() == [1.0]
-    nothing = Seen.of(Sample("0", (SensorCloud("s", points[:2], np.eye(4)),), Objects(BOX)))
+    nothing = Seen.of(Frame.of_clouds("0", (SensorCloud("s", points[:2], np.eye(4)),), Objects(BOX)))
     assert (len(nothing.points), len(nothing.heights(BOX))) == (2, 0)
 
 
@@ -168,7 +168,9 @@ def driving(count=4, late=0, *, seconds=0.1, ids=True, place=None):
                                   np.linspace(0.6, 1.6, 30)]) for box in now for end in (2.0, -2.0)]  # fmt: skip
         numbers = np.arange(6) if ids else np.arange(6) + 100 * k
         cloud = SensorCloud("s", np.concatenate(faces).astype(np.float32), np.eye(4))
-        sample = Sample(str(k), (cloud,), Objects(labelled, ids=numbers), time=5 + seconds * k if ids else np.nan)
+        sample = Frame.of_clouds(
+            str(k), (cloud,), Objects(labelled, ids=numbers), time=5 + seconds * k if ids else np.nan
+        )
         made.append(sample if place is None else replace(sample, map_SE3_world=place))
     return made
 
@@ -281,7 +283,7 @@ def recording(count=2, seconds=0.1, late=0.0, *, ground_points=8000, yaws=None):
         ground = np.column_stack([rng.uniform(-45, 45, (ground_points, 2)), rng.normal(0, 0.01, ground_points)])
         points = np.concatenate([ground, *(hull(box, rng) for box in now)]).astype(np.float32)
         objects = Objects(labelled, ids=np.arange(14))
-        made.append(Sample(str(k), (SensorCloud("s", points, np.eye(4)),), objects, time=100 + seconds * k))
+        made.append(Frame.of_clouds(str(k), (SensorCloud("s", points, np.eye(4)),), objects, time=100 + seconds * k))
     return made
 
 
@@ -313,41 +315,41 @@ MISTAKES = {
 
 
 def test_nothing_is_suspected_of_sound_labels(sound):
-    assert diagnose_samples(sound) == []
+    assert diagnose_labels(sound) == []
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_each_classic_mistake_is_named_alone(sound, mistake):
-    (finding,) = diagnose_samples(with_boxes(sound[:1], MISTAKES[mistake]))
+    (finding,) = diagnose_labels(with_boxes(sound[:1], MISTAKES[mistake]))
     assert finding.suspected.startswith(mistake)
     assert finding.severity == "error"
 
 
 @pytest.mark.parametrize(("late", "says"), [(0.2, "behind"), (-0.2, "ahead of")])
 def test_labels_of_another_time(late, says):
-    (finding,) = diagnose_samples(recording(late=late))
+    (finding,) = diagnose_labels(recording(late=late))
     assert finding.suspected == f"labels lie about 0.2 s {says} the clouds"
 
 
 def test_degrees_read_as_radians_are_in_the_numbers(sound):
     far = [replace(sound[0], problems={"yaws beyond a full turn": 12})]
-    (finding,) = diagnose_samples(far)
+    (finding,) = diagnose_labels(far)
     assert finding.suspected == "yaw in degrees where radians belong"
     assert "12 of 14 yaws" in finding.evidence
-    assert diagnose_samples([replace(sound[0], problems={"yaws beyond a full turn": 2})]) == []
+    assert diagnose_labels([replace(sound[0], problems={"yaws beyond a full turn": 2})]) == []
 
 
 def test_degrees_of_which_only_sine_and_cosine_are_left(sound):
     lost = with_boxes(sound, lambda b: np.column_stack([b[:, :6], np.angle(np.exp(1j * np.rad2deg(b[:, 6])))]))
-    (finding,) = diagnose_samples(lost)
+    (finding,) = diagnose_labels(lost)
     assert finding.suspected == "yaw in degrees where radians belong, of which only sine and cosine are left"
     assert finding.remedy == "multiply yaw by pi / 180 before its sine and cosine are taken"
 
 
 def test_along_the_axes_the_sign_of_yaw_is_seen_by_what_moves():
     along = recording(yaws=np.tile([np.pi / 2, -np.pi / 2], 7))
-    assert diagnose_samples(along) == []
-    (finding,) = diagnose_samples(with_boxes(along, MISTAKES["yaw counted the other way"]))
+    assert diagnose_labels(along) == []
+    (finding,) = diagnose_labels(with_boxes(along, MISTAKES["yaw counted the other way"]))
     assert finding.suspected == "yaw counted the other way round"
     assert finding.evidence == (
         "28 of 28 boxes that move, of 14 objects, head against their way, and along it with that undone"
@@ -361,9 +363,9 @@ PLACE = pose(600.0, 1600.0, 30.0, yaw=0.7)
 def test_mistakes_made_in_a_map(sound, mistake, place):
     undo = LABEL_MISTAKES[mistake].undo
     mapped = [replace(each, map_SE3_world=PLACE) for each in sound]
-    assert diagnose_samples(mapped[:1]) == []
+    assert diagnose_labels(mapped[:1]) == []
     wrong = with_boxes(mapped[:1], lambda b: boxes_through(undo(boxes_through(b, PLACE)), invert(PLACE)))
-    (finding,) = diagnose_samples(wrong)
+    (finding,) = diagnose_labels(wrong)
     assert finding.suspected.startswith(place)
 
 
@@ -377,8 +379,8 @@ def test_mistakes_made_in_the_frames_of_sensors(sound):
     )
     boxes = [boxes_through(LABEL_MISTAKES[0].undo(boxes_through(sound[0].objects.boxes, invert(p))), p) for p in poles]
     mixed = np.where(np.arange(14)[:, None] % 2 == 0, *boxes)
-    assert diagnose_samples([replace(sound[0], clouds=clouds)]) == []
-    (finding,) = diagnose_samples([replace(sound[0], clouds=clouds, objects=Objects(mixed, ids=np.arange(14)))])
+    assert diagnose_labels([sound[0].with_clouds(clouds)]) == []
+    (finding,) = diagnose_labels([replace(sound[0].with_clouds(clouds), objects=Objects(mixed, ids=np.arange(14)))])
     assert finding.suspected == "mirrored: y points the other way"
 
 
@@ -388,16 +390,16 @@ def test_heights_are_those_where_the_boxes_belong():
     cloud = flat.clouds[0].points + np.float32(0)
     cloud[:, 2] += 0.1 * cloud[:, 1]
     boxes = flat.objects.boxes + np.column_stack([np.zeros((14, 2)), 0.1 * flat.objects.boxes[:, 1], np.zeros((14, 4))])
-    sloped = replace(flat, clouds=(replace(flat.clouds[0], points=cloud),), objects=Objects(boxes))
-    assert diagnose_samples([sloped]) == []
-    (finding,) = diagnose_samples(with_boxes([sloped], MISTAKES["mirrored: y"]))
+    sloped = replace(flat.with_clouds((replace(flat.clouds[0], points=cloud),)), objects=Objects(boxes))
+    assert diagnose_labels([sloped]) == []
+    (finding,) = diagnose_labels(with_boxes([sloped], MISTAKES["mirrored: y"]))
     assert finding.suspected.startswith("mirrored: y")
 
 
 def test_too_little_to_say_anything():
-    assert diagnose_samples([]) == []
-    nothing = Sample("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    assert diagnose_samples([nothing]) == []
+    assert diagnose_labels([]) == []
+    nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    assert diagnose_labels([nothing]) == []
 
 
 HERE = Path(__file__).parent
@@ -429,7 +431,7 @@ def samples():
         points = transform(invert(pole), cloud.points).astype(np.float32)
         halves = zip(("106", "105"), np.array_split(points, 2), strict=True)
         clouds = tuple(SensorCloud(name, half, pole) for name, half in halves)
-        put.append(replace(sample, clouds=clouds, time=1.7e9 + sample.time, map_SE3_world=bench.PLACE))
+        put.append(replace(sample.with_clouds(clouds), time=1.7e9 + sample.time, map_SE3_world=bench.PLACE))
     return put
 
 
@@ -456,7 +458,7 @@ def written(samples, tmp_path_factory):
 
 
 def said_of(path, layout):
-    return [finding.suspected for finding in diagnose_samples(islice(open_samples(path, layout), 10))]
+    return [finding.suspected for finding in diagnose_labels(islice(open_recording(path, layout), 10))]
 
 
 def check(written, layout, mistake):
@@ -480,7 +482,7 @@ def test_nothing_is_suspected_of_untouched_files(written, layout):
 @pytest.mark.parametrize("layout", LABELLED)
 def test_boxes_are_read_within_a_millimetre_and_a_hundredth_of_a_degree(samples, written, layout):
     """Also of the layout that only the bench writes, whose labels are each sensor's own."""
-    for before, after in zip(samples, open_samples(written(layout), layout), strict=True):
+    for before, after in zip(samples, open_recording(written(layout), layout), strict=True):
         a, b = (boxes_through(sample.objects.boxes, sample.map_SE3_world) for sample in (before, after))
         if np.allclose(after.map_SE3_world, np.eye(4)):  # a layout that has no place for a map
             a = before.objects.boxes

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.datasets.sample import OtherObjects, Sample, SensorCloud
-from toolkit.detection.evaluation import evaluate_dataset
-from toolkit.detection.survey import survey, survey_samples, survey_text
-from toolkit.frame import Frame
+from toolkit.datasets.readings import Reads
+from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.detection.survey import survey
+from toolkit.frame import Frame, OtherObjects, SensorCloud
 from toolkit.geometry import look
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.sensors.models import DepthCamera
@@ -46,43 +46,47 @@ def nothing(points):
 
 
 def test_survey_counts_what_stands_in_the_area():
-    found = survey(Recording(), noise_seed=3)
+    found = survey(Recording(), reads=Reads(noise_seed=3))
     assert found.frames == 5
     assert found.objects_per_frame == {"vehicle": 4, "cyclist": 0, "pedestrian": 0, "heavy": 1}
     assert found.counts.shape == (20, 3)
     assert found.unseen([]) == 1
     assert found.unseen([0, 1, 2]) <= found.unseen([0])
-    rows = evaluate_dataset(Recording(), nothing, schemes=["early"], iou_thresholds=[0.7], noise_seed=3)
+    rows = evaluate_recording(
+        Recording(), nothing, Comparison(schemes=["early"], iou_thresholds=[0.7]), reads=Reads(noise_seed=3)
+    )
     assert found.kbit_per_sensor.mean() == pytest.approx(rows[0].kbit_per_sensor)
     assert found.as_dict([[0, 2]])["unseen"].keys() == {"0,2"}
     json.dumps(found.as_dict([[0]]))
     assert {"dataset", "frames", "noise_seed", "codec", "coview", "site"} <= found.as_dict([[0]])["provenance"].keys()
 
 
-@pytest.mark.parametrize(("options", "message"), [({"frames": 0}, "a frame to survey"), ({"codec": "paper"}, "codec")])
+@pytest.mark.parametrize(
+    ("options", "message"), [({"reads": Reads(frames=0)}, "need one frame"), ({"codec": "paper"}, "codec")]
+)
 def test_bad_requests_are_refused(options, message):
     with pytest.raises((ValueError, TypeError), match=message):
         survey(Recording(), **options)
 
 
 def test_without_vehicles_the_share_of_unseen_is_nan():
-    empty = survey(Recording(), frames=1)
+    empty = survey(Recording(), reads=Reads(frames=1))
     nobody = replace(empty, counts=empty.counts[:0])
     assert np.isnan(nobody.unseen([0]))
     assert len(nobody.points_on_vehicles([0, 1])) == 0
 
 
 def test_errors_take_points_and_are_named():
-    clean, rough = survey(Recording()), survey(Recording(), errors="poor")
+    clean, rough = survey(Recording()), survey(Recording(), reads=Reads(errors="poor"))
     assert rough.kbit_per_sensor.sum() < clean.kbit_per_sensor.sum()
     assert rough.provenance["errors"]["profile"] == "poor"
     assert clean.provenance["errors"]["profile"] == "paper"
     with pytest.raises(ValueError, match="no error profile 'x'"):
-        survey(Recording(), errors="x")
+        survey(Recording(), reads=Reads(errors="x"))
 
 
 def test_points_are_counted_for_each_class():
-    found = survey(Recording(), noise_seed=3)
+    found = survey(Recording(), reads=Reads(noise_seed=3))
     assert list(found.by_class) == ["vehicle", "cyclist", "pedestrian", "heavy"]
     assert [len(found.by_class[label]) for label in found.by_class] == [20, 0, 0, 5]
     np.testing.assert_array_equal(found.by_class["vehicle"], found.counts)
@@ -101,7 +105,7 @@ def test_points_are_counted_for_each_class():
 
 
 def test_classes_restrict_what_is_counted_beside_vehicles():
-    found = survey(Recording(), classes=["heavy"], frames=2)
+    found = survey(Recording(), reads=Reads(frames=2), classes=["heavy"])
     assert list(found.by_class) == ["heavy"]
     assert found.counts.shape == (8, 3)
     with pytest.raises(ValueError, match="counted were heavy, not 'vehicle'"):
@@ -115,28 +119,34 @@ def sample(counts):
     points = np.array([[0, 0, 0], [0.5, 0, 0], [10, 0, 0], [99, 0, 0]], np.float32)
     cloud = SensorCloud("s", points, np.eye(4))
     others = OtherObjects(boxes[:1], ("cone",), np.array([2]))
-    return Sample(
+    return Frame.of_clouds(
         "0", (cloud,), Objects(boxes, np.array([0, 0, 2])), (), counts, others, problems={"doubled labels": 1}
     )
 
 
-def test_what_is_counted():
-    figures = survey_samples([sample(np.array([2, 1, 0])), sample(np.array([2, 0, 0]))], classes=["vehicle"])
-    assert figures["samples"] == 2
+class Labelled(list):
+    site = None
+
+
+def test_what_is_counted_without_a_site():
+    recording = Labelled([sample(np.array([2, 1, 0])), sample(np.array([2, 0, 0]))])
+    found = survey(recording, classes=["vehicle"])
+    figures = found.as_dict([[0]])
+    assert figures["frames"] == 2
     assert figures["points_per_cloud"] == {"s": 4}
-    assert figures["objects_per_sample"] == {"vehicle": 2, "cyclist": 0, "pedestrian": 1, "heavy": 0}
-    assert figures["classes"] == {"vehicle": {"objects": 4, "mean_points": 1.5, "median_points": 1.5, "unseen": 0}}
+    assert figures["objects_per_frame"] == {"vehicle": 2, "cyclist": 0, "pedestrian": 1, "heavy": 0}
+    assert figures["classes"]["vehicle"]["objects"] == 4
+    assert figures["classes"]["vehicle"]["sets"]["0"] == {"mean_points": 1.5, "median_points": 1.5, "unseen": 0}
     assert figures["counts_that_agree"] == [7, 8]
     assert figures["problems"] == {"doubled labels": 2}
-    text = survey_text(figures)
+    text = found.text([[0]])
     assert "7 of 8 labelled cuboids hold as many points as the set says" in text
-    assert "vehicle: 0.0% of 4 without a point, mean 1.5, median 1.5 points" in text
+    assert "vehicle from 0: 0.0% of 4 without a point, mean 1.5, median 1.5 points" in text
 
 
 def test_sets_without_counts_and_classes_without_objects():
-    figures = survey_samples([sample(None)], classes=["cyclist"])
-    assert figures["counts_that_agree"] == [1, 1]  # of the cone
-    assert figures["classes"]["cyclist"] == {"objects": 0, "mean_points": None, "median_points": None, "unseen": None}
-    assert "cyclist:" not in survey_text(figures)
-    with pytest.raises(ValueError, match="no sample to survey"):
-        survey_samples([])
+    found = survey(Labelled([sample(None)]), classes=["cyclist"])
+    assert found.agreeing == (1, 1)  # of the cone
+    assert "cyclist from" not in found.text([[0]])
+    with pytest.raises(ValueError, match="need one frame"):
+        survey(Labelled())

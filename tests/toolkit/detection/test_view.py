@@ -1,5 +1,6 @@
 """Clouds as images send what the images they were made of send, and the centre has the same points of them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,17 +8,16 @@ import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.ground import Ground
-from toolkit.calibration.scenes import SampleScenes
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.calibration.scenes import Scenes
 from toolkit.detection.codec import Message
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import RangeImages
+from toolkit.detection.place import Stand
 from toolkit.detection.schemes import SCHEMES, Hybrid
-from toolkit.detection.view import ImagedClouds, View, frame_view, sample_view, suppress, together
-from toolkit.frame import Frame
+from toolkit.detection.view import View, frame_view, stand_view, suppress, together
+from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Detections, Objects
-from toolkit.points import unproject
 from toolkit.sensors.models import DepthCamera, RowLidar
 from toolkit.sensors.sensor import Sensor
 
@@ -242,16 +242,16 @@ class Seen:
 def sample(height=0.0, order=None):
     """The clouds of the frame, in a world whose origin is `height` below."""
     clouds = []
-    for sensor, image in zip(FRAME.sensors, FRAME.measurements, strict=True):
+    for sensor, image in zip(FRAME.sensors, FRAME.images, strict=True):
         xyz, valid = unproject(sensor, image)
         own = transform(invert(sensor.pose), xyz.T[valid].astype(np.float64)).astype(np.float32)
         rows = np.random.default_rng(0).permutation(len(own)) if order is None else order
         clouds.append(SensorCloud(sensor.name, own[rows], pose(z=height) @ sensor.pose))
-    return Sample("3", tuple(clouds), Objects.empty(), time=2.5)
+    return Frame.of_clouds("3", tuple(clouds), Objects.empty(), time=2.5)
 
 
 def given():
-    return SampleScenes(lambda: iter(()), SCENES)
+    return Scenes([], SCENES)
 
 
 def by_place(points):
@@ -261,7 +261,7 @@ def by_place(points):
 @pytest.mark.parametrize("name", ["foreground", "early", "late"])
 def test_schemes_send_and_detect_as_on_a_frame_of_images(name):
     scheme, codec, ours, theirs = SCHEMES[name], RangeImages(), Seen(), Seen()
-    view = sample_view(sample(), ours, None, np.zeros(2), AREA_IMAGED, codec=codec, scenes=given(), number=3)
+    view = stand_view(sample(), ours, Stand(AREA_IMAGED, np.zeros(2), None), codec=codec, scenes=given())
     of_frame = frame_view(FRAME, theirs, AREA_IMAGED, height=4.0, codec=codec, scene=lambda k: SCENES[k])
     mine, theirs_fused = scheme.fuse(view, [0, 1]), scheme.fuse(of_frame, [0, 1])
     np.testing.assert_allclose(mine.bits, theirs_fused.bits, atol=16 if name in ("early", "foreground") else 400)
@@ -273,10 +273,10 @@ def test_schemes_send_and_detect_as_on_a_frame_of_images(name):
 
 def test_foreground_is_a_fraction_of_the_image_and_brings_all_of_it():
     seen = Seen()
-    view = sample_view(sample(), seen, None, np.zeros(2), AREA_IMAGED, scenes=given())
+    view = stand_view(sample(), seen, Stand(AREA_IMAGED, np.zeros(2), None), scenes=given())
     fused = Foreground().fuse(view, [0, 1])
     whole = SCHEMES["early"].fuse(
-        sample_view(sample(), Seen(), None, np.zeros(2), AREA_IMAGED, codec=RangeImages(), scenes=given()), [0, 1]
+        stand_view(sample(), Seen(), Stand(AREA_IMAGED, np.zeros(2), None), codec=RangeImages(), scenes=given()), [0, 1]
     )
     assert (fused.bits < whole.bits / 2).all()
     pixels = sum(int((view.captured(k).measurement > 0).sum()) for k in (0, 1))
@@ -287,10 +287,10 @@ def test_foreground_is_a_fraction_of_the_image_and_brings_all_of_it():
 
 def test_level_ground_is_below_what_the_centre_draws():
     ground, seen = Ground(np.array([0.0, 0.0, 100.0])), Seen()
-    view = sample_view(sample(height=100.0), seen, ground, np.zeros(2), AREA_IMAGED, scenes=given())
+    view = stand_view(sample(height=100.0), seen, Stand(AREA_IMAGED, np.zeros(2), ground), scenes=given())
     Foreground().fuse(view, [0, 1])
     upright = Seen()
-    Foreground().fuse(sample_view(sample(), upright, None, np.zeros(2), AREA_IMAGED, scenes=given()), [0, 1])
+    Foreground().fuse(stand_view(sample(), upright, Stand(AREA_IMAGED, np.zeros(2), None), scenes=given()), [0, 1])
     assert len(seen.points[0]) == pytest.approx(len(upright.points[0]), abs=3)
     heights = seen.points[0][:, 2]
     assert np.median(heights) == pytest.approx(FLOOR, abs=0.005)
@@ -301,14 +301,13 @@ def test_points_that_share_a_pixel_stay_where_they_were_measured():
     behind = sample()
     cloud = behind.clouds[0]
     doubled = np.concatenate([cloud.points, 1.01 * cloud.points[:7]]).astype(np.float32)
-    behind = Sample("3", (SensorCloud("a", doubled, cloud.world_SE3_sensor),), Objects.empty())
-    imaged = ImagedClouds(behind, given(), None, np.zeros(2), AREA_IMAGED, height=4.0, number=9)
-    points, captured = imaged.measure(0), imaged.capture(0)
+    behind = Frame.of_clouds("3", (SensorCloud("a", doubled, cloud.world_SE3_sensor),), Objects.empty())
+    imaged = stand_view(replace(behind, index=9), Seen(), Stand(AREA_IMAGED, np.zeros(2)), scenes=given())
+    points, captured = imaged.cloud(0).points, imaged.captured(0)
     assert len(points) == len(captured.pixels) == len(np.unique(captured.pixels))
     assert (captured.frame.time, captured.frame.index) == (0.0, 9)
-    assert imaged.measure(0) is points
     assert imaged.scene(0) is SCENES[0]
-    assert imaged.model(0) == MODEL
+    assert imaged.sensors[0].model == MODEL
     np.testing.assert_allclose(captured.points(captured.sending(captured.pixels).measurement),
                                points[np.argsort(captured.pixels)], atol=1e-4)  # fmt: skip
 
@@ -328,18 +327,18 @@ class Counts:
         return Detections(box, np.array([len(points) / 100]))
 
 
-def sample_views():
+def far_sample():
     """Two sensors in a world whose ground lies 10 m up; 30 points beside the first, 20 points 40 m from both."""
     near, far = np.tile([1.0, 0, -3.0], (30, 1)), np.tile([0.0, 40, -3.0], (20, 1))
     clouds = (
         SensorCloud("a", near.astype(np.float32), pose(100.0, 0.0, 14.0)),
         SensorCloud("b", far.astype(np.float32), pose(110.0, 0.0, 14.0)),
     )
-    return Sample("0", clouds, Objects.empty())
+    return Frame.of_clouds("0", clouds, Objects.empty())
 
 
 def view(detector):
-    return sample_view(sample_views(), detector, Ground(np.array([0.0, 0, 10.0])), np.array([100.0, 0]), AREA_VIEWS)
+    return stand_view(far_sample(), detector, Stand(AREA_VIEWS, np.array([100.0, 0]), Ground(np.array([0.0, 0, 10.0]))))
 
 
 def test_clouds_are_counted_from_the_middle_on_the_ground():
@@ -368,8 +367,8 @@ def test_hybrid_sends_the_far_points():
 
 def test_a_sensor_without_points_in_the_area_detects_nothing():
     detector = Counts()
-    nothing = sample_view(
-        sample_views(), detector, None, np.zeros(2), AREA_VIEWS
+    nothing = stand_view(
+        far_sample(), detector, Stand(AREA_VIEWS, np.zeros(2))
     )  # points are at x = 101 and 110, z = 11
     assert SCHEMES["late"].fuse(nothing, [0, 1]).kbit_per_sensor == 0
     assert detector.seen == []

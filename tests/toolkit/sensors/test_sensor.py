@@ -25,17 +25,16 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.doctor import diagnose
+from toolkit.datasets.doctor import diagnose_file
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.frame import Frame
+from toolkit.frame import Frame, unproject
 from toolkit.geometry import BODY_SE3_CAMERA, invert, look, pose, transform
 from toolkit.objects import Objects
 from toolkit.plots.plan_view import draw_frame, draw_site
-from toolkit.points import frame_points, is_beyond, is_inside, unproject
+from toolkit.points import frame_points, is_beyond, is_inside
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import build_scenery
-from toolkit.runtime.run import Run
 from toolkit.sensors.models import (
     MODELS,
     DepthCamera,
@@ -277,7 +276,7 @@ def test_recordings_and_packed_files_give_it_back(model, tmp_path):
         assert dataset.sensors == sensors
         frames = list(dataset)
     assert all(frame.measurements[0].any() for frame in frames)
-    assert not [str(each) for each in diagnose(tmp_path / "r.hdf5", site) if "sensor" in each.where]
+    assert not [str(each) for each in diagnose_file(tmp_path / "r.hdf5", site) if "sensor" in each.where]
     pack([recording(frames, site.area)], tmp_path / "p.h5")
     packed = PackedFrames(tmp_path / "p.h5")
     assert packed.rig(0).sensors == sensors

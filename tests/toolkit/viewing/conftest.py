@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.datasets.sample import OtherObjects, Sample, SensorCloud
+from toolkit.frame import Frame, OtherObjects, SensorCloud
 from toolkit.objects import Detections, Objects
 
 CAR = [12.0, 3.0, 0.75, 4.2, 1.8, 1.5, 0.3]
@@ -24,8 +24,8 @@ def samples():
     south = SensorCloud("south", ground[:100] + np.float32(0), poses[1])
     objects = Objects(np.array([CAR, [5.0, -4.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array(["vehicle", "pedestrian"]))
     others = OtherObjects(np.array([[-8.0, 2, 1.5, 9, 2.5, 3, 0]]), ("TRAILER",))
-    first = Sample("first", (north,), objects, others=others, time=0.0)
-    return [first, replace(first, name="second", clouds=(north, south), objects=objects[:1], time=0.1)]
+    first = Frame.of_clouds("first", (north,), objects, others=others, time=0.0)
+    return [first, replace(first.with_clouds((north, south)), name="second", objects=objects[:1], time=0.1)]
 
 
 @pytest.fixture(scope="session")
@@ -38,4 +38,4 @@ def touched(samples):
     """The first sample with points on the car and on the pedestrian, of a third lidar."""
     first = samples[0]
     on_boxes = np.concatenate([first.objects.boxes[:, :3]] * 4).astype(np.float32)
-    return replace(first, clouds=(*first.clouds, SensorCloud("near", on_boxes, np.eye(4))))
+    return first.with_clouds((*first.clouds, SensorCloud("near", on_boxes, np.eye(4))))

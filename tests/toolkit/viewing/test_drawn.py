@@ -3,89 +3,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.datasets.records import Listing
-from toolkit.datasets.sample import Rectangle, Sample, SensorCloud
-from toolkit.detection.detect import detect_samples
+from toolkit.detection.detect import detect_frames
+from toolkit.detection.place import Place
+from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.objects import Detections, Objects
 from toolkit.plots.palette import sensor_colour
 from toolkit.viewing.drawn import (
     MARKED,
     UNKNOWN_SHADE,
-    ChosenSamples,
     Drawing,
     DrawnCloud,
     DrawnSample,
     Scales,
     colourings_of,
     newest_of,
-    outcomes_of,
     shades,
+    sort_outcomes,
     thinned,
 )
-
-
-def sample(name):
-    return Sample(str(name), (), Objects.empty())
-
-
-class Forward:
-    """Samples that are read from the beginning, as a bag's; it counts what is read."""
-
-    def __init__(self, count, promised=None):
-        self.count, self.promised, self.read = count, promised or count, 0
-
-    def __len__(self):
-        return self.promised
-
-    def __iter__(self):
-        for number in range(self.count):
-            self.read += 1
-            yield sample(number)
-
-
-def names(samples):
-    return [each.name for each in samples]
-
-
-@pytest.mark.parametrize("samples", [Forward(7), Listing(tuple("0123456"), sample)], ids=["forward", "listing"])
-def test_every_so_many_and_the_first_of_these(samples):
-    assert names(ChosenSamples(samples)) == list("0123456")
-    assert names(ChosenSamples(samples, every=3)) == ["0", "3", "6"]
-    assert names(ChosenSamples(samples, frames=2, every=3)) == ["0", "3"]
-    assert names(ChosenSamples(samples, frames=99, every=5)) == ["0", "5"]
-    chosen = ChosenSamples(samples, every=2)
-    assert len(chosen) == 4
-    assert [chosen.at(k).name for k in (3, 0, 1, 1, 2)] == ["6", "0", "2", "2", "4"]
-
-
-def test_going_on_reads_nothing_twice():
-    samples = Forward(7)
-    chosen = ChosenSamples(samples, every=2)
-    for number in range(4):
-        chosen.at(number)
-    assert samples.read == 7
-    chosen.at(0)
-    assert samples.read == 8
-
-
-def test_a_recording_that_ends_early_says_so_and_can_be_read_again():
-    chosen = ChosenSamples(Forward(2, promised=5))
-    with pytest.raises(ValueError, match="ends before its sample 4"):
-        chosen.at(4)
-    assert chosen.at(1).name == "1"
-
-
-def test_what_is_refused():
-    with pytest.raises(ValueError, match="every must be at least 1, got 0"):
-        ChosenSamples(Forward(3), every=0)
-    with pytest.raises(ValueError, match="frames must be at least 1, got 0"):
-        ChosenSamples(Forward(3), frames=0)
-    with pytest.raises(ValueError, match="no sample to view"):
-        ChosenSamples(Listing((), sample))
-    for number in (-1, 3):
-        with pytest.raises(ValueError, match="3 are chosen"):
-            ChosenSamples(Forward(3)).at(number)
-
 
 BOXES = np.array([[x, 0.0, 1.0, 4.0, 2.0, 2.0, 0.0] for x in (0.0, 10.0, 20.0, 30.0, 80.0)])
 LABELS = np.array([0, 0, 0, 2, 0])
@@ -96,10 +31,10 @@ def detected(boxes, labels=None, complete=None, objects=None):
     points = np.array([[box[0], 0, 1] for k, box in enumerate(BOXES) if k != 2] * 3, np.float32)
     objects = Objects(BOXES, LABELS) if objects is None else objects
     area = {} if complete is None else {"complete": complete}
-    sample = Sample("0", (SensorCloud("s", points, np.eye(4)),), objects, **area)
+    sample = Frame.of_clouds("0", (SensorCloud("s", points, np.eye(4)),), objects, **area)
     labels = np.zeros(len(boxes), np.int64) if labels is None else labels
     found = Detections(boxes, np.linspace(0.9, 0.5, len(boxes)), labels)
-    (each,) = detect_samples([sample], lambda points: found, levelling="none", middle=(0.0, 0.0))
+    (each,) = detect_frames([sample], lambda points: found, Place("none", area=(-50.0, -50.0, 50.0, 50.0)))
     return each
 
 
@@ -109,7 +44,7 @@ def by_x(outcomes):
 
 def test_hits_misses_and_false_alarms_of_each_class():
     found = BOXES[[0, 0, 3, 1]] + np.array([[0.2, 0, 0, 0, 0, 0, 0], [0.9, 0, 0, 0, 0, 0, 0]] + [[0.0] * 7] * 2)
-    outcomes = outcomes_of(detected(found, np.array([0, 0, 2, 2])), (50.0, 50.0))
+    outcomes = sort_outcomes(detected(found, np.array([0, 0, 2, 2])))
     assert by_x(outcomes) == {
         "hits": {"vehicle": [0.2], "pedestrian": [30.0]},
         "missed": {"vehicle": [10.0]},
@@ -119,23 +54,23 @@ def test_hits_misses_and_false_alarms_of_each_class():
 
 def test_the_iou_is_that_of_volumes_and_depends_on_the_class():
     lifted = BOXES[[0, 3]] + np.array([0, 0, 0.9, 0, 0, 0, 0])  # IoU 1.1 / 2.9 = 0.38
-    outcomes = outcomes_of(detected(lifted, np.array([0, 2])), (50.0, 50.0))
+    outcomes = sort_outcomes(detected(lifted, np.array([0, 2])))
     assert by_x(outcomes)["hits"] == {"pedestrian": [30.0]}
     assert by_x(outcomes)["false alarms"] == {"vehicle": [0.0]}
 
 
 def test_what_cannot_be_judged_is_neither():
     """A label without points, one beyond the area, and what lies where labels are not complete."""
-    outcomes = outcomes_of(detected(BOXES[[2, 4]]), (50.0, 50.0))
+    outcomes = sort_outcomes(detected(BOXES[[2, 4]]))
     assert by_x(outcomes) == {
         "hits": {}, "missed": {"vehicle": [0.0, 10.0], "pedestrian": [30.0]}, "false alarms": {},
     }  # fmt: skip
-    near = outcomes_of(detected(BOXES[[1]] + 5.0, complete=Rectangle((-5.0, -5.0, 5.0, 5.0))), (50.0, 50.0))
+    near = sort_outcomes(detected(BOXES[[1]] + 5.0, complete=Rectangle((-5.0, -5.0, 5.0, 5.0))))
     assert by_x(near) == {"hits": {}, "missed": {"vehicle": [0.0]}, "false alarms": {}}
 
 
 def test_without_labels_nobody_knows():
-    assert outcomes_of(detected(BOXES, objects=Objects.empty()), (50.0, 50.0)) == {}
+    assert sort_outcomes(detected(BOXES, objects=Objects.empty())) == {}
     assert list(MARKED) == ["hits", "missed", "false alarms"]
 
 
@@ -148,11 +83,11 @@ def moved(sample, shift):
     boxes[:, :3] += shift
     others[:, :3] += shift
     objects = Objects(boxes, sample.objects.labels)
-    return replace(sample, clouds=clouds, objects=objects, others=replace(sample.others, boxes=others))
+    return replace(sample.with_clouds(clouds), objects=objects, others=replace(sample.others, boxes=others))
 
 
 def test_points_boxes_and_places_are_where_they_were(samples, finds_the_car):
-    first, second = Drawing(finds_the_car).all_of(samples)
+    first, second = Drawing(finds_the_car).draw_all(samples)
     np.testing.assert_allclose(first.clouds[0].points, samples[0].clouds[0].in_world(), atol=1e-5)
     np.testing.assert_allclose(second.clouds[1].place, [20, 10, 5])
     np.testing.assert_array_equal(first.truth["pedestrian"], samples[0].objects.boxes[1:])
@@ -160,35 +95,35 @@ def test_points_boxes_and_places_are_where_they_were(samples, finds_the_car):
     assert list(first.truth) == ["vehicle", "pedestrian", "others"]
     np.testing.assert_allclose(first.detections["vehicle"][0, :6], samples[0].objects.boxes[0, :6])
     assert first.detections["vehicle"][0, 6] == pytest.approx(0.2)
-    assert first.described() == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
-    assert second.described() == "second: 500 points, 2 labelled, 1 detected, 0 hits, 0 missed, 1 false alarm"
-    assert Drawing().all_of(samples)[0].described() == "first: 400 points, 3 labelled, 0 detected"
+    assert first.describe() == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
+    assert second.describe() == "second: 500 points, 2 labelled, 1 detected, 0 hits, 0 missed, 1 false alarm"
+    assert Drawing().draw_all(samples)[0].describe() == "first: 400 points, 3 labelled, 0 detected"
 
 
 def test_what_became_of_labels_and_detections(touched, finds_the_car):
-    (drawn,) = Drawing(finds_the_car).all_of([touched])
+    (drawn,) = Drawing(finds_the_car).draw_all([touched])
     np.testing.assert_array_equal(drawn.outcomes["hits"]["vehicle"], drawn.detections["vehicle"])
     np.testing.assert_array_equal(drawn.outcomes["missed"]["pedestrian"], drawn.truth["pedestrian"])
     assert drawn.outcomes["false alarms"] == {}
-    assert drawn.described() == "first: 408 points, 3 labelled, 1 detected, 1 hit, 1 missed, 0 false alarms"
-    (far,) = Drawing(finds_the_car, half=(5.0, 5.0), middle=(100.0, 0.0)).all_of([touched])
+    assert drawn.describe() == "first: 408 points, 3 labelled, 1 detected, 1 hit, 1 missed, 0 false alarms"
+    (far,) = Drawing(finds_the_car, Place("none", area=(95.0, -5.0, 105.0, 5.0))).draw_all([touched])
     assert far.outcomes == {"hits": {}, "missed": {}, "false alarms": {}}
 
 
 def test_some_classes_scores_and_sensors_are_drawn(samples, finds_the_car):
-    (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).all_of(samples[1:] * 2)
+    (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).draw_all(samples[1:] * 2)
     assert ([cloud.name for cloud in second.clouds], second.truth, second.detections) == (["south"], {}, {})
-    (first,) = Drawing(finds_the_car, classes=["pedestrian"]).all_of(samples[:1])
+    (first,) = Drawing(finds_the_car, classes=["pedestrian"]).draw_all(samples[:1])
     assert (list(first.truth), first.detections) == (["pedestrian"], {})
-    assert Drawing(finds_the_car, least_score=0.95).all_of(samples)[0].detections == {}
-    assert len(Drawing(finds_the_car, least_score=0.9).all_of(samples)[0].detections) == 1
-    with pytest.raises(ValueError, match="has no sensor 'west'"):
-        Drawing(sensors=["west"]).all_of(samples)
+    assert Drawing(finds_the_car, least_score=0.95).draw_all(samples)[0].detections == {}
+    assert len(Drawing(finds_the_car, least_score=0.9).draw_all(samples)[0].detections) == 1
+    with pytest.raises(ValueError, match="no sensor 'west'"):
+        Drawing(sensors=["west"]).draw_all(samples)
 
 
 def test_outcomes_are_put_on_level_ground_with_all_else(touched, finds_the_car):
-    drawing = Drawing(finds_the_car, levelling="plane")
-    (drawn,) = drawing.all_of([moved(touched, [3.0, 0.0, -7.3])])
+    drawing = Drawing(finds_the_car, Place("plane"))
+    (drawn,) = drawing.draw_all([moved(touched, [3.0, 0.0, -7.3])])
     assert drawn.outcomes["hits"]["vehicle"][0, 2] == pytest.approx(0.75, abs=0.05)
 
 
@@ -196,7 +131,7 @@ def test_map_coordinates_are_counted_from_an_origin_near_by(samples):
     far = moved(samples[0], [600_000.0, 5_500_000.0, 130.0])
     drawing = Drawing()
     assert drawing.origin(far).tolist() == [600_000, 5_500_000, 130]
-    (here,), (there,) = drawing.all_of(samples[:1]), drawing.all_of([far])
+    (here,), (there,) = drawing.draw_all(samples[:1]), drawing.draw_all([far])
     np.testing.assert_allclose(there.clouds[0].points, here.clouds[0].points, atol=1e-4)
     np.testing.assert_allclose(there.truth["others"], here.truth["others"], atol=1e-6)
     np.testing.assert_allclose(there.clouds[0].place, here.clouds[0].place, atol=1e-6)
@@ -204,9 +139,9 @@ def test_map_coordinates_are_counted_from_an_origin_near_by(samples):
 
 def test_ground_far_below_is_put_on_zero_and_boxes_with_it(samples, finds_the_car):
     low = moved(samples[0], [3.0, 0.0, -7.3])
-    drawing = Drawing(finds_the_car, levelling="plane")
+    drawing = Drawing(finds_the_car, Place("plane"))
     assert drawing.origin(low).tolist() == [3, 0, 0]
-    (drawn,) = drawing.all_of([low])
+    (drawn,) = drawing.draw_all([low])
     assert np.abs(drawn.clouds[0].points[:, 2]).max() < 0.1
     assert drawn.clouds[0].place[2] == pytest.approx(5.0, abs=0.05)
     np.testing.assert_allclose(drawn.truth["vehicle"], samples[0].objects.boxes[:1], atol=0.05)
@@ -216,33 +151,28 @@ def test_ground_far_below_is_put_on_zero_and_boxes_with_it(samples, finds_the_ca
 
 
 def test_ground_that_stays_where_it_is_is_warned_of(samples):
-    (drawn,) = Drawing().all_of([moved(samples[0], [0.0, 0.0, -7.3])])
+    (drawn,) = Drawing().draw_all([moved(samples[0], [0.0, 0.0, -7.3])])
     assert "level the points first" in str(drawn.warning)
 
 
 def test_detections_are_of_the_area_that_is_asked_for(samples, finds_the_car):
     """The detector is shown points counted from the middle, and its boxes are brought back."""
-    drawing = Drawing(finds_the_car, middle=(10.0, -2.0))
+    drawing = Drawing(finds_the_car, Place("none", area=(-40.0, -52.0, 60.0, 48.0)))
     assert drawing.origin(samples[0]).tolist() == [10, -2, 0]
-    (drawn,) = drawing.all_of(samples[:1])
+    (drawn,) = drawing.draw_all(samples[:1])
     np.testing.assert_allclose(drawn.detections["vehicle"][0, :3], [12, 3, 0.75])
     np.testing.assert_allclose(drawn.truth["vehicle"][0, :3], [2, 5, 0.75])
 
 
 def test_an_empty_sample_can_be_drawn():
-    empty = Sample("nothing", (), Objects.empty())
+    empty = Frame.of_clouds("nothing", (), Objects.empty())
     for levelling in ("none", "map"):
-        (drawn,) = Drawing(levelling=levelling).all_of([empty])
+        (drawn,) = Drawing(place=Place(levelling)).draw_all([empty])
         assert (drawn.clouds, drawn.truth, drawn.detections) == ((), {}, {})
 
 
-def test_a_levelling_that_there_is_not_is_refused(samples):
-    with pytest.raises((ValueError, TypeError), match="levelling"):
-        Drawing(levelling="flat").all_of(samples)
-
-
 def test_thinning_keeps_columns_beside_their_points(samples):
-    (cloud,) = Drawing().all_of(samples[:1])[0].clouds
+    (cloud,) = Drawing().draw_all(samples[:1])[0].clouds
     few = thinned(cloud, 4)
     assert few.intensity.tolist() == [0, 100, 200, 300]
     np.testing.assert_array_equal(few.points, cloud.points[::100])
@@ -251,7 +181,7 @@ def test_thinning_keeps_columns_beside_their_points(samples):
 
 
 def test_colourings_are_those_that_something_is_known_for(samples):
-    first, second = Drawing().all_of(samples)
+    first, second = Drawing().draw_all(samples)
     assert colourings_of([first]) == ("sensor", "height", "intensity", "age")
     bare = replace(second, clouds=second.clouds[1:])
     assert colourings_of([bare]) == ("sensor", "height")
@@ -260,7 +190,7 @@ def test_colourings_are_those_that_something_is_known_for(samples):
 
 def test_progress_counts_samples(samples):
     seen = []
-    Drawing().all_of(samples, progress=seen.append)
+    Drawing().draw_all(samples, progress=seen.append)
     assert seen == [1, 2]
 
 
@@ -308,5 +238,5 @@ def test_a_scale_without_length_has_colours_still():
 
 
 def test_scales_say_what_they_are_of():
-    said = [SCALES.described(colouring) for colouring in ("sensor", "height", "intensity", "age")]
+    said = [SCALES.describe(colouring) for colouring in ("sensor", "height", "intensity", "age")]
     assert said == ["sensor", "height, 0 to 2 m", "intensity, 1 to 4", "age, 0 to 0.1 s"]

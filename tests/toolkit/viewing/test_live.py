@@ -3,9 +3,10 @@ from dataclasses import replace
 
 import pytest
 
+from toolkit.datasets.recordings import Part
 from toolkit.datasets.records import Listing
 from toolkit.viewing import live
-from toolkit.viewing.drawn import ChosenSamples, Drawing
+from toolkit.viewing.drawn import Drawing
 from toolkit.viewing.live import LiveView, view_live
 from toolkit.viewing.scene import viser_server
 
@@ -19,7 +20,7 @@ def recording(samples):
             raise ValueError("labels.json is *damaged*")
         return replace(samples[int(name)])
 
-    return ChosenSamples(Listing(("0", "1", "2"), load))
+    return Part(Listing(("0", "1", "2"), load))
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ SECOND = "second: 500 points, 2 labelled, 1 detected, 0 hits, 0 missed, 1 false 
 
 @pytest.fixture(scope="module")
 def drawn(samples, finds_the_car):
-    return Drawing(finds_the_car).all_of(samples)
+    return Drawing(finds_the_car).draw_all(samples)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_every_frame_has_its_own_nodes(written):
 
 
 def test_without_a_detector_there_are_no_outcomes_to_hide(samples):
-    names = [(each.name, each.nodes) for each in page_content(Drawing().all_of(samples[1:]), "labels").switches]
+    names = [(each.name, each.nodes) for each in page_content(Drawing().draw_all(samples[1:]), "labels").switches]
     assert ("vehicle", "/truth/vehicle /detections/vehicle") in names
     assert not {"hits", "missed", "false alarms"} & {name for name, _ in names}
 

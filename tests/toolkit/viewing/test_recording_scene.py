@@ -19,7 +19,7 @@ from toolkit.viewing.scene import rgb, viser_server
 
 @pytest.fixture(scope="module")
 def drawn(samples, finds_the_car):
-    return Drawing(finds_the_car).all_of(samples)
+    return Drawing(finds_the_car).draw_all(samples)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_a_sample_has_a_node_for_all_that_is_in_it(api, drawn):
 
 
 def test_outcomes_have_nodes_and_marks_of_their_own(api, touched, finds_the_car):
-    (sample,) = Drawing(finds_the_car).all_of([touched])
+    (sample,) = Drawing(finds_the_car).draw_all([touched])
     sample = replace(sample, outcomes=sample.outcomes | {"false alarms": {"heavy": sample.truth["others"]}})
     made = {handle.name: handle for handle in add_sample(api, sample, style([sample]), frame=3)}
     assert {"/hits/vehicle/3", "/missed/pedestrian/3", "/false_alarms/heavy/3"} < set(made)

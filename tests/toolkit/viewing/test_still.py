@@ -17,12 +17,12 @@ def small(monkeypatch):
 
 @pytest.fixture(scope="module")
 def drawn(samples, finds_the_car):
-    return Drawing(finds_the_car).all_of(samples)[1]
+    return Drawing(finds_the_car).draw_all(samples)[1]
 
 
 @pytest.fixture(scope="module")
 def judged(touched, finds_the_car):
-    return Drawing(finds_the_car).all_of([touched])[0]
+    return Drawing(finds_the_car).draw_all([touched])[0]
 
 
 def has(picture, colour):

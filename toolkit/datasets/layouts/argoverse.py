@@ -21,7 +21,7 @@ from toolkit.clouds import PointCloud, crop, from_points, fuse, points_per_box
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
 from toolkit.datasets.layouts.nuscenes import quaternion_of
 from toolkit.datasets.records import Listing, cloud_of, intensity_of, labelled, named_damage, no_labels
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
 from toolkit.point_files import name_attributes
@@ -128,7 +128,7 @@ def argoverse(path: Path) -> Listing:
     return Listing(names, lambda name: _sample(path, name))
 
 
-def _sample(log: Path, name: str) -> Sample:
+def _sample(log: Path, name: str) -> Frame:
     problems: dict[str, int] = {}
     time = int(name)
     with named_damage(log / "calibration" / "egovehicle_SE3_sensor.feather", "calibration"):
@@ -154,7 +154,7 @@ def _sample(log: Path, name: str) -> Sample:
             rows = read_table(annotations)
             tracks = [str(track) for track in rows["track_uuid"][rows["timestamp_ns"] == time]]
             found = labelled(labels.boxes, labels.categories, tracks, problems, labels.interior_points)
-    return Sample(name, clouds, *found, time=time * 1e-9, map_SE3_world=_city(log, time), problems=problems)
+    return Frame.of_clouds(name, clouds, *found, time=time * 1e-9, map_SE3_world=_city(log, time), problems=problems)
 
 
 def _city(log: Path, time: int) -> np.ndarray:
@@ -171,7 +171,7 @@ def _city(log: Path, time: int) -> np.ndarray:
         return quaternion_pose(turned, np.array([values[key] for key in ("tx_m", "ty_m", "tz_m")]))
 
 
-def write_argoverse(samples: Iterable[Sample], folder: Path) -> int:
+def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
     """Write samples as a log; of several sensors the first two become up_lidar and down_lidar, a sample of more is
     a ValueError. Times of sweeps that have none are tenths of a second. How many were written."""
     annotations: dict[str, np.ndarray] = {}
@@ -211,7 +211,7 @@ def _sweep(lidars: dict[str, SensorCloud]) -> dict[str, np.ndarray]:
     }
 
 
-def _labels(sample: Sample, stamp: int) -> dict[str, np.ndarray]:
+def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
     boxes, count = sample.objects.boxes, len(sample.objects)
     counts = np.zeros(count, np.int64) if sample.counts is None else sample.counts
     half = boxes[:, 6] / 2

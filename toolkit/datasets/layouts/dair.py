@@ -40,7 +40,7 @@ from toolkit.datasets.records import (
     write_cloud,
     xyz,
 )
-from toolkit.datasets.sample import Sample
+from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
 from toolkit.runtime.files import write_text
@@ -65,14 +65,14 @@ def _is_pair(path: Path) -> bool:
     return (path / "cooperative").is_dir() and (path / "infrastructure-side").is_dir()
 
 
-def _one_side(folder: Path, name: str) -> Sample:
+def _one_side(folder: Path, name: str) -> Frame:
     problems: dict[str, int] = {}
     cloud = read_cloud(folder / "velodyne" / f"{name}.pcd", "lidar", np.eye(4), problems)
     labels = next(
         (folder / each / f"{name}.json" for each in _LABELS if (folder / each / f"{name}.json").is_file()), None
     )
     found = read_annotations(labels, np.eye(4), problems)
-    return Sample(name, (cloud,), *found, problems=problems)
+    return Frame.of_clouds(name, (cloud,), *found, problems=problems)
 
 
 def _pairs(root: Path) -> Listing:
@@ -87,7 +87,7 @@ def _stem(pair: Any, path: str, frame: str) -> str:
     return Path(str(pair[path])).stem if path in pair else str(entry(pair, frame))
 
 
-def _pair(root: Path, name: str, pair: dict[str, Any]) -> Sample:
+def _pair(root: Path, name: str, pair: dict[str, Any]) -> Frame:
     problems: dict[str, int] = {}
     with named_damage(root / "cooperative" / "data_info.json", "list of pairs"):
         vehicle = _stem(pair, "vehicle_pointcloud_path", "vehicle_frame")
@@ -104,7 +104,7 @@ def _pair(root: Path, name: str, pair: dict[str, Any]) -> Sample:
     files = [root / "cooperative" / each / f"{vehicle}.json" for each in _COOPERATIVE]
     labels = next((file for file in files if file.is_file()), None)
     found = read_annotations(labels, invert(map_SE3_road), problems)
-    return Sample(name, clouds, *found, map_SE3_world=map_SE3_road, problems=problems)
+    return Frame.of_clouds(name, clouds, *found, map_SE3_world=map_SE3_road, problems=problems)
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
@@ -149,7 +149,7 @@ def read_annotations(
     return labelled(rows, names, ids, problems)
 
 
-def written_labels(sample: Sample) -> list[dict[str, Any]]:
+def written_labels(sample: Frame) -> list[dict[str, Any]]:
     """The objects of a sample as a label file lists them, in its world frame."""
     rows = zip(sample.objects.boxes.tolist(), sample.objects.labels, sample.objects.ids.tolist(), strict=True)
     return [
@@ -164,7 +164,7 @@ def written_labels(sample: Sample) -> list[dict[str, Any]]:
     ]
 
 
-def write_dair(samples: Iterable[Sample], folder: Path) -> int:
+def write_dair(samples: Iterable[Frame], folder: Path) -> int:
     """Write samples as one infrastructure side, the clouds of each as one, in its world frame. How many."""
     written = 0
     for written, sample in enumerate(samples, 1):

@@ -29,7 +29,7 @@ from toolkit.datasets.records import (
     write_boxes,
     write_cloud,
 )
-from toolkit.datasets.sample import Sample
+from toolkit.frame import Frame
 from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
@@ -54,13 +54,13 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     labels = base / LABELS_FILE
     entries = read_entries(labels) if labels.is_file() else {}
 
-    def load(name: str) -> Sample:
+    def load(name: str) -> Frame:
         problems: dict[str, int] = {}
         clouds = tuple(
             read_cloud(file, sensor, _pose(placed, sensor, file), problems) for sensor, file in names[name].items()
         )
         found = objects_in(labels, entries[name], problems) if name in entries else no_labels()
-        return Sample(name, clouds, *found, time=epoch_of(name), problems=problems)
+        return Frame.of_clouds(name, clouds, *found, time=epoch_of(name), problems=problems)
 
     return Listing(tuple(names), load)
 
@@ -121,7 +121,7 @@ def epoch_of(name: str) -> float:
     return next((value * unit for least, unit in _EPOCH if least <= value < 1e20), float("nan"))
 
 
-def write_folder(samples: Iterable[Sample], path: Path) -> int:
+def write_folder(samples: Iterable[Frame], path: Path) -> int:
     """Write samples as SENSOR/000000.pcd and on, with labels.json and the pose of every cloud. How many."""
     entries, lines = [], []
     for k, sample in enumerate(samples):

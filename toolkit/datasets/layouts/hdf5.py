@@ -1,6 +1,11 @@
-"""Recorded clouds in one HDF5 file, nothing lost: points, times, intensities, poses, boxes, regions of complete labels.
+"""HDF5: our own recordings and the paper's published ones, depth or range images or recorded clouds.
 
-Clouds of real sensors are no depth images, so they are kept as points, each sample in a group of its own:
+Images are read by `toolkit.datasets.dataset`: world frame the site's, labels complete in its detection area. A
+published file that shows no built-in site needs one.
+
+Recorded clouds are kept in one file, nothing lost: points, times, intensities, poses, boxes and regions.
+
+Each frame is a group of its own:
 
     coview                      attribute "clouds", version 1
     names                       JSON: the samples' names, in order
@@ -26,15 +31,12 @@ import h5py
 import numpy as np
 
 from toolkit.datasets.dataset import CLOUDS_KIND, CoopDataset
-from toolkit.datasets.readings import read_frame
 from toolkit.datasets.records import Listing, as_number, entry, named_damage, records, rigid_matrix
-from toolkit.datasets.sample import OtherObjects, Rectangle, Sample, SensorCloud, region_of
-from toolkit.geometry import invert, transform
-from toolkit.objects import LABELS, Objects
-from toolkit.points import unproject
+from toolkit.frame import Frame, OtherObjects, Recording, SensorCloud, parse_region
+from toolkit.objects import Objects
 from toolkit.runtime import hdf5 as reader
 from toolkit.runtime.files import parse_json, replace_infinite, writing
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
+from toolkit.sites.site import Site
 
 _VERSION = 1
 _FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "world"}
@@ -67,14 +69,14 @@ def hdf5_clouds(path: Path) -> Listing:
             raise ValueError("samples have the same name")
     places = {name: k for k, name in enumerate(names)}
 
-    def load(name: str) -> Sample:
+    def load(name: str) -> Frame:
         with _opened(path) as file:
             return _sample(file, f"samples/{places[name]}", name)
 
     return Listing(tuple(names), load)
 
 
-def _sample(file: h5py.File, place: str, name: str) -> Sample:
+def _sample(file: h5py.File, place: str, name: str) -> Frame:
     about = parse_json(reader.text(file, f"{place}/about"))
     clouds = tuple(
         _cloud(file, f"{place}/clouds/{k}", each) for k, each in enumerate(records(entry(about, "sensors"), "sensors"))
@@ -92,13 +94,18 @@ def _sample(file: h5py.File, place: str, name: str) -> Sample:
     if others.categories and len(others.categories) != len(others.boxes):
         raise ValueError(f"{len(others.boxes)} other boxes but {len(others.categories)} names")
     time = entry(about, "time")
-    return Sample(
-        name, clouds, labels, tuple(str(each) for each in records(entry(about, "categories"), "categories")),
-        _counts(file, f"{place}/counts"), others, region_of(entry(about, "complete")),
-        float("nan") if time is None else as_number(time, "time"),
-        rigid_matrix(reader.array(file, f"{place}/map_SE3_world", axes=2), "map_SE3_world"),
-        {str(kind): int(as_number(count)) for kind, count in entry(about, "problems").items()},
-    )  # fmt: skip
+    return Frame.of_clouds(
+        name,
+        clouds,
+        labels,
+        tuple(str(each) for each in records(entry(about, "categories"), "categories")),
+        _counts(file, f"{place}/counts"),
+        others,
+        complete=parse_region(entry(about, "complete")),
+        time=float("nan") if time is None else as_number(time, "time"),
+        map_SE3_world=rigid_matrix(reader.array(file, f"{place}/map_SE3_world", axes=2), "map_SE3_world"),
+        problems={str(kind): int(as_number(count)) for kind, count in entry(about, "problems").items()},
+    )
 
 
 def _cloud(file: h5py.File, place: str, about: Any) -> SensorCloud:
@@ -142,7 +149,7 @@ def _counts(file: h5py.File, name: str) -> np.ndarray | None:
     return reader.array(file, name, axes=1, kinds="iu").astype(np.int64)
 
 
-def write_hdf5_clouds(samples: Iterable[Sample], path: Path) -> int:
+def write_hdf5(samples: Iterable[Frame], path: Path) -> int:
     """Write samples as one file, whole or not at all; how many. Raises ValueError where two have the same name."""
     names: list[str] = []
     with writing(path) as unfinished, h5py.File(unfinished, "w") as file:
@@ -156,7 +163,7 @@ def write_hdf5_clouds(samples: Iterable[Sample], path: Path) -> int:
     return len(names)
 
 
-def _write(group: h5py.Group, sample: Sample) -> None:
+def _write(group: h5py.Group, sample: Frame) -> None:
     group["about"] = json.dumps(replace_infinite({
         "time": sample.time,
         "sensors": [{"name": cloud.name, "frame": cloud.frame} for cloud in sample.clouds],
@@ -178,31 +185,13 @@ def _write(group: h5py.Group, sample: Sample) -> None:
             group.create_dataset(name, data=column, **packed)
 
 
-def hdf5(path: Path, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = None) -> Listing:
-    """The frames of a file, or its samples. errors, noise_seed: of its sensors, as of
-    `toolkit.datasets.readings.read_frame`; no seed for none. Raises what `CoopDataset`, `read_frame` and `hdf5_clouds`
-    raise, ValueError for errors of clouds that were recorded."""
-    if holds_clouds(path):
-        if noise_seed is not None:
-            raise ValueError(f"{path}: holds recorded clouds, whose sensors have errors of their own: leave out errors")
-        return hdf5_clouds(path)
-    dataset = CoopDataset(path)
-    xmin, ymin, xmax, ymax = dataset.site.area.tolist()
+def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
+    """Return the frames of a file, images or recorded clouds; site, drop_invalid: see `CoopDataset`.
 
-    def load(name: str) -> Sample:
-        frame = read_frame(dataset, int(name), errors=errors, noise_seed=noise_seed)
-        clouds = []
-        for k, (sensor, measurement) in enumerate(zip(frame.sensors, frame.measurements, strict=True)):
-            points, returned = unproject(sensor, measurement)
-            if frame.shifts and (shift := frame.shifts[k]) is not None:
-                points += shift.reshape(-1, 3).T
-            own = transform(invert(sensor.world_SE3_body), points.T[returned].astype(np.float64))
-            clouds.append(SensorCloud(sensor.name, own.astype(np.float32), sensor.world_SE3_body))
-        categories = tuple(LABELS[label] for label in frame.objects.labels)
-        area = Rectangle((xmin, ymin, xmax, ymax))
-        map_SE3_site = dataset.site.map_SE3_site
-        return Sample(
-            name, tuple(clouds), frame.objects, categories, complete=area, time=frame.time, map_SE3_world=map_SE3_site
-        )  # fmt: skip
-
-    return Listing(tuple(f"{k:06d}" for k in range(len(dataset))), load)
+    Raises what `CoopDataset` and `hdf5_clouds` raise.
+    """
+    return (
+        hdf5_clouds(path)
+        if path.is_file() and holds_clouds(path)
+        else CoopDataset(path, site, drop_invalid=drop_invalid)
+    )

@@ -35,7 +35,7 @@ from toolkit.datasets.records import (
     rigid_matrix,
     text_of,
 )
-from toolkit.datasets.sample import ImageWedge, Region, Sample
+from toolkit.frame import Frame, ImageWedge, Region
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
 from toolkit.runtime.files import write_bytes, write_text
@@ -61,12 +61,12 @@ def kitti(path: Path) -> Listing:
     return Listing(names, lambda name: _sample(folder, name))
 
 
-def _sample(folder: Path, name: str) -> Sample:
+def _sample(folder: Path, name: str) -> Frame:
     problems: dict[str, int] = {}
     cloud = read_cloud(folder / "velodyne" / f"{name}.bin", "velodyne", np.eye(4), problems)
     labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
     if not labels.is_file():
-        return Sample(name, (cloud,), *no_labels(), problems=problems)
+        return Frame.of_clouds(name, (cloud,), *no_labels(), problems=problems)
     with named_damage(calib, "calibration"):
         calibration = _calibration(text_of(calib))
     with named_damage(labels, "list of labels"):
@@ -81,7 +81,7 @@ def _sample(folder: Path, name: str) -> Sample:
         *_image_size(folder / "image_2" / f"{name}.png"),
         tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist()),
     )
-    return Sample(name, (cloud,), *found, complete=wedge, problems=problems)
+    return Frame.of_clouds(name, (cloud,), *found, complete=wedge, problems=problems)
 
 
 def _values(row: list[str]) -> list[float]:
@@ -127,7 +127,7 @@ def _image_size(image: Path) -> tuple[int, int]:
     return IMAGE
 
 
-def write_kitti(samples: Iterable[Sample], folder: Path) -> int:
+def write_kitti(samples: Iterable[Frame], folder: Path) -> int:
     """Write samples as training/ of KITTI, 000000 and on; the clouds of a sample become one, in its world frame.
 
     The camera is that of the sample's labels, else one at the origin that looks along x. How many were written.
@@ -146,7 +146,7 @@ def write_kitti(samples: Iterable[Sample], folder: Path) -> int:
 
 
 def kitti_text(
-    sample: Sample,
+    sample: Frame,
     camera_SE3_lidar: np.ndarray | None = None,
     wedge: ImageWedge | None = None,
     *,

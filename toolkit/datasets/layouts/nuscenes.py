@@ -36,7 +36,7 @@ from toolkit.datasets.records import (
     read_cloud,
     records,
 )
-from toolkit.datasets.sample import Sample
+from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
 from toolkit.runtime.files import write_bytes, write_text
@@ -78,7 +78,7 @@ def nuscenes(path: Path) -> Listing:
     with named_damage(folder / "sample.json", "table"):
         order = sorted(lidars, key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"))
 
-    def load(token: str) -> Sample:
+    def load(token: str) -> Frame:
         return _sample(folder, token, tables, lidars[token], labels.get(token, []))
 
     return Listing(tuple(order), load)
@@ -98,7 +98,7 @@ def _channel(tables: dict[str, Table], row: dict[str, Any]) -> tuple[str, str]:
 
 def _sample(
     folder: Path, token: str, tables: dict[str, Table], data: list[dict[str, Any]], labels: list[dict[str, Any]]
-) -> Sample:
+) -> Frame:
     problems: dict[str, int] = {}
     with named_damage(folder / "ego_pose.json", "table"):
         placed = [_placed(tables["ego_pose"], row, "ego_pose_token") for row in data]
@@ -123,7 +123,7 @@ def _sample(
         world = invert(map_SE3_ego)
         boxes = np.column_stack([transform(world, boxes[:, :3]), boxes[:, 3:6], heading(world, boxes[:, 6])])
     found = labelled(boxes, kinds, instances, problems, counts)
-    return Sample(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
+    return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
 
 
 def _placed(table: Table, row: dict[str, Any], key: str) -> Float64[np.ndarray, "4 4"]:
@@ -148,7 +148,7 @@ def _kind(tables: dict[str, Table], row: dict[str, Any], instance: str) -> str:
     return str(entry(tables["category"], str(entry(tables["instance"], instance, "category_token")), "name"))
 
 
-def write_nuscenes(samples: Iterable[Sample], folder: Path) -> int:
+def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
     """Write samples as a root with v1.0-coview/, each sensor a channel in its own frame. How many were written."""
     tables: dict[str, list[dict[str, Any]]] = {
         name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")
@@ -193,7 +193,7 @@ def _instance(instances: dict[str, str], track: int, label: int) -> str:
     return token
 
 
-def _annotations(sample: Sample, instances: list[str], token: str, written: int) -> list[dict[str, Any]]:
+def _annotations(sample: Frame, instances: list[str], token: str, written: int) -> list[dict[str, Any]]:
     rows = []
     for k, (box, instance) in enumerate(zip(sample.objects.boxes, instances, strict=True)):
         placed = sample.map_SE3_world

@@ -35,7 +35,7 @@ from toolkit.datasets.records import (
     rigid_matrix,
     write_cloud,
 )
-from toolkit.datasets.sample import Sample
+from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.runtime.files import write_text
@@ -59,7 +59,7 @@ def openlabel(path: Path) -> Listing:
     return Listing(tuple(frames), lambda name: _sample(name, *frames[name], clouds))
 
 
-def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Sample:
+def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
     problems: dict[str, int] = {}
     with named_damage(file, "OpenLABEL file"):
         content = entry(json_of(file), "openlabel")
@@ -83,7 +83,7 @@ def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Sample:
         read_cloud(each, _sensor(each, properties, k), where, problems)
         for k, (each, where) in enumerate(zip(files, poses, strict=True))
     )
-    return Sample(name, measured, *found, time=seconds, problems=problems)
+    return Frame.of_clouds(name, measured, *found, time=seconds, problems=problems)
 
 
 def _sensor(file: Path, properties: dict[str, Any], place: int) -> str:
@@ -123,7 +123,7 @@ def _points(cuboid: dict[str, Any]) -> int:
     return -1
 
 
-def write_openlabel(samples: Iterable[Sample], folder: Path) -> int:
+def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
     """Write samples, a label file and the clouds of each, every sensor's in its own frame. How many were written."""
     written = 0
     for written, sample in enumerate(samples, 1):
@@ -143,7 +143,7 @@ def write_openlabel(samples: Iterable[Sample], folder: Path) -> int:
     return written
 
 
-def openlabel_content(sample: Sample, found: Detections | None = None) -> dict[str, Any]:
+def openlabel_content(sample: Frame, found: Detections | None = None) -> dict[str, Any]:
     """One OpenLABEL document: the sample's objects, or what was detected in it, with scores as attributes."""
     shown: Objects | Detections = sample.objects if found is None else found
     ids = sample.objects.ids if found is None else np.arange(len(found))

@@ -37,7 +37,7 @@ from toolkit.datasets.records import (
     text_of,
     write_cloud,
 )
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import LABELS
 from toolkit.runtime.files import write_text
@@ -69,7 +69,7 @@ def _agent(file: Path) -> tuple[int, int | str]:
     return int(name.startswith("-")), abs(int(name))
 
 
-def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Sample:
+def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
     problems: dict[str, int] = {}
     contents, poses = [], []
     for file in files:
@@ -93,7 +93,7 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Sample:
     with np.errstate(all="ignore"):
         centres, yaw = transform(world_SE3_map, boxes[:, :3]), heading(world_SE3_map, boxes[:, 6])
     found = labelled(np.column_stack([centres, boxes[:, 3:6], yaw]), list(kinds.values()), list(rows), problems)
-    return Sample(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
+    return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
 
 
 def _yaml(file: Path) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def _mirrored(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
     return replace(cloud, points=points)
 
 
-def write_opv2v(samples: Iterable[Sample], folder: Path, *, left_handed: bool = True) -> int:
+def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> int:
     """Write samples as a scenario, an agent per sensor, numbered from 0, each listing all objects. How many."""
     import yaml
 
@@ -171,7 +171,7 @@ def _angles(placed: np.ndarray) -> list[float]:
     return [float(np.rad2deg(angle)) for angle in (roll, yaw, pitch)]
 
 
-def _vehicles(sample: Sample, mirror: np.ndarray) -> dict[int, dict[str, Any]]:
+def _vehicles(sample: Frame, mirror: np.ndarray) -> dict[int, dict[str, Any]]:
     flat = mirror @ sample.map_SE3_world
     rows = zip(sample.objects.ids.tolist(), sample.objects.boxes, sample.objects.labels, strict=True)
     return {

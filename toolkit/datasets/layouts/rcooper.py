@@ -20,7 +20,7 @@ from toolkit.arrays import Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
 from toolkit.datasets.records import ENDINGS, Listing, read_cloud
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
 SAME_OBJECT = 0.3  # BEV IoU of two agents' labels of one class, above which they are one object
@@ -51,7 +51,7 @@ def _time(file: Path) -> tuple[float, str]:
         return float("inf"), file.stem
 
 
-def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Sample:
+def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Frame:
     problems: dict[str, int] = {}
     scene, sequence, _ = name.split("/")
     clouds: list[SensorCloud] = []
@@ -66,7 +66,7 @@ def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Sample:
         categories += found.categories
     objects, rows = merged(parts)
     time = _time(files[0][1])[0]
-    return Sample(name, tuple(clouds), objects, tuple(categories[k] for k in rows),
+    return Frame.of_clouds(name, tuple(clouds), objects, tuple(categories[k] for k in rows),
                   time=time if np.isfinite(time) else float("nan"), problems=problems)  # fmt: skip
 
 

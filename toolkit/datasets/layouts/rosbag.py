@@ -15,7 +15,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +26,12 @@ from toolkit.arrays import Float64
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import quaternion_of
 from toolkit.datasets.records import add_problem, cloud_of, intensity_of
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import Objects
 from toolkit.point_files import name_attributes
 from toolkit.runtime.files import writing_together
+from toolkit.sites.site import Site
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TF, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
@@ -45,11 +47,27 @@ class Bag:
     path: Path
     rounds: int
     frames: Mapping[str, _Moving]
+    site: Site | None = None
+    _reading: list[tuple[int, Iterator[Frame]]] = field(default_factory=list, compare=False, repr=False)
 
     def __len__(self) -> int:
         return self.rounds
 
-    def __iter__(self) -> Iterator[Sample]:
+    def __getitem__(self, index: int) -> Frame:
+        """Frame of this number; the bag is read on from the last one, or again from its beginning."""
+        if not 0 <= index < self.rounds:
+            raise IndexError(f"there is no frame {index}: {self.path} has {self.rounds}, counted from 0")
+        following, frames = self._reading.pop() if self._reading else (0, iter(self))
+        if index < following:
+            following, frames = 0, iter(self)
+        frame = next(islice(frames, index - following, None))
+        self._reading.append((index + 1, frames))
+        return frame
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_reading": []}
+
+    def __iter__(self) -> Iterator[Frame]:
         clouds: dict[str, Any] = {}
         number = 0
         for topic, message in _messages(self.path, CLOUD):
@@ -60,7 +78,7 @@ class Bag:
         if clouds:
             yield self._sample(number, clouds)
 
-    def _sample(self, number: int, messages: dict[str, Any]) -> Sample:
+    def _sample(self, number: int, messages: dict[str, Any]) -> Frame:
         problems: dict[str, int] = {}
         clouds = []
         with _damage(self.path):
@@ -72,7 +90,9 @@ class Bag:
                 add_problem(problems, NO_TF, int(bool(self.frames) and frame not in self.frames))
                 attributes = name_attributes(columns_of(message))
                 clouds.append(cloud_of(attributes, topic.strip("/"), pose_at(self.frames, frame, stamp), problems))
-        return Sample(f"{number:06d}", tuple(clouds), Objects.empty(), time=stamps[0] * 1e-9, problems=problems)
+        return Frame.of_clouds(
+            f"{number:06d}", tuple(clouds), Objects.empty(), time=stamps[0] * 1e-9, problems=problems
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,15 +177,15 @@ def columns_of(message: Any) -> dict[str, np.ndarray]:
     count, step = int(message.width) * int(message.height), int(message.point_step)
     data = np.asarray(message.data, np.uint8)
     names, formats, offsets = [], [], []
-    for field in message.fields:
-        if field.datatype not in _TYPES or field.name in names or field.count not in (0, 1):
-            continue  # padding, or a field of several numbers
-        kind = np.dtype(order + _TYPES[field.datatype])
-        if not 0 <= field.offset <= step - kind.itemsize:
-            raise ValueError(f"field {field.name} does not fit a point of {step} bytes")
-        names.append(str(field.name))
+    for each in message.fields:
+        if each.datatype not in _TYPES or each.name in names or each.count not in (0, 1):
+            continue  # padding, or a each of several numbers
+        kind = np.dtype(order + _TYPES[each.datatype])
+        if not 0 <= each.offset <= step - kind.itemsize:
+            raise ValueError(f"field {each.name} does not fit a point of {step} bytes")
+        names.append(str(each.name))
         formats.append(kind)
-        offsets.append(int(field.offset))
+        offsets.append(int(each.offset))
     if (
         step < 1
         or int(message.row_step) < int(message.width) * step
@@ -238,7 +258,7 @@ def _each(path: Path, kinds: tuple[str, ...], made: Callable[[Any, Any, bytes], 
             yield connection.topic, message
 
 
-def write_rosbag(samples: Iterable[Sample], folder: Path) -> int:
+def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
     """Write the clouds of samples as recording.mcap of ROS 2, a topic per sensor with tf; labels have no place in a
     bag, and a warning says so. How many were written."""
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -271,7 +291,7 @@ def _header(store: Any, stamp: int, frame: str) -> Any:
     return types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
 
 
-def _transforms(store: Any, sample: Sample, stamp: int) -> Any:
+def _transforms(store: Any, sample: Frame, stamp: int) -> Any:
     types, each = store.types, []
     for cloud in sample.clouds:
         pose = cloud.world_SE3_sensor

@@ -31,7 +31,7 @@ from toolkit.datasets.records import (
     write_cloud,
     xyz,
 )
-from toolkit.datasets.sample import Sample
+from toolkit.frame import Frame
 from toolkit.objects import LABELS
 from toolkit.runtime.files import write_text
 
@@ -46,7 +46,7 @@ def sustech(path: Path) -> Listing:
     return Listing(tuple(files), lambda name: _sample(path, name, files[name]))
 
 
-def _sample(folder: Path, name: str, file: Path) -> Sample:
+def _sample(folder: Path, name: str, file: Path) -> Frame:
     problems: dict[str, int] = {}
     cloud = read_cloud(file, "lidar", np.eye(4), problems)
     labels = folder / "label" / f"{name}.json"
@@ -61,10 +61,10 @@ def _sample(folder: Path, name: str, file: Path) -> Sample:
                 names.append(str(entry(each, "obj_type")))
                 ids.append(each.get("obj_id", len(ids)))
     found = labelled(np.array(boxes).reshape(-1, 7), names, ids, problems)
-    return Sample(name, (cloud,), *found, problems=problems)
+    return Frame.of_clouds(name, (cloud,), *found, problems=problems)
 
 
-def write_sustech(samples: Iterable[Sample], folder: Path) -> int:
+def write_sustech(samples: Iterable[Frame], folder: Path) -> int:
     """Write samples as a scene, 000000 and on; the clouds of a sample become one, in its world frame. How many."""
     written = 0
     for written, sample in enumerate(samples, 1):

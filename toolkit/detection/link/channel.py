@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.readings import Readable, read_frame
-from toolkit.frame import Frame
+from toolkit.datasets.readings import read_frame
+from toolkit.frame import Frame, Frames
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.error_terms import MOST_APART
 
@@ -106,7 +106,7 @@ class Lagged(NamedTuple):
 
 
 def delay_frames(
-    recording: Readable,
+    recording: Frames,
     channels: Sequence[LinkChannel] | LinkChannel,
     *,
     frames: int | None = None,
@@ -174,7 +174,7 @@ def _put_together(
     for sensor, k in enumerate(newest):
         shown = now if k is None else history[0 if sensor in frozen else k]
         sensors.append(shown.sensors[sensor])
-        measured = shown.measurements[sensor]
+        measured = shown.images[sensor]
         measurements.append(np.zeros_like(measured) if k is None else measured)
         shifts.append(shown.shifts[sensor] if shown.shifts else None)
         ages.append(np.nan if k is None else now.time - history[k].time)

@@ -36,7 +36,8 @@ from toolkit.detection.link.message import (
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.scheme import Counts, Fused, make_fused
 from toolkit.detection.view import Captured, Lift, SentCloud, View
-from toolkit.points import Crop, crop_image, unproject
+from toolkit.frame import unproject
+from toolkit.points import Crop, crop_image
 from toolkit.sensors.sensor import Sensor, is_return
 
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.recordings import read, write_samples
+from toolkit.datasets.recordings import read, write_recording
 from toolkit.datasets.records import read_entries
 
 
@@ -13,7 +13,7 @@ from toolkit.datasets.records import read_entries
 def clouds(recording, tmp_path_factory):
     """One frame of the recording, as a folder of clouds, its labels beside them."""
     folder = tmp_path_factory.mktemp("clouds")
-    write_samples([next(read(recording, "hdf5"))], folder, "folder")
+    write_recording([next(read(recording, "hdf5"))], folder, "folder")
     return folder
 
 
@@ -45,11 +45,13 @@ def test_kitti_and_openlabel_text(clouds, tmp_path, run):
 def test_what_is_refused(clouds, tmp_path, refused):
     out = tmp_path / "b.json"
     assert "give clouds" in refused("detect", "--out", out)
-    assert "no such recording" in refused("detect", tmp_path / "none", "--out", out)
+    assert "check the path" in refused("detect", tmp_path / "none", "--out", out)
     assert "no layout 'kiti'" in refused("detect", clouds, "--layout", "kiti", "--out", out)
-    assert "for --layout folder" in refused("detect", clouds, "--layout", "kitti", "--poses", "p.json", "--out", out)
+    assert "--poses does not go with layout kitti" in refused(
+        "detect", clouds, "--layout", "kitti", "--poses", "p.json", "--out", out
+    )
     assert "is empty" in refused("detect", clouds, "--area", 1, 1, 0, 0, "--out", out)
-    assert "needs a site" in refused("detect", clouds, "--weights", "voxelnet", "--out", out)
+    assert "needs a site" in refused("detect", clouds, "--detector", "voxelnet", "--out", out)
     assert "--frames must be at least 1" in refused("detect", clouds, "--frames", 0, "--out", out)
     assert not out.exists()
 
@@ -63,16 +65,14 @@ def test_evaluate_takes_the_same_folder(clouds, tmp_path, run):
     table = json.loads((tmp_path / "e/table.json").read_text())
     bev = [
         row["ap"]
-        for row in table["rows"]
+        for row in table["breakdown"]
         if (row["label"], row["measure"], row["among"]) == ("vehicle", "BEV 0.5", "all")
     ]
     assert bev[0] > 0.5
 
 
 def test_what_evaluate_refuses_of_clouds(clouds, tmp_path, refused):
-    with_layout = ("evaluate", clouds, "--layout", "folder", "--out", tmp_path / "e")
-    assert "--metric is not for --layout" in refused(*with_layout, "--metric", "bev")
-    assert "--site is not for --layout" in refused(*with_layout, "--site", "tjunction")
-    assert "one set of sensors" in refused(*with_layout, "--sensors", "a", "b")
-    assert "no sensor 'x'" in refused(*with_layout, "--sensors", "x")
-    assert "needs --layout" in refused("evaluate", clouds, "--still", "--out", tmp_path / "e")
+    evaluate = ("evaluate", clouds, "--out", tmp_path / "e")
+    assert "--site does not go with layout folder" in refused(*evaluate, "--site", "tjunction")
+    assert "recorded clouds have errors of their own" in refused(*evaluate, "--errors", "poor", "--detector", "general")
+    assert "no sensor 'x'" in refused(*evaluate, "--sensors", "x")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coview.exits import SUSPECTED
-from toolkit.calibration.corrected_recording import write_corrected
+from toolkit.calibration.corrected_recording import copy_corrected
 from toolkit.clouds import from_points, save
 from toolkit.datasets.cloud_files import read_poses
 from toolkit.datasets.dataset import CoopDataset
@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
     error = np.eye(4)
     error[:3, :3], error[:3, 3] = make_rotation(np.deg2rad([0.6, 0.8, 0.0])), [0.06, 0.0, 0.08]
     with CoopDataset(folder / "true.hdf5") as true:
-        write_corrected(true, {"b": SENSORS[1].pose @ error}, folder / "crooked.hdf5")
+        copy_corrected(true, {"b": SENSORS[1].pose @ error}, folder / "crooked.hdf5")
     return folder
 
 

@@ -25,7 +25,7 @@ def test_our_recording_as_kitti_and_back(recording, tmp_path, run):
     assert set(again.objects.labels.tolist()) == {0}
     code, said, _ = run("survey", tmp_path / "f", "--layout", "folder", "--json")
     assert code == 0
-    assert json.loads(said)["objects_per_sample"]["vehicle"] == len(again.objects)
+    assert json.loads(said)["objects_per_frame"]["vehicle"] == len(again.objects)
 
 
 def test_into_our_hdf5_and_out_of_it(recording, tmp_path, run, monkeypatch):
@@ -41,7 +41,7 @@ def test_into_our_hdf5_and_out_of_it(recording, tmp_path, run, monkeypatch):
     assert after.complete.record() == before.complete.record() == {"kind": "rectangle", "area": [-40, -20, 40, 20]}
     code, said, _ = run("survey", clouds, "--layout", "hdf5", "--json")
     assert code == 0
-    assert json.loads(said)["samples"] == 1
+    assert json.loads(said)["frames"] == 1
     assert run("doctor", clouds, "--layout", "hdf5")[:2] == (0, "nothing suspected\n")
     area = ("--layout", "hdf5", "--area", -40, -20, 40, 20)
     assert run("pack", clouds, *area, "--out", tmp_path / "c.packed")[0] == 0
@@ -96,10 +96,6 @@ def test_what_is_refused(recording, tmp_path, refused, arguments, says):
     assert not (tmp_path / "x").exists()
 
 
-def test_survey_refuses_what_is_for_images(recording, refused):
-    assert "--site is not for --layout" in refused("survey", recording, "--layout", "hdf5", "--site", "tjunction")
-
-
 def test_sensors_with_errors(recording, tmp_path, run, refused):
     arguments = ("convert", recording, "--layout", "hdf5", "--frames", 1, "--to", "folder")
     assert run(*arguments, "--errors", "surveyed", "--seed", 3, "--out", tmp_path / "e")[0] == 0
@@ -110,4 +106,4 @@ def test_sensors_with_errors(recording, tmp_path, run, refused):
     assert "there is no error profile 'bad'" in refused(*arguments, "--errors", "bad", "--out", tmp_path / "x")
     says = refused("convert", tmp_path / "e", "--layout", "folder", "--to", "kitti", "--errors", "typical",
                    "--out", tmp_path / "x")  # fmt: skip
-    assert "--errors are for --layout hdf5" in says
+    assert "recorded clouds have errors of their own" in says

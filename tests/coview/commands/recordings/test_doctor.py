@@ -27,7 +27,7 @@ def test_it_looks_at_recordings_of_clouds(recording, tmp_path, run, refused):
     code, said, _ = run("doctor", tmp_path / "f", "--layout", "folder")
     assert code == SUSPECTED
     assert "length and width swapped" in said
-    assert "--site is not for --layout" in refused(
+    assert "--site does not go with layout folder" in refused(
         "doctor", tmp_path / "f", "--layout", "folder", "--site", "tjunction"
     )
 
@@ -40,6 +40,6 @@ def test_clouds_without_a_label_are_no_healthy_ones(recording, tmp_path, run):
     content = json.loads(labels.read_text())
     content["samples"][0]["objects"] = []
     labels.write_text(json.dumps(content))
-    said = "1 samples without a label: there is nothing to be checked\n"
+    said = "1 frames without a label: there is nothing to be checked\n"
     assert run("doctor", tmp_path / "f", "--layout", "folder")[:2] == (0, said)
     assert run("doctor", tmp_path / "f", "--layout", "folder", "--json")[:2] == (0, "[]\n")

@@ -4,14 +4,14 @@ import json
 
 import pytest
 
-from toolkit.datasets.recordings import read, write_samples
+from toolkit.datasets.recordings import read, write_recording
 from toolkit.viewing import scene as viser_scene
 
 
 @pytest.fixture(scope="module")
 def clouds(recording, tmp_path_factory):
     folder = tmp_path_factory.mktemp("view") / "clouds"
-    write_samples([next(read(recording, "hdf5"))], folder, "folder")
+    write_recording([next(read(recording, "hdf5"))], folder, "folder")
     return folder
 
 
@@ -52,11 +52,11 @@ def test_one_frame_as_a_picture(clouds, tmp_path, run, refused, monkeypatch):
     assert ", 0 detected, 0 hits, " in figures["said"]
     assert figures["said"].endswith(" missed, 0 false alarms")
     arguments = ("view", clouds, "--layout", "folder", "--still")
-    assert "there is no sample 1: 1 are chosen" in refused(*arguments, tmp_path / "b.png", "--frame", 1)
+    assert "there is no frame 1: 1 are chosen" in refused(*arguments, tmp_path / "b.png", "--frame", 1)
     assert "must end in .png or .svg" in refused(*arguments, tmp_path / "b.jpg")
     assert "--overwrite" in refused(*arguments, tmp_path / "a.png")
     assert "give one of them" in refused(*arguments, tmp_path / "b.png", "--out", tmp_path / "b.html")
-    assert "has no sensor 'west'" in refused(*arguments, tmp_path / "b.png", "--sensors", "west")
+    assert "no sensor 'west'" in refused(*arguments, tmp_path / "b.png", "--sensors", "west")
     assert sorted(each.name for each in tmp_path.iterdir() if each.suffix != ".py") in (
         ["a.png"],
         ["__pycache__", "a.png"],
@@ -71,13 +71,13 @@ def test_it_is_served_to_this_machine(clouds, run, monkeypatch):
 
 
 def test_what_is_refused(recording, clouds, tmp_path, refused):
-    assert "no such recording" in refused("view", tmp_path / "none.hdf5")
+    assert "none.hdf5" in refused("view", tmp_path / "none.hdf5")
     assert "no layout 'kiti'" in refused("view", clouds, "--layout", "kiti")
     assert "--frames must be at least 1" in refused("view", recording, "--frames", 0)
     assert "--every must be at least 1" in refused("view", recording, "--every", 0)
     assert "needs a site" in refused("view", recording, "--detector", "voxelnet")
     assert "port must lie in 1..65535" in refused("view", recording, "--port", 70000)
-    assert "for --layout folder" in refused("view", recording, "--poses", "p.json")
+    assert "--poses does not go with layout hdf5" in refused("view", recording, "--poses", "p.json")
     assert "is empty" in refused("view", recording, "--area", 1, 1, 0, 0)
     assert str(recording) in refused("view", recording, "--out", recording, "--overwrite")
 

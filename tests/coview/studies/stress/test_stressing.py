@@ -7,7 +7,8 @@ import pytest
 
 from coview.studies.stress.conditions import Condition, make_systems
 from coview.studies.stress.stressing import KeptDetections, StressQuestion, Trial, choose_kinds, run_stress
-from toolkit.detection.evaluation import evaluate_dataset
+from toolkit.datasets.readings import Reads
+from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.schemes import Early
@@ -45,7 +46,9 @@ def test_bytes_are_those_of_an_evaluation_after_the_first_second(rows, driving, 
     found = {(row.scheme, row.codec): row for row in by(rows, kind="bytes")}
     steps = ["2 cm", "4 cm", "8 cm"]
     assert list(found) == [("early", "paper"), *(("early", s) for s in steps), *(("foreground", s) for s in steps)]
-    exact = evaluate_dataset(Later(), tops(), schemes=["early"], iou_thresholds=[0.7], noise_seed=None)[0]
+    exact = evaluate_recording(
+        Later(), tops(), Comparison(schemes=["early"], iou_thresholds=[0.7]), reads=Reads(noise_seed=None)
+    )[0]
     assert found["early", "paper"].judged.ap == pytest.approx(exact.ap, abs=0.02)
     assert found["early", "paper"].kbit_per_sensor == pytest.approx(exact.kbit_per_sensor, rel=0.02)
     early = [found["early", step].kbit_per_sensor for step in steps]

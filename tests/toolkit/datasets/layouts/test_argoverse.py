@@ -16,7 +16,7 @@ from toolkit.datasets.layouts.argoverse import (
     sweep_times,
     write_argoverse,
 )
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
 SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[5] / "shared"))
@@ -83,12 +83,12 @@ def test_the_lidars_are_two_and_say_when_each_point_was_measured():
 def test_three_lidars_have_no_place(tmp_path):
     clouds = tuple(SensorCloud(name, np.ones((1, 3), np.float32), np.eye(4)) for name in "abc")
     with pytest.raises(ValueError, match="has two lidars, but '0' has 3"):
-        write_argoverse([Sample("0", clouds, Objects.empty())], tmp_path)
+        write_argoverse([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path)
 
 
 def test_a_log_without_labels(tmp_path):
     cloud = SensorCloud("a", np.ones((1, 3), np.float32), np.eye(4))
-    write_argoverse([Sample("0", (cloud,), Objects.empty(), time=2.0)], tmp_path)
+    write_argoverse([Frame.of_clouds("0", (cloud,), Objects.empty(), time=2.0)], tmp_path)
     (tmp_path / "annotations.feather").unlink()
     (tmp_path / "city_SE3_egovehicle.feather").unlink()
     (sample,) = argoverse(tmp_path)

@@ -8,11 +8,10 @@ import pytest
 
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.layouts import hdf5 as hdf5_layout
-from toolkit.datasets.layouts.hdf5 import hdf5, hdf5_clouds, holds_clouds, write_hdf5_clouds
-from toolkit.datasets.readings import read_frame
-from toolkit.datasets.sample import ImageWedge, OtherObjects, Rectangle, Sample, SensorCloud
+from toolkit.datasets.layouts.hdf5 import hdf5, hdf5_clouds, holds_clouds, write_hdf5
+from toolkit.datasets.readings import ReadRecording, Reads, read_frame
 from toolkit.datasets.simulation import simulate_dataset
+from toolkit.frame import Frame, ImageWedge, OtherObjects, Rectangle, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
 from toolkit.points import frame_points
@@ -42,16 +41,16 @@ def test_frames_are_samples_with_all_returns(recording):
 
 
 def test_sensors_with_errors_are_believed_elsewhere(recording):
-    (plain,), (crooked,) = hdf5(recording), hdf5(recording, errors="typical", noise_seed=4)
+    (plain,), (crooked,) = hdf5(recording), ReadRecording(hdf5(recording), Reads("typical", 4))
     frame = read_frame(CoopDataset(recording), 0, errors="typical", noise_seed=4)
     np.testing.assert_array_equal(crooked.objects.boxes, plain.objects.boxes)
     for own, sensor, true in zip(crooked.clouds, frame.sensors, plain.clouds, strict=True):
         np.testing.assert_array_equal(own.world_SE3_sensor, sensor.world_SE3_body)
         assert 0.001 < np.abs(own.world_SE3_sensor - true.world_SE3_sensor).max() < 0.2
-    (again,) = hdf5(recording, errors="typical", noise_seed=4)
+    (again,) = ReadRecording(hdf5(recording), Reads("typical", 4))
     np.testing.assert_array_equal(again.clouds[0].points, crooked.clouds[0].points)
     with pytest.raises(ValueError, match="drawn from a seed"):
-        hdf5(recording, errors="typical")[0]
+        ReadRecording(hdf5(recording), Reads("typical", None))[0]
 
 
 def test_clouds_are_in_the_body_frame_of_their_sensors(recording):
@@ -61,14 +60,12 @@ def test_clouds_are_in_the_body_frame_of_their_sensors(recording):
         assert (cloud.points[:, 0] > 0).all()  # a camera sees what is ahead of it
 
 
-def test_points_off_their_rays_are_where_they_were_measured(recording, monkeypatch):
+def test_points_off_their_rays_are_where_they_were_measured(recording):
     frame = CoopDataset(recording)[0]
-    shift = np.full((*frame.measurements[1].shape, 3), [0.5, 0.0, -0.25], np.float32)
+    shift = np.full((*frame.images[1].shape, 3), [0.5, 0.0, -0.25], np.float32)
     shifted = replace(frame, shifts=(None, shift, *(None for _ in frame.sensors[2:])))
     (plain,) = hdf5(recording)
-    monkeypatch.setattr(hdf5_layout, "read_frame", lambda *_, **__: shifted)
-    (moved,) = hdf5(recording)
-    for k, (own, other) in enumerate(zip(moved.clouds, plain.clouds, strict=True)):
+    for k, (own, other) in enumerate(zip(shifted.clouds, plain.clouds, strict=True)):
         by = [0.5, 0.0, -0.25] if k == 1 else [0.0, 0.0, 0.0]
         np.testing.assert_allclose(own.in_world() - other.in_world(), np.tile(by, (len(own.points), 1)), atol=1e-4)
 
@@ -87,10 +84,18 @@ def sample(name="1646667310.044", time=1646667310.0440001, complete=AREA):
     plain = SensorCloud("south/2", rng.normal(0, 9, (7, 3)).astype(np.float32), pose(5.0, 0.1, 4.0), "world")
     none = SensorCloud("dark", np.zeros((0, 3), np.float32), np.eye(4))
     others = OtherObjects(BOXES[:1] + 0.5, ("Animal",), np.array([4]))
-    return Sample(
-        name, (full, plain, none), Objects(BOXES, np.array([0, 2]), np.array([7, 2**60])), ("Van", "walker"),
-        np.array([12, 3]), others, complete, time, pose(500.0, -3.0, 2.0, yaw=1.0), {"doubled labels": 2},
-    )  # fmt: skip
+    return Frame.of_clouds(
+        name,
+        (full, plain, none),
+        Objects(BOXES, np.array([0, 2]), np.array([7, 2**60])),
+        ("Van", "walker"),
+        np.array([12, 3]),
+        others,
+        complete=complete,
+        time=time,
+        map_SE3_world=pose(500.0, -3.0, 2.0, yaw=1.0),
+        problems={"doubled labels": 2},
+    )
 
 
 def equal(a, b):
@@ -117,8 +122,8 @@ def equal(a, b):
 
 def test_nothing_is_lost(tmp_path):
     wedge = ImageWedge(np.arange(12.0).reshape(3, 4) / 7, 1242, 375, ((1.0, 2.0, 3.0, 4.5),))
-    some = [sample(), sample("b", float("nan"), wedge), Sample("", (), Objects.empty())]
-    assert write_hdf5_clouds(some, tmp_path / "r.hdf5") == 3
+    some = [sample(), sample("b", float("nan"), wedge), Frame.of_clouds("", (), Objects.empty())]
+    assert write_hdf5(some, tmp_path / "r.hdf5") == 3
     back = hdf5_clouds(tmp_path / "r.hdf5")
     assert len(back) == 3
     for before, after in zip(some, back, strict=True):
@@ -133,15 +138,15 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
         raise OSError("the bag ends here")
 
     with pytest.raises(OSError, match="ends here"):
-        write_hdf5_clouds(breaks(), tmp_path / "r.hdf5")
+        write_hdf5(breaks(), tmp_path / "r.hdf5")
     with pytest.raises(ValueError, match="different names"):
-        write_hdf5_clouds([sample(), sample()], tmp_path / "r.hdf5")
+        write_hdf5([sample(), sample()], tmp_path / "r.hdf5")
     assert list(tmp_path.iterdir()) == []
-    assert write_hdf5_clouds([], tmp_path / "r.hdf5") == len(hdf5_clouds(tmp_path / "r.hdf5")) == 0
+    assert write_hdf5([], tmp_path / "r.hdf5") == len(hdf5_clouds(tmp_path / "r.hdf5")) == 0
 
 
 def test_a_dataset_of_images_says_that_there_are_none(tmp_path):
-    write_hdf5_clouds([sample()], tmp_path / "r.hdf5")
+    write_hdf5([sample()], tmp_path / "r.hdf5")
     with pytest.raises(ValueError, match=r"recorded clouds, not images: give --layout hdf5"):
         CoopDataset(tmp_path / "r.hdf5")
 
@@ -172,7 +177,7 @@ def changed(file, name, value):
 )
 def test_damage_is_named_in_one_line(tmp_path, damage, says):
     path = tmp_path / "r.hdf5"
-    write_hdf5_clouds([sample()], path)
+    write_hdf5([sample()], path)
     with h5py.File(path, "r+") as file:
         damage(file)
     with pytest.raises(ValueError, match=says) as refused:
@@ -182,7 +187,7 @@ def test_damage_is_named_in_one_line(tmp_path, damage, says):
 
 
 def test_recorded_clouds_take_no_errors(tmp_path):
-    write_hdf5_clouds([sample()], tmp_path / "r.hdf5")
+    write_hdf5([sample()], tmp_path / "r.hdf5")
     assert len(hdf5(tmp_path / "r.hdf5")) == 1
     with pytest.raises(ValueError, match="have errors of their own"):
-        hdf5(tmp_path / "r.hdf5", errors="typical", noise_seed=0)
+        ReadRecording(hdf5(tmp_path / "r.hdf5"), Reads("typical"))[0]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.layouts.kitti import kitti, kitti_text, write_kitti
-from toolkit.datasets.sample import ImageWedge, Sample
+from toolkit.frame import Frame, ImageWedge
 from toolkit.objects import Objects
 
 # The axes of a camera that looks along the lidar's x, and 0.27 m behind, 0.08 m below it, as in the set.
@@ -112,7 +112,7 @@ def test_what_is_written_has_the_camera_and_its_ignored_regions(tmp_path):
 
 def test_a_line_of_text_is_kittis():
     box = np.array([[20.0, 2, -1, 4, 1.6, 1.5, -np.pi / 2]])
-    sample = Sample("a", (), Objects(box, np.array([3])))
+    sample = Frame.of_clouds("a", (), Objects(box, np.array([3])))
     words = kitti_text(sample).split()
     assert words[0] == "Truck"
     assert len(words) == 15

@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import nuscenes, quaternion_of, write_nuscenes
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
 
@@ -94,7 +94,9 @@ def test_numbers_that_stand_for_other_classes_in_other_samples_keep_their_classe
     boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5], [9.0, 2, 3, 2, 1, 1.5, 0.5]])
     cloud = SensorCloud("s", np.ones((1, 3), np.float32), np.eye(4))
     labels = [[0, 2], [2, 0], [3, 2], [0, 2]]
-    samples = [Sample(str(k), (cloud,), Objects(boxes, np.array(row), np.arange(2))) for k, row in enumerate(labels)]
+    samples = [
+        Frame.of_clouds(str(k), (cloud,), Objects(boxes, np.array(row), np.arange(2))) for k, row in enumerate(labels)
+    ]
     write_nuscenes(samples, tmp_path)
     back = list(nuscenes(tmp_path))
     assert [sample.objects.labels.tolist() for sample in back] == labels

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.layouts.openlabel import openlabel, openlabel_content
-from toolkit.datasets.sample import Sample
+from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
 from toolkit.point_files import pcd_bytes
 
@@ -82,7 +82,7 @@ def test_damage_names_the_file(tmp_path, change, names):
 
 def test_detections_carry_their_scores():
     found = Detections(np.array([[1, 2, 3, 4, 2, 1, 0.0]]), np.array([0.75]), np.array([1]))
-    document = openlabel_content(Sample("a", (), Objects.empty()), found)
+    document = openlabel_content(Frame.of_clouds("a", (), Objects.empty()), found)
     (each,) = document["openlabel"]["frames"]["0"]["objects"].values()
     assert each["object_data"]["type"] == "BICYCLE"
     assert each["object_data"]["cuboid"]["val"] == [1, 2, 3, 0, 0, 0, 1, 4, 2, 1]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.layouts.sustech import sustech, write_sustech
-from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 from toolkit.point_files import pcd_bytes
 
@@ -61,6 +61,6 @@ def test_several_sensors_become_one_cloud_in_the_world(tmp_path):
     pose = np.eye(4)
     pose[0, 3] = 10.0
     clouds = tuple(SensorCloud(name, np.ones((1, 3), np.float32), pose) for name in "ab")
-    assert write_sustech([Sample("0", clouds, Objects.empty())], tmp_path) == 1
+    assert write_sustech([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path) == 1
     (back,) = sustech(tmp_path)
     assert back.points().tolist() == [[11, 1, 1], [11, 1, 1]]

@@ -85,7 +85,7 @@ def recording(frames=12, apart=0.1, anew=()):
 def shown(channels, frames=None, **options):
     """The frame that each sensor's measurement is of, instant after instant; -1 for none."""
     lagged = list(delay_frames(frames or recording(), channels, noise_seed=None, **options))
-    return [[int(image[0, 0]) - 1 for image in each.frame.measurements] for each in lagged], lagged
+    return [[int(image[0, 0]) - 1 for image in each.frame.images] for each in lagged], lagged
 
 
 def test_without_delay_it_is_now():
@@ -159,11 +159,9 @@ def test_what_was_lost_takes_with_it_what_cannot_be_read_without(needed, expecte
     monkeypatch.setattr("toolkit.detection.link.channel.Line", lambda channel, seed: Lossy({2, 5, 10}))
     which, lagged = shown(LinkChannel(), needed=needed)
     assert [row[0] for row in which] == expected
-    assert [int(each.sent.measurements[0][0, 0]) - 1 for each in lagged] == list(range(12))
+    assert [int(each.sent.images[0][0, 0]) - 1 for each in lagged] == list(range(12))
 
 
 def test_a_frozen_sensor_sends_what_it_repeats():
     lagged = list(delay_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
-    assert [[int(image[0, 0]) - 1 for image in each.sent.measurements] for each in lagged] == [
-        [k, 0] for k in range(12)
-    ]
+    assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [[k, 0] for k in range(12)]

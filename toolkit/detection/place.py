@@ -1,0 +1,183 @@
+"""Where a detector looks: an area, and how points get onto its level ground, z = 0.
+
+A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose origin is the lidar. A recording of a
+known site says where its ground is. Of any other the ground is found first (`toolkit.calibration.ground`), in every
+frame or, where the sensors stand still, once. Detectors work in float32 about an origin near by: points are counted
+from the middle of the area, and boxes are brought back into the frame's world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+
+from toolkit.arrays import Float, Float32, Float64
+from toolkit.calibration.ground import Ground, level, level_warning
+from toolkit.frame import Frame
+from toolkit.objects import Detections, Objects
+from toolkit.points import Area, is_inside
+from toolkit.sites.site import Site, check_area
+
+Level = Literal["map", "plane", "none"]
+Corners = tuple[float, float, float, float]
+LEVELS: tuple[Level, ...] = ("map", "plane", "none")
+DETECTION_REACH = 50.0  # m about the sensors, where no area is given
+CROP_HEIGHT = 4.0  # m, of the paper's crop
+MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that those on its edge are known
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Ground and area of one frame.
+
+    area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world frame, that points are counted
+    from; ground: below the points counted so, None where z = 0 already. warning: of ground that is not level; ms: time
+    that finding the ground took.
+    """
+
+    area: Area
+    middle: Float64[np.ndarray, "2"]
+    ground: Ground | None = None
+    warning: str | None = None
+    ms: float = 0.0
+
+    @property
+    def corners(self) -> Float64[np.ndarray, "4"]:
+        """xmin, ymin, xmax, ymax (m), world frame."""
+        area = self.area.area if isinstance(self.area, Site) else np.asarray(self.area, np.float64)
+        return area + np.concatenate([self.middle, self.middle])
+
+    def lift(self, points: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+        """Return points, world frame, counted from the middle and on level ground."""
+        near = points - [*self.middle, 0.0]
+        return (near if self.ground is None or not len(near) else self.ground.points(near)).astype(np.float32)
+
+    def lift_boxes(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
+        """Return boxes, world frame, counted from the middle and on level ground."""
+        near = boxes - np.array([*self.middle, 0, 0, 0, 0, 0])
+        return near if self.ground is None or not len(near) else self.ground.boxes(near)
+
+    def put_back(self, found: Detections) -> Detections:
+        """Return detections of lifted points in the world frame."""
+        if isinstance(self.area, Site):
+            return found
+        boxes = found.boxes if self.ground is None or not len(found) else self.ground.boxes_back(found.boxes)
+        return replace(found, boxes=boxes + np.array([*self.middle, 0, 0, 0, 0, 0]))
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where to detect, and on what ground. Raises ValueError for an area that encloses nothing."""
+
+    level: Level | None = None
+    """Put points on the ground by a map of heights or a plane; none where the ground is at z = 0 already. By default
+    none at a known site, whose slope counts, else map."""
+    still: bool = False
+    """The sensors do not move: the ground is found once."""
+    area: Corners | None = None
+    """Detect in xmin ymin xmax ymax (m, world frame); by default in the site's area, else 50 m around the sensors."""
+
+    def __post_init__(self) -> None:
+        if self.level is not None and self.level not in LEVELS:
+            raise ValueError(f"level must be one of {', '.join(LEVELS)}, got {self.level!r}")
+        if self.area is not None:
+            check_area(self.area, "area")
+
+    @property
+    def middle(self) -> Float64[np.ndarray, "2"] | None:
+        """Middle of the area, None where the sensors say it."""
+        return None if self.area is None else (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
+
+    @property
+    def half(self) -> tuple[float, float]:
+        """Half the sides of the area (m)."""
+        if self.area is None:
+            return DETECTION_REACH, DETECTION_REACH
+        xmin, ymin, xmax, ymax = self.area
+        return (xmax - xmin) / 2, (ymax - ymin) / 2
+
+    def at(self, site: Site | None) -> bool:
+        """True where detection is at the site itself: its area, slope and ground."""
+        return site is not None and self.level is None and self.area is None
+
+    def stands(self, frames: Iterable[Frame], site: Site | None = None) -> Iterator[tuple[Frame, Stand]]:
+        """Yield every frame with its stand. A frame without ground stays as it is, with a warning."""
+        if site is not None and self.at(site):
+            yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
+            return
+        (x, y), kept = self.half, None
+        method = self.level or ("map" if site is None else "none")
+        for frame in frames:
+            middle = middle_of(frame) if self.middle is None else self.middle
+            stand, start = Stand(np.array([-x, -y, x, y]), middle), perf_counter()
+            ground, warning = (kept, None) if kept is not None else _ground(stand, frame, method)
+            kept = ground if self.still else None
+            yield frame, replace(stand, ground=ground, warning=warning, ms=1e3 * (perf_counter() - start))
+
+
+def _ground(stand: Stand, frame: Frame, method: Level) -> tuple[Ground | None, str | None]:
+    """The ground below a frame, and a warning."""
+    points = frame.points() - [*stand.middle, 0.0]
+    if not len(points):
+        return None, None
+    if method == "none":
+        return None, level_warning(points)
+    try:
+        return level(points, method=method), None
+    except ValueError as error:
+        return None, f"not levelled: {error}"
+
+
+def middle_of(frame: Frame) -> Float64[np.ndarray, "2"]:
+    """Middle of the sensors' places, world frame, to the metre; the origin where there is no sensor.
+
+    >>> middle_of(Frame((), (), Objects.empty())).tolist()
+    [0.0, 0.0]
+    """
+    places = [sensor.position[:2] for sensor in frame.sensors]
+    return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
+
+
+def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarray, "n 3"]:
+    """Return the lifted points in an area, below 4 m."""
+    return points[is_inside(points, np.asarray(area, np.float64), CROP_HEIGHT)]
+
+
+@dataclass(frozen=True, eq=False)
+class LevelFrame:
+    """A frame as a network is trained on it: clouds and objects on level ground, counted from the middle of the area.
+
+    sensors: names; clouds: points in the area, below 4 m; objects: in the area or close beside it; area: xmin ymin
+    xmax ymax (m), about the origin.
+    """
+
+    sensors: tuple[str, ...]
+    clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
+    objects: Objects
+    area: Corners
+
+
+def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
+    """Yield frames on level ground, without those that have no points, or no ground where it is looked for.
+
+    Where the labels of a set are not complete, in KITTI beside the camera's image, points are left out: nobody
+    labelled what is there, so it must not be learnt as background.
+    """
+    (x, y), method = place.half, place.level or "map"
+    for frame, stand in Place(method, place.still, place.area).stands(frames):
+        if not any(len(cloud.points) for cloud in frame.clouds) or (stand.ground is None and method != "none"):
+            continue
+        clouds = []
+        for cloud in frame.clouds:
+            points = cloud.in_world()
+            # a point is where labels are complete if a small box there is
+            small = np.column_stack([points, np.full((len(points), 3), 0.1), np.zeros(len(points))])
+            clouds.append(crop_points(stand.lift(points[frame.complete.covers(small)]), stand.area))
+        boxes = stand.lift_boxes(frame.objects.boxes)
+        near = (np.abs(boxes[:, :2]) <= np.array([x, y]) + MARGIN_AROUND).all(axis=1)
+        objects = Objects(boxes, frame.objects.labels, frame.objects.ids)[np.asarray(near)]
+        yield LevelFrame(tuple(sensor.name for sensor in frame.sensors), tuple(clouds), objects, (-x, -y, x, y))
