@@ -197,7 +197,7 @@ def _read_ascii(header: _Header, body: bytes) -> list[np.ndarray]:
             with np.errstate(all="ignore"):
                 columns.append(cell.astype(dtype) if dtype.kind == "f" else _integers(cell, dtype))
         except (ValueError, OverflowError):
-            raise ValueError("a cell of its table is no number") from None
+            raise ValueError("a cell of its table is not a number") from None
     return columns
 
 
@@ -246,7 +246,7 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
     try:
         while i < len(packed):
             control = packed[i]
-            if control < 32:  # so many plain bytes, and one
+            if control < 32:  # control + 1 plain bytes
                 out += packed[i + 1 : i + 2 + control]
                 i += 2 + control
                 continue
@@ -263,7 +263,7 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
                 (out[start : start + length] * (length // back + 1))[:length]
                 if length > back
                 else out[start : start + length]
-            )  # it may overlap what it makes
+            )  # it may overlap its own output
     except IndexError:
         pass
     if i != len(packed) or len(out) != size:

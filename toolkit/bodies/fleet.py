@@ -14,7 +14,7 @@ from toolkit.bodies.people import pedestrians, two_wheelers
 from toolkit.bodies.vehicles import CARS, car, trucks
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
-HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars no detector of ours has been trained on
+HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars that no shipped detector has been trained on
 FLEETS = ("catalogue", "own", "meshes", "both")
 LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
 

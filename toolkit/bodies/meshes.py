@@ -78,7 +78,7 @@ def measure_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndar
 def is_clearly(shape: Shape, label: int) -> bool:
     """True if the shape alone clearly says a class."""
     (length, width, height), fills = shape.size.tolist(), shape.fills
-    if shape.asymmetry[1] > ASKEW and label != PEDESTRIAN:  # somebody who walks is not symmetric
+    if shape.asymmetry[1] > ASKEW and label != PEDESTRIAN:  # a walking person is not symmetric
         return False
     if label in (VEHICLE, HEAVY):
         filled = fills[0] > 0.72 and fills[1] > 0.55 and fills[2] > 0.76
@@ -226,7 +226,7 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: is no TOML ({error}): mend it or remove it") from None
+        raise ValueError(f"{path}: not valid TOML ({error}): repair or remove it") from None
     rows = content.get("mesh")
     if set(content) != {"mesh"} or not isinstance(rows, list):
         raise ValueError(f"{path}: must hold [[mesh]] entries alone, got {sorted(content)}")
@@ -305,7 +305,7 @@ def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise FileNotFoundError(f"{folder} is no folder: give one that holds mesh files ({' '.join(SUFFIXES)})")
+        raise FileNotFoundError(f"{folder} is not a folder: give one that holds mesh files ({' '.join(SUFFIXES)})")
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     if not paths:
         raise ValueError(f"{folder} holds no mesh: put files in it that end in one of {' '.join(SUFFIXES)}")
@@ -357,7 +357,7 @@ def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> Tak
         raise ValueError(f"{path}: {size} (x, y, z): {doubts[0]}: {say}")
     wanted = f"a {LABELS[named]}" if named is not None else "any road user"
     remedy = remedy or f"check its units and axes, move it to the folder of its class, or say in {TABLE} what it is"
-    raise ValueError(f"{path}: {size} (x, y, z) is no size of {wanted} in metres, x forward, z up: {remedy}")
+    raise ValueError(f"{path}: {size} (x, y, z) does not fit {wanted} in metres, x forward, z up: {remedy}")
 
 
 def _body(name: str, label: int, vertices: np.ndarray, triangles: np.ndarray, mirrors: bool) -> Body:
@@ -420,7 +420,7 @@ def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 
     if not triangles.size:
         raise ValueError(f"{path}: has points but no triangles: export it again as a triangle mesh")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise ValueError(f"{path}: a triangle has a corner that is not there: repair it or export it again")
+        raise ValueError(f"{path}: a triangle refers to a missing vertex: repair it or export it again")
     used, corners = np.unique(triangles, return_inverse=True)
     if not np.isfinite(vertices[used]).all():
         raise ValueError(f"{path}: holds vertices that are NaN or infinite: repair it or export it again")

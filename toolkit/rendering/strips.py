@@ -26,7 +26,7 @@ from toolkit.rendering.renderer import Footprints, Moment, Renderer
 from toolkit.sensors.sensor import NEAR
 
 STRIP_WIDTH = float(np.deg2rad(0.2))  # rad between columns; twice that between the rays of one
-COARSE = float(np.deg2rad(1.0))  # the same of objects that nobody is scored by
+COARSE = float(np.deg2rad(1.0))  # the same for objects that are not scored
 COLUMNS, ROWS = (6, 96), (5, 40)  # fewest and most columns of an object, and rays of a column
 HALVINGS = 3  # of what lies between two rays, to find an edge
 EDGE = 1e-3  # m by which rectangles are widened

@@ -144,7 +144,7 @@ class Cache:
         for suffix in ("", "-wal", "-shm"):
             try:
                 os.replace(f"{self.path}{suffix}", f"{aside}{suffix}")
-            except FileNotFoundError:  # there is none, or another process put it aside
+            except FileNotFoundError:  # missing, or put aside by another process
                 continue
 
 

@@ -238,7 +238,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     content = Path(path).read_bytes()
     content, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
     if sha256(content).digest() != checksum:
-        raise ValueError(f"{path} does not fit its checksum, so it is damaged or no file of ours: make it again")
+        raise ValueError(f"{path} does not fit its checksum: it is damaged or not a coview file, make it again")
     try:
         with np.load(BytesIO(content), allow_pickle=False) as file:
             return {name: file[name] for name in file}
@@ -266,4 +266,4 @@ def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
             return {name: file[name] for name in file.files}
     except _NUMPY_RAISES as error:
         reason = " ".join(str(error).split())[:160] or type(error).__name__
-        raise ValueError(f"{path} is no .npy array or .npz archive that can be read: {reason}") from None
+        raise ValueError(f"{path} cannot be read as .npy array or .npz archive: {reason}") from None

@@ -23,6 +23,9 @@ from itertools import islice
 from multiprocessing.connection import Connection
 from typing import Any
 
+Value = Any  # an input or result of a job, or an object of Ray, which has no types
+Job = Callable[[Value], Value]
+
 
 class WorkLost(RuntimeError):
     """A worker died, perhaps through no fault of input or code.
@@ -66,10 +69,10 @@ RETRIES = 3  # how often work that was lost is done again
 AHEAD_PER_CORE = 8  # inputs handed out per core: tasks travel farther, and nodes may join
 
 
-def run_on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> Iterator[Any]:
+def run_on_ray(job: Job, inputs: Iterable[Value], address: str) -> Iterator[Value]:
     """Run a job on a Ray cluster, which repeats lost tasks."""
     ray = _get_ray(address)
-    pending: deque[Any] = deque()
+    pending: deque[Value] = deque()
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
         shared, remaining = ray.put(job), iter(inputs)
@@ -84,7 +87,7 @@ def run_on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -
             ray.cancel(reference, force=True)
 
 
-def _got(ray: Any, reference: Any) -> Any:
+def _got(ray: Value, reference: Value) -> Value:
     try:
         return ray.get(reference)
     except ray.exceptions.RayTaskError as error:  # what the job raised
@@ -94,10 +97,10 @@ def _got(ray: Any, reference: Any) -> Any:
         raise WorkLost(f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs") from None
 
 
-_jobs: dict[str, Callable[[Any], Any]] = {}  # of a Ray worker: the last it was given, so that what it keeps is kept
+_jobs: dict[str, Job] = {}  # of a Ray worker: its last job, whose caches stay
 
 
-def _work_on_ray(shared: list[Any], x: Any) -> Any:
+def _work_on_ray(shared: list[Value], x: Value) -> Value:
     key = shared[0].hex()
     if key not in _jobs:
         _jobs.clear()
@@ -108,7 +111,7 @@ def _work_on_ray(shared: list[Any], x: Any) -> Any:
 _address: str | None = None  # of the cluster that we are connected to
 
 
-def _get_ray(address: str) -> Any:
+def _get_ray(address: str) -> Value:
     """Ray, connected until this process ends or needs another cluster.
 
     The caller's own connection stays.
@@ -123,7 +126,7 @@ def _get_ray(address: str) -> Any:
     return ray
 
 
-def _connect(ray: Any, address: str) -> None:
+def _connect(ray: Value, address: str) -> None:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     here = {"include_dashboard": False} if address == "local" else {}
     host, colon, port = address.rpartition("://")[2].rpartition(":")
@@ -138,7 +141,7 @@ def _connect(ray: Any, address: str) -> None:
         ) from None
 
 
-def _ray() -> Any:
+def _ray() -> Value:
     try:
         import ray
     except ImportError:
@@ -152,14 +155,14 @@ IDLE_S = 20.0  # that processes wait for more of the same job
 
 
 def spread(
-    job: Callable[[Any], Any],
-    inputs: Iterable[Any],
+    job: Job,
+    inputs: Iterable[Value],
     *,
     workers: int = 1,
     ray: str | None = None,
     progress: Callable[[int], None] | None = None,
     ticks: Callable[[int], None] | None = None,
-) -> Iterator[Any]:
+) -> Iterator[Value]:
     """Yield `job(x)` for each of `inputs`, in their order.
 
     Errors of `job` are raised. job: a function of a module, or an object that can be called and pickled; large
@@ -198,7 +201,7 @@ def _ignore(_: int) -> None:
     pass
 
 
-def _count_results(results: Iterator[Any], progress: Callable[[int], None] | None) -> Iterator[Any]:
+def _count_results(results: Iterator[Value], progress: Callable[[int], None] | None) -> Iterator[Value]:
     for done, result in enumerate(results, 1):
         if progress:
             progress(done)
@@ -209,8 +212,8 @@ def _count_results(results: Iterator[Any], progress: Callable[[int], None] | Non
 class _Task:
     """Input and its future result; None while no pool has it."""
 
-    input: Any
-    future: Future[Any] | None = None
+    input: Value
+    future: Future[Value] | None = None
 
     @property
     def lost(self) -> bool:
@@ -218,9 +221,7 @@ class _Task:
         return future is None or future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
 
 
-def _in_processes(
-    job: Callable[[Any], Any], inputs: Iterable[Any], workers: int, ticks: Callable[[int], None]
-) -> Iterator[Any]:
+def _in_processes(job: Job, inputs: Iterable[Value], workers: int, ticks: Callable[[int], None]) -> Iterator[Value]:
     pickled, remaining = pickle.dumps(job), iter(inputs)
     pending: deque[_Task] = deque()
     deaths = given = given_before = 0  # deaths since there was a result
@@ -248,8 +249,8 @@ def _in_processes(
 
 
 def _results(
-    pool: _Pool, pending: deque[_Task], remaining: Iterator[Any], ticks: Callable[[int], None]
-) -> Iterator[Any]:
+    pool: _Pool, pending: deque[_Task], remaining: Iterator[Value], ticks: Callable[[int], None]
+) -> Iterator[Value]:
     """Yield results in order.
 
     Pending inputs without a future are handed out first; after a BrokenProcessPool `pending` still holds every input
@@ -314,7 +315,7 @@ class _Pool:
     def ticks(self, count: int) -> None:
         self._ticks.get_obj().value = count
 
-    def submit(self, x: Any) -> Future[Any]:
+    def submit(self, x: Value) -> Future[Value]:
         """Run the job on an input."""
         if self._idle:
             self._idle.cancel()
@@ -349,11 +350,11 @@ def _end_kept() -> None:
         pool.end()
 
 
-_job: Callable[[Any], Any]
-_ticks: Any = None  # a number that all workers of a pool count up; None in other processes
+_job: Job
+_ticks: Value = None  # a number that all workers of a pool count up; None in other processes
 
 
-def _start_worker(pickled: bytes, parent: Connection, ticks: Any) -> None:
+def _start_worker(pickled: bytes, parent: Connection, ticks: Value) -> None:
     global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
@@ -367,7 +368,7 @@ def _end_after(parent: Connection) -> None:
     os._exit(1)
 
 
-def _work(x: Any) -> Any:
+def _work(x: Value) -> Value:
     return _job(x)
 
 

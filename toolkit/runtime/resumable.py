@@ -104,7 +104,7 @@ class ShardFolder:
             self._clear()
             for name in ("plan.json", "lock"):
                 (self.path / name).unlink(missing_ok=True)
-            with suppress(OSError):  # somebody put a file of their own there
+            with suppress(OSError):  # it holds a file of the user's
                 self.path.rmdir()
 
     def _clear(self) -> None:

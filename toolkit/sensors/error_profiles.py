@@ -147,7 +147,7 @@ PROFILES = {profile.name: profile for profile in (PAPER_ERRORS, SURVEYED, TYPICA
 def find_profile(name: str) -> ErrorProfile:
     """Find a profile by name. Raises ValueError that lists all."""
     if name not in PROFILES:
-        raise ValueError(f"there is no error profile {name!r}: choose among {', '.join(PROFILES)}, or make your own")
+        raise ValueError(f"unknown error profile {name!r}: choose among {', '.join(PROFILES)}, or make your own")
     return PROFILES[name]
 
 

@@ -76,7 +76,7 @@ from toolkit.sensors.readings import Draws, Reading, TrueImage, check_least, che
 from toolkit.sensors.sensor import NEAR, Measure, angle
 
 MOST_APART = 0.5  # s between frames from which velocities are known
-_SAME = 1.0  # m by which what is measured may differ from what is there and still show it
+_SAME = 1.0  # m by which a measurement may differ from the truth and still show the same object
 
 
 @dataclass(frozen=True)

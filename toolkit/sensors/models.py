@@ -457,10 +457,10 @@ def register_sensor_model(model: Model) -> Model:
     if not isinstance(model(), SensorModel):
         known = (each for each in dir(SensorModel) if not each.startswith("_"))
         lacks = ", ".join(each for each in known if not hasattr(model, each))
-        raise ValueError(f"{name} is no SensorModel, it lacks {lacks}: see toolkit.sensors.sensor")
+        raise ValueError(f"{name} is not a SensorModel, it lacks {lacks}: see toolkit.sensors.sensor")
     before = MODELS.get(name_in_words(name), model)
     if (before.__module__, before.__qualname__) != (model.__module__, model.__qualname__):
-        raise ValueError(f"there is a sensor model {name} already, in {before.__module__}: name this one otherwise")
+        raise ValueError(f"sensor model {name} exists already, in {before.__module__}: choose another name")
     MODELS[name_in_words(name)] = model
     return model
 
@@ -476,7 +476,7 @@ def find_model(name: str) -> SensorModel:
 def find_model_class(name: str) -> type[Any]:
     """Find the class of a model by name. Raises ValueError that lists all."""
     if name_in_words(str(name)) not in MODELS:
-        raise ValueError(f"no sensor model {str(name)[:60]!r}: there are {', '.join(class_names())}")
+        raise ValueError(f"unknown sensor model {str(name)[:60]!r}: choose among {', '.join(class_names())}")
     return MODELS[name_in_words(str(name))]
 
 

@@ -48,7 +48,8 @@ def save_site(site: Site, path: str | Path) -> None:
 
 
 VERSION = 1
-Json = dict[str, Any]
+JsonValue = Any  # of a JSON document, not yet checked
+Json = dict[str, JsonValue]
 
 
 def document(site: Site) -> Json:
@@ -97,7 +98,7 @@ def format_site(site: Site, *, without: Collection[str] = ()) -> str:
     return "{\n" + ",\n".join(members) + "\n}\n"
 
 
-def parse(collection: Any) -> Site:
+def parse(collection: JsonValue) -> Site:
     """Parse a site's FeatureCollection.
 
     Raises ValueError that names the field by its path in the document.
@@ -107,7 +108,7 @@ def parse(collection: Any) -> Site:
     version = _member(collection, "coview_site", int, "")
     if version > VERSION:
         raise ValueError(f"coview_site is version {version}, this coview reads up to {VERSION}: install a newer one")
-    layers: dict[str, list[Any]] = {layer: [] for layer in _READERS}
+    layers: dict[str, list[JsonValue]] = {layer: [] for layer in _READERS}
     for i, feature in enumerate(_member(collection, "features", list, "")):
         layer, value = _feature(feature, f"features[{i}]")
         layers[layer].append(value)
@@ -150,7 +151,7 @@ def _hybrid_radius(collection: Json) -> float:
     return _number(collection, "hybrid_radius", "") if "hybrid_radius" in collection else HYBRID_RADIUS
 
 
-def _feature(feature: Any, where: str) -> tuple[str, Any]:
+def _feature(feature: JsonValue, where: str) -> tuple[str, JsonValue]:
     properties = _member(feature, "properties", dict, where)
     properties = {key: value for key, value in properties.items() if value is not None}  # GIS tools fill columns up
     geometry = _member(feature, "geometry", dict, where)
@@ -169,7 +170,7 @@ def _feature(feature: Any, where: str) -> tuple[str, Any]:
     return layer, read(coordinates, properties, where)
 
 
-def _ring(coordinates: list[Any], where: str) -> np.ndarray:
+def _ring(coordinates: list[JsonValue], where: str) -> np.ndarray:
     if len(coordinates) != 1:
         raise ValueError(
             f"{where}.geometry.coordinates must hold one ring, got {len(coordinates)}: split polygons with holes"
@@ -181,7 +182,7 @@ def _ring(coordinates: list[Any], where: str) -> np.ndarray:
     return check_polygon(ring[:-1], where)
 
 
-def _read_area(coordinates: list[Any], properties: Json, where: str) -> np.ndarray:
+def _read_area(coordinates: list[JsonValue], properties: Json, where: str) -> np.ndarray:
     ring = _ring(coordinates, where)
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
@@ -191,31 +192,31 @@ def _read_area(coordinates: list[Any], properties: Json, where: str) -> np.ndarr
     return np.array([xmin, ymin, xmax, ymax])
 
 
-def _read_polygon(coordinates: list[Any], properties: Json, where: str) -> np.ndarray:
+def _read_polygon(coordinates: list[JsonValue], properties: Json, where: str) -> np.ndarray:
     return _ring(coordinates, where)
 
 
-def _read_solid(coordinates: list[Any], properties: Json, where: str) -> Solid:
+def _read_solid(coordinates: list[JsonValue], properties: Json, where: str) -> Solid:
     footprint = _ring(coordinates, where)
     where = f"{where}.properties"
     base, top = (_number(properties, key, where) for key in ("base", "top"))
     return _name_errors(where, lambda: Solid(footprint, base, top, _member(properties, "kind", str, where)))
 
 
-def _read_parking(coordinates: list[Any], properties: Json, where: str) -> tuple[float, float, float]:
+def _read_parking(coordinates: list[JsonValue], properties: Json, where: str) -> tuple[float, float, float]:
     x, y = _position(coordinates, 2, where)
     return x, y, float(np.deg2rad(_number(properties, "heading_deg", f"{where}.properties")))
 
 
-def _read_mount(coordinates: list[Any], properties: Json, where: str) -> Mount:
+def _read_mount(coordinates: list[JsonValue], properties: Json, where: str) -> Mount:
     position = np.array(_position(coordinates, 3, where))
     where = f"{where}.properties"
     name = _member(properties, "name", str, where)
-    numbers: dict[str, Any] = {k: _number(properties, k, where) for k in properties if k not in ("layer", "name")}
+    numbers: dict[str, JsonValue] = {k: _number(properties, k, where) for k in properties if k not in ("layer", "name")}
     return _name_errors(where, lambda: Mount(name, position, **numbers))
 
 
-def _read_sensor(coordinates: list[Any], properties: Json, where: str) -> Sensor:
+def _read_sensor(coordinates: list[JsonValue], properties: Json, where: str) -> Sensor:
     x, y, z = _position(coordinates, 3, where)
     where = f"{where}.properties"
     heading, tilt, roll = (np.deg2rad(_number(properties, f"{key}_deg", where)) for key in ("heading", "tilt", "roll"))
@@ -229,7 +230,7 @@ def _read_model(properties: Json, where: str) -> SensorModel:
     if kind not in class_names():
         raise ValueError(f"{where}.type must be one of {', '.join(class_names())}, got {kind[:60]!r}")
     known = {_written(f): f for f in fields(find_model_class(kind))}
-    values: dict[str, Any] = {}
+    values: dict[str, JsonValue] = {}
     for key in properties:
         if key not in ("type", *known):
             raise ValueError(f"{where}.{key} is unknown to {kind}: it has {', '.join(known)}")
@@ -238,7 +239,7 @@ def _read_model(properties: Json, where: str) -> SensorModel:
     return _name_errors(where, lambda: make_model(kind, values))
 
 
-def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> Any:
+def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> JsonValue:
     """Read a field of a sensor model, of the type of its default."""
     if isinstance(entry.default, str):
         return _member(properties, key, str, where)
@@ -253,7 +254,7 @@ def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> An
     return float(np.deg2rad(number)) if is_angle(entry) else number
 
 
-_READERS: Mapping[str, tuple[str, Callable[[list[Any], Json, str], Any], tuple[str, ...]]] = {
+_READERS: Mapping[str, tuple[str, Callable[[list[JsonValue], Json, str], JsonValue], tuple[str, ...]]] = {
     "area": ("Polygon", _read_area, ()),
     "lane": ("Polygon", _read_polygon, ()),
     "footway": ("Polygon", _read_polygon, ()),
@@ -264,14 +265,14 @@ _READERS: Mapping[str, tuple[str, Callable[[list[Any], Json, str], Any], tuple[s
 }
 
 
-def _name_errors(where: str, build: Callable[[], Any]) -> Any:
+def _name_errors(where: str, build: Callable[[], JsonValue]) -> JsonValue:
     try:
         return build()
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
 
-def _member(container: Any, key: str, kind: type, where: str) -> Any:
+def _member(container: JsonValue, key: str, kind: type, where: str) -> JsonValue:
     path = f"{where}.{key}" if where else key
     if not isinstance(container, dict):
         raise ValueError(f"{where} must be an object {{...}}, got {str(container)[:60]}")
@@ -294,11 +295,11 @@ def _number(container: Json, key: str, where: str) -> float:
     return float(value)
 
 
-def _position(coordinates: list[Any], dimensions: int, where: str) -> list[float]:
+def _position(coordinates: list[JsonValue], dimensions: int, where: str) -> list[float]:
     return _numbers(coordinates, dimensions, f"{where}.geometry.coordinates")
 
 
-def _numbers(row: list[Any], count: int, where: str) -> list[float]:
+def _numbers(row: list[JsonValue], count: int, where: str) -> list[float]:
     if len(row) != count:
         raise ValueError(f"{where} must be {count} numbers, got {len(row)}")
     return [_number({str(i): value}, str(i), where) for i, value in enumerate(row)]
@@ -321,12 +322,12 @@ def _network(collection: Json) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _polygon(corners: list[list[float]], **properties: Any) -> Json:
+def _polygon(corners: list[list[float]], **properties: JsonValue) -> Json:
     geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
-def _point(coordinates: list[float], **properties: Any) -> Json:
+def _point(coordinates: list[float], **properties: JsonValue) -> Json:
     return {"type": "Feature", "properties": properties, "geometry": {"type": "Point", "coordinates": coordinates}}
 
 
@@ -342,7 +343,7 @@ def _model(model: SensorModel) -> Json:
     return {"type": type(model).__name__, **members}
 
 
-def _written_value(entry: Field[Any], value: Any) -> Any:
+def _written_value(entry: Field[Any], value: JsonValue) -> JsonValue:
     if is_angle(entry):
         return [_degrees(each) for each in value] if isinstance(value, tuple) else _degrees(value)
     return list(value) if isinstance(value, tuple) else value

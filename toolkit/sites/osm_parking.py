@@ -32,7 +32,7 @@ _ALIKE = 0.85  # least cosine between a lane and its road
 _EVERY = 2.0  # m between the places where a lane's sides are looked at
 _LEAST = 6  # of these places with parking, below which an edge gets no strip
 
-Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: nobody parks
+Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: no parking
 
 
 class Sides(NamedTuple):

@@ -163,8 +163,8 @@ def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
 BAY = (5.8, 2.6)  # m, length and width of a parking bay
 ANGLES = {0: 2.3, 45: 4.8, 60: 5.1, 90: 5.2}  # degrees between bay and kerb, and how wide a strip of such bays is (m)
 _CLEAR = 6.0  # m between a junction and the first bay
-_REACH = 75.0  # m from a junction, beyond which nobody needs bays
-_UNSEEN = 15.0  # m from the edge of the ground that is furnished, outside of which there are no bays on the road
+_REACH = 75.0  # m from a junction, beyond which bays are not drawn
+_UNSEEN = 15.0  # m from the edge of the furnished ground, within which no bays lie on the road
 Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, width
 
 

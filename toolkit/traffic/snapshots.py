@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 GAP = 0.1  # m left between bodies
 STEPS_ASIDE = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
-_WALKABLE = 0.3  # m above the ground; what is lower can be stepped on
+_WALKABLE = 0.3  # m above the ground; lower solids can be stepped on
 
 
 class Obstacles:

@@ -263,9 +263,9 @@ _LEEWAY = 10.0
 _ROUTE_LENGTH = 300.0  # m; farther than anything drives in its life
 _TRIES = 8  # places looked at before a spawn is put off to the next step
 _ASIDE = 0.3  # m a pedestrian walks beside the middle of its stripe
-_COMPANIONS = (0.7, 0.19, 0.08, 0.03)  # shares of pedestrians of a drawn fleet who walk with 0, 1, 2, 3 others
+_COMPANIONS = (0.7, 0.19, 0.08, 0.03)  # shares of pedestrians of a drawn fleet with 0, 1, 2, 3 companions
 _RESERVED = 2  # of the places are left to companions where there may be some
-_SHOULDER = (0.55, 0.8)  # m between two who walk side by side, from .. to
+_SHOULDER = (0.55, 0.8)  # m between two pedestrians side by side, from .. to
 
 
 @dataclass

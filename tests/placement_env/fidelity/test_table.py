@@ -181,7 +181,7 @@ def test_a_damaged_file_is_refused_in_one_line(tmp_path, size):
 
 def test_a_file_of_something_else_is_refused(tmp_path):
     np.savez(tmp_path / "t.npz", ap=np.zeros(3))
-    with pytest.raises(ValueError, match="no file of ours"):
+    with pytest.raises(ValueError, match="not a coview file"):
         load_table(tmp_path / "t.npz")
     write_arrays(tmp_path / "t.npz", {"ap": np.zeros(3)})
     with pytest.raises(ValueError, match="no table"):

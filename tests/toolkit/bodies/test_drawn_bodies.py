@@ -40,10 +40,12 @@ def test_shares_sum_up_and_every_kind_is_drawn():
 @pytest.mark.parametrize(
     ("kinds", "lengths", "heights"),
     [
-        (("_truck",), (5.2, 11.6), (1.9, 4.4)), (("articulated_",), (12.4, 17.1), (2.8, 4.6)),
-        (("bendy_bus",), (16.4, 18.6), (2.5, 4.7)), (("minibus",), (6.1, 8.0), (2.5, 4.8)),
+        (("_truck",), (5.2, 11.6), (1.9, 4.4)),
+        (("articulated_",), (12.4, 17.1), (2.8, 4.6)),
+        (("bendy_bus",), (16.4, 18.6), (2.5, 4.7)),
+        (("minibus",), (6.1, 8.0), (2.5, 4.8)),
     ],
-)  # fmt: skip
+)
 def test_sizes_are_those_of_the_kind(kinds, lengths, heights):
     meshes = of(*kinds)
     assert len(meshes) > 3
@@ -123,11 +125,14 @@ def test_kinds_have_their_shares_and_few_go_without_a_rider():
 @pytest.mark.parametrize(
     ("kind", "low", "high"),
     [
-        ("bicycle", (0.85, 0.3, 0.9), (2.1, 0.75, 2.2)), ("cargo_bicycle", (1.9, 0.4, 1.4), (2.7, 0.75, 2.2)),
-        ("e_scooter", (0.9, 0.45, 1.4), (1.4, 0.75, 2.25)), ("motorcycle", (1.7, 0.5, 1.4), (2.8, 0.85, 1.95)),
-        ("scooter", (1.4, 0.5, 1.4), (2.2, 0.85, 2.0)), ("e_scooter_alone", (0.9, 0.45, 0.95), (1.4, 0.55, 1.3)),
+        ("bicycle", (0.85, 0.3, 0.9), (2.1, 0.75, 2.2)),
+        ("cargo_bicycle", (1.9, 0.4, 1.4), (2.7, 0.75, 2.2)),
+        ("e_scooter", (0.9, 0.45, 1.4), (1.4, 0.75, 2.25)),
+        ("motorcycle", (1.7, 0.5, 1.4), (2.8, 0.85, 1.95)),
+        ("scooter", (1.4, 0.5, 1.4), (2.2, 0.85, 2.0)),
+        ("e_scooter_alone", (0.9, 0.45, 0.95), (1.4, 0.55, 1.3)),
     ],
-)  # fmt: skip
+)
 def test_sizes_are_those_of_the_kind_of_two_wheelers(kind, low, high):
     assert len(sizes(kind))
     assert (sizes(kind) >= low).all(), sizes(kind).min(axis=0)
@@ -210,8 +215,10 @@ def test_the_length_of_a_car_does_not_tell_its_width_nor_its_height():
 
 
 def test_there_are_kinds_of_every_class_with_and_without_riders():
-    kinds = {label: {body.name.partition("/")[2] for body in draw_bodies(np.random.default_rng(1), {label: 300})}
-             for label in RANGES}  # fmt: skip
+    kinds = {
+        label: {body.name.partition("/")[2] for body in draw_bodies(np.random.default_rng(1), {label: 300})}
+        for label in RANGES
+    }
     assert {"adult", "child", "pram", "walker", "wheelchair"} == kinds[PEDESTRIAN]
     assert {"bicycle", "bicycle_alone", "cargo_bicycle", "e_scooter", "motorcycle", "scooter"} <= kinds[CYCLIST]
     assert {"minibus", "bus", "bendy_bus", "box_truck", "tank_truck", "articulated_box"} <= kinds[HEAVY]

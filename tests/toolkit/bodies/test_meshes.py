@@ -120,7 +120,7 @@ def test_a_size_no_road_user_has_is_refused_with_what_to_do(tmp_path, change, hi
 
 def test_a_mesh_in_the_wrong_folder_is_refused(tmp_path):
     write(tmp_path / "pedestrian" / "sedan.ply")
-    with pytest.raises(ValueError, match="no size of a pedestrian"):
+    with pytest.raises(ValueError, match="does not fit a pedestrian"):
         load_meshes(tmp_path)
 
 
@@ -165,7 +165,7 @@ def test_points_without_triangles_and_nan_are_refused(tmp_path):
 
 
 def test_missing_and_empty_folders(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no folder"):
+    with pytest.raises(FileNotFoundError, match="is not a folder"):
         load_meshes(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="holds no mesh"):
         load_meshes(tmp_path)
@@ -190,7 +190,7 @@ def elephant() -> Body:
         ("car.ply", "family_sedan", {"turn": Y_UP_X_FORWARD}, "y up and x forward, turn it"),
         ("vehicle_car.ply", "family_sedan", {"turn": Y_UP_X_FORWARD}, "lies on its side.*y up and x forward, turn it"),
         ("car.ply", "family_sedan", {"turn": Y_UP_Z_FORWARD}, "y up and z forward, turn it"),
-        ("car.ply", "compact_suv", {"turn": Y_UP_Z_FORWARD, "scale": 0.46}, "not clearly|no size of any road user"),
+        ("car.ply", "compact_suv", {"turn": Y_UP_Z_FORWARD, "scale": 0.46}, "not clearly|does not fit any road user"),
         ("car.ply", "family_sedan", {"scale": INCHES}, "it seems to be in inches, scale it by 0.0254"),
         ("car.ply", "compact_suv", {"scale": FEET}, "it seems to be in feet, scale it by 0.3048"),
         ("car.ply", "compact_suv", {"scale": 100.0}, "it seems to be in centimetres, scale it by 0.01"),
@@ -281,15 +281,22 @@ def elephant_mesh(length=4.4, width=1.8, height=1.7):
     """A trunk, head, ears, and four legs under a belly."""
     legs = [tube([(x, y, 0), (x, y, 0.9)], 0.2, 8) for x in (-0.9, 0.9) for y in (-0.45, 0.45)]
     parts = [ellipsoid((0, 0, 1.3), (1.5, 0.8, 0.7)), ellipsoid((1.7, 0, 1.7), (0.6, 0.5, 0.5)), *legs]
-    parts += [tube([(2.2, 0, 1.6), (2.7, 0, 0.8), (2.8, 0, 0.2)], 0.15), ellipsoid((1.5, 0.7, 1.8), (0.1, 0.4, 0.5)),
-              ellipsoid((1.5, -0.7, 1.8), (0.1, 0.4, 0.5))]  # fmt: skip
+    parts += [
+        tube([(2.2, 0, 1.6), (2.7, 0, 0.8), (2.8, 0, 0.2)], 0.15),
+        ellipsoid((1.5, 0.7, 1.8), (0.1, 0.4, 0.5)),
+        ellipsoid((1.5, -0.7, 1.8), (0.1, 0.4, 0.5)),
+    ]
     mesh = merge(parts)
     return Mesh(mesh.vertices * (np.array([length, width, height]) / np.ptp(mesh.vertices, axis=0)), mesh.triangles)
 
 
 def table():
-    return merge([box((1.8, 0.9, 0.05), (0, 0, 0.75)), *(box((0.06, 0.06, 0.75), (x, y, 0.375))
-                                                        for x in (-0.8, 0.8) for y in (-0.4, 0.4))])  # fmt: skip
+    return merge(
+        [
+            box((1.8, 0.9, 0.05), (0, 0, 0.75)),
+            *(box((0.06, 0.06, 0.75), (x, y, 0.375)) for x in (-0.8, 0.8) for y in (-0.4, 0.4)),
+        ]
+    )
 
 
 def horse():
@@ -306,9 +313,15 @@ def test_cars_are_clearly_cars(name):
 
 @pytest.mark.parametrize(
     ("name", "label"),
-    [("city_bus", HEAVY), ("box_truck", HEAVY), ("city_bicycle", CYCLIST), ("motorcycle", CYCLIST),
-     ("man_standing", PEDESTRIAN), ("man_striding", PEDESTRIAN)],
-)  # fmt: skip
+    [
+        ("city_bus", HEAVY),
+        ("box_truck", HEAVY),
+        ("city_bicycle", CYCLIST),
+        ("motorcycle", CYCLIST),
+        ("man_standing", PEDESTRIAN),
+        ("man_striding", PEDESTRIAN),
+    ],
+)
 def test_the_others_are_clearly_what_they_are(name, label):
     shape = shape_of(OURS[name])
     assert [each for each in range(4) if is_clearly(shape, each)] == [label]
@@ -317,10 +330,18 @@ def test_the_others_are_clearly_what_they_are(name, label):
 
 @pytest.mark.parametrize(
     "mesh",
-    [elephant_mesh(), elephant_mesh(6.0, 2.4, 3.2), elephant_mesh(3.2, 1.5, 1.45), table(), horse(),
-     box((0.6, 0.6, 1.8)), box((0.5, 0.5, 0.9)), ellipsoid((0, 0, 1), (2.2, 0.9, 0.75), 12, 16)],
+    [
+        elephant_mesh(),
+        elephant_mesh(6.0, 2.4, 3.2),
+        elephant_mesh(3.2, 1.5, 1.45),
+        table(),
+        horse(),
+        box((0.6, 0.6, 1.8)),
+        box((0.5, 0.5, 0.9)),
+        ellipsoid((0, 0, 1), (2.2, 0.9, 0.75), 12, 16),
+    ],
     ids=["calf", "elephant", "small_elephant", "table", "horse", "wardrobe", "stool", "egg"],
-)  # fmt: skip
+)
 def test_animals_and_furniture_are_clearly_nothing(mesh):
     assert not [LABELS[label] for label in range(4) if is_clearly(shape_of(mesh), label)]
 
@@ -409,7 +430,7 @@ def test_every_frame_is_a_rotation(up, forward):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[[mesh", "is no TOML"),
+        ("[[mesh", "not valid TOML"),
         ("mesh = 3", r"must hold \[\[mesh\]\] entries alone"),
         ('[other]\nx = 1\n[[mesh]]\nfile = "a.obj"', "entries alone"),
         ("mesh = [1]", "entry 1: file must name a mesh"),

@@ -267,9 +267,16 @@ def test_what_stands_still_hides_what_ends_behind_it():
     wall = Solid(np.array([[4.0, -6], [4.4, -6], [4.4, 6], [4, 6]]), 0.0, 4.0)
     renderer = Renderer(Site("walled", np.array([-20.0, -20, 20, 20]), solids=(wall,)), (), (), threads=1)
     ways = np.array(
-        [[0, 0, 1, 3.9, 0, 0], [0, 0, 1, 4.1, 0, 0], [0, 0, 6, 9, 0, -1], [0, 0, 6, 9, 0, -5],
-         [0, 0, 1, 0, 0, -0.5], [0, 0, 1, 0, 0, -1.5]], np.float32
-    )  # fmt: skip
+        [
+            [0, 0, 1, 3.9, 0, 0],
+            [0, 0, 1, 4.1, 0, 0],
+            [0, 0, 6, 9, 0, -1],
+            [0, 0, 6, 9, 0, -5],
+            [0, 0, 1, 0, 0, -0.5],
+            [0, 0, 1, 0, 0, -1.5],
+        ],
+        np.float32,
+    )
     assert renderer.still_hides(ways).tolist() == [False, True, False, True, False, True]
     rng = np.random.default_rng(0)
     ways = np.column_stack([np.tile([0.0, 0, 3], (500, 1)), rng.uniform(-9, 9, (500, 3))]).astype(np.float32)

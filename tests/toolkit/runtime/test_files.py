@@ -251,10 +251,15 @@ def test_arrays_are_read(tmp_path):
 @pytest.mark.parametrize(
     "content",
     [
-        b"", b"junk", b"PK\x03\x04junk", b"\x80\x04N.", npy(np.arange(9.0))[:100],
-        npy(np.arange(9.0)).replace(b"(9,)", b"(99"), npy(np.arange(9.0)).replace(b"'<f8'", b"'<q8'"),
+        b"",
+        b"junk",
+        b"PK\x03\x04junk",
+        b"\x80\x04N.",
+        npy(np.arange(9.0))[:100],
+        npy(np.arange(9.0)).replace(b"(9,)", b"(99"),
+        npy(np.arange(9.0)).replace(b"'<f8'", b"'<q8'"),
     ],
-)  # fmt: skip
+)
 def test_damaged_numpy_file_is_one_line(tmp_path, content):
     (tmp_path / "a.npy").write_bytes(content)
     with pytest.raises(ValueError, match=r"a\.npy is no \.npy array") as error:

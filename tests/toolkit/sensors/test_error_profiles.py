@@ -38,9 +38,12 @@ def test_a_digest_tells_terms_numbers_and_order_but_not_the_name():
     assert one.digest == ErrorProfile("two", one.terms).digest
     assert len(one.digest) == 64
     others = [
-        (OwnNoise(), Calibration(0.01, 0.06)), (Calibration(0.01, 0.05), OwnNoise()), (OwnNoise(),), (),
+        (OwnNoise(), Calibration(0.01, 0.06)),
+        (Calibration(0.01, 0.05), OwnNoise()),
+        (OwnNoise(),),
+        (),
         (OwnNoise(), DropOut(0.01, 0.05)),
-    ]  # fmt: skip
+    ]
     assert len({ErrorProfile("x", terms).digest for terms in others} | {one.digest}) == 6
     assert ErrorProfile("x", (Calibration(np.float64(0.01), np.float64(0.05)),)).digest
     assert one.origin == {"profile": "one", "digest": one.digest}
@@ -96,7 +99,7 @@ def test_the_names():
     assert [find_profile(name) for name in PROFILES] == [PAPER_ERRORS, SURVEYED, TYPICAL, POOR]
     assert get_profile("poor") is POOR
     assert get_profile(TYPICAL) is TYPICAL
-    with pytest.raises(ValueError, match=r"no error profile 'bad': choose among paper, surveyed, typical, poor"):
+    with pytest.raises(ValueError, match=r"unknown error profile 'bad': choose among paper, surveyed, typical, poor"):
         find_profile("bad")
     assert len({profile.digest for profile in PROFILES.values()}) == 4
 

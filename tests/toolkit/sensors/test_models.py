@@ -49,9 +49,17 @@ def test_a_right_angle_is_as_wide_as_two_focal_lengths():
 
 @pytest.mark.parametrize(
     ("point", "seen"),
-    [((0, 0, 10), True), ((9.9, 0, 10), True), ((10.1, 0, 10), False), ((0, 7.4, 10), True), ((0, 7.6, 10), False),
-     ((0, 0, -10), False), ((0, 0, 999), True), ((0, 0, 1001), False)],
-)  # fmt: skip
+    [
+        ((0, 0, 10), True),
+        ((9.9, 0, 10), True),
+        ((10.1, 0, 10), False),
+        ((0, 7.4, 10), True),
+        ((0, 7.6, 10), False),
+        ((0, 0, -10), False),
+        ((0, 0, 999), True),
+        ((0, 0, 1001), False),
+    ],
+)
 def test_what_falls_into_the_image(point, seen):
     assert CAMERA.in_view(np.array([point], float)).tolist() == [seen]
 
@@ -107,9 +115,17 @@ def test_rays_are_made_once_and_nobody_may_write_to_them():
 
 @pytest.mark.parametrize(
     ("azimuth", "elevation", "distance", "inside"),
-    [(0, 0, 10, True), (0.99, 0, 10, True), (1.01, 0, 10, False), (0, 0.26, 10, False), (0, -0.24, 10, True),
-     (3.1, 0, 10, False), (0, 0, 59.9, True), (0, 0, 60.1, False)],
-)  # fmt: skip
+    [
+        (0, 0, 10, True),
+        (0.99, 0, 10, True),
+        (1.01, 0, 10, False),
+        (0, 0.26, 10, False),
+        (0, -0.24, 10, True),
+        (3.1, 0, 10, False),
+        (0, 0, 59.9, True),
+        (0, 0, 60.1, False),
+    ],
+)
 def test_what_lies_in_a_sector(azimuth, elevation, distance, inside):
     point = distance * np.array(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
@@ -163,9 +179,16 @@ def test_its_field_is_what_its_rows_and_its_sweep_span():
 
 @pytest.mark.parametrize(
     ("point", "seen"),
-    [((10, 0, 0), True), ((-10, 0, 0), True), ((0, 10, 0), True), ((0, 0, 10), False), ((10, 0, 3), False),
-     ((119, 0, 0), True), ((121, 0, 0), False)],
-)  # fmt: skip
+    [
+        ((10, 0, 0), True),
+        ((-10, 0, 0), True),
+        ((0, 10, 0), True),
+        ((0, 0, 10), False),
+        ((10, 0, 3), False),
+        ((119, 0, 0), True),
+        ((121, 0, 0), False),
+    ],
+)
 def test_it_looks_all_around_between_its_rows(point, seen):
     assert LIDAR.in_view(np.array([point], float)).tolist() == [seen]
 
@@ -196,9 +219,16 @@ def test_its_field_is_120_by_25_degrees():
 
 @pytest.mark.parametrize(
     ("azimuth", "elevation", "distance", "seen"),
-    [(0, 0, 10, True), (59, 12, 10, True), (61, 0, 10, False), (0, -13, 10, False), (180, 0, 10, False),
-     (0, 0, 149, True), (0, 0, 151, False)],
-)  # fmt: skip
+    [
+        (0, 0, 10, True),
+        (59, 12, 10, True),
+        (61, 0, 10, False),
+        (0, -13, 10, False),
+        (180, 0, 10, False),
+        (0, 0, 149, True),
+        (0, 0, 151, False),
+    ],
+)
 def test_what_is_in_view(azimuth, elevation, distance, seen):
     a, e = np.deg2rad([azimuth, elevation])
     point = distance * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
@@ -273,9 +303,18 @@ def test_its_body_looks_along_the_heading():
 
 @pytest.mark.parametrize(
     ("azimuth", "elevation", "distance", "seen"),
-    [(1.5, 0, 10, True), (2.49, 0, 10, True), (2.51, 0, 10, False), (0.49, 0, 10, False), (1.5, 0.11, 10, False),
-     (1.5, -0.29, 10, True), (1.5, -0.31, 10, False), (1.5, 0, 199, True), (1.5, 0, 201, False)],
-)  # fmt: skip
+    [
+        (1.5, 0, 10, True),
+        (2.49, 0, 10, True),
+        (2.51, 0, 10, False),
+        (0.49, 0, 10, False),
+        (1.5, 0.11, 10, False),
+        (1.5, -0.29, 10, True),
+        (1.5, -0.31, 10, False),
+        (1.5, 0, 199, True),
+        (1.5, 0, 201, False),
+    ],
+)
 def test_what_is_in_view_of_row_lidar(azimuth, elevation, distance, seen):
     flat = np.cos(elevation)
     point = distance * np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
@@ -376,7 +415,7 @@ def test_names_in_words_are_those_of_the_classes():
 
 @pytest.mark.parametrize("name", ["radar", "", "os.system", "DepthCamera()", "toolkit.sensors.models"])
 def test_other_names_are_refused_with_those_there_are(name):
-    with pytest.raises(ValueError, match=r"there are DepthCamera, SpinningLidar, SolidStateLidar") as refusal:
+    with pytest.raises(ValueError, match=r"choose among DepthCamera, SpinningLidar, SolidStateLidar") as refusal:
         find_model(name)
     assert "\n" not in str(refusal.value)
 
@@ -405,12 +444,12 @@ def test_nonsense_of_files_is_refused(name, values, message):
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (Blind, "Blind is no SensorModel, it lacks .*rays"),
+        (Blind, "Blind is not a SensorModel, it lacks .*rays"),
         (int, "int must be a frozen dataclass"),
         (Loose, "Loose must be a frozen dataclass"),
         (Bare, "fields of Bare need defaults"),
         (Typed, "no name of"),
-        (type("DepthCamera", (DepthCamera,), {}), "there is a sensor model DepthCamera already"),
+        (type("DepthCamera", (DepthCamera,), {}), "sensor model DepthCamera exists already"),
     ],
 )
 def test_what_is_no_model_is_not_registered(model, message):

@@ -160,17 +160,33 @@ def test_every_layer_is_there_with_its_properties(site):
     features = json.loads(site_geojson(site))["features"]
     layers = [each["properties"]["layer"] for each in features]
     assert {layer: layers.count(layer) for layer in layers} == {
-        "area": 1, "lane": 2, "footway": 1, "solid": 2, "parking": 1, "mount": 2, "sensor": 4,
-    }  # fmt: skip
+        "area": 1,
+        "lane": 2,
+        "footway": 1,
+        "solid": 2,
+        "parking": 1,
+        "mount": 2,
+        "sensor": 4,
+    }
     by_name = {each["properties"]["name"]: each["properties"] for each in features}
     assert by_name["small"] == {"layer": "area", "name": "small", "height": 3.5}
     assert by_name["building000"] == {
-        "layer": "solid", "name": "building000", "kind": "building", "base": -0.3, "top": 6.25, "height": 6.55,
-    }  # fmt: skip
+        "layer": "solid",
+        "name": "building000",
+        "kind": "building",
+        "base": -0.3,
+        "top": 6.25,
+        "height": 6.55,
+    }
     assert by_name["pond001"]["kind"] == "pond"
     assert by_name["b"] == {
-        "layer": "mount", "name": "b", "min_height": 2.0, "max_height": 9.0, "price": 0.5, "capacity_kbit": 800.0,
-    }  # fmt: skip
+        "layer": "mount",
+        "name": "b",
+        "min_height": 2.0,
+        "max_height": 9.0,
+        "price": 0.5,
+        "capacity_kbit": 800.0,
+    }
     assert by_name["bay000"]["bearing_deg"] == pytest.approx(360 - 28.6)  # 0.5 rad counter-clockwise from north
     assert by_name["d0"]["bearing_deg"] == pytest.approx(360 - 17.2)
     assert by_name["d0"]["tilt_deg"] == 5.7
@@ -232,7 +248,10 @@ def test_the_same_site_gives_the_same_text(site, tmp_path):
 
 def test_collections_without_features_have_no_box():
     assert json.loads(feature_collection([], name="none", note="Straße")) == {
-        "type": "FeatureCollection", "name": "none", "note": "Straße", "features": [],
-    }  # fmt: skip
+        "type": "FeatureCollection",
+        "name": "none",
+        "note": "Straße",
+        "features": [],
+    }
     with pytest.raises(ValueError, match="JSON compliant"):
         feature_collection([], price=float("nan"))

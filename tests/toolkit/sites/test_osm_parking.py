@@ -70,8 +70,9 @@ def test_bays_at_an_angle_head_for_the_kerb(tmp_path, imported, east_west, orien
 
 @pytest.mark.parametrize("lefthand", [False, True])
 def test_a_one_way_street_has_parking_on_both_sides(tmp_path, imported, east_west, lefthand):
-    draft = east_west(oneway="yes", lanes="2", parking__left="lane", parking__right="lane",
-                      parking__right__orientation="diagonal")  # fmt: skip
+    draft = east_west(
+        oneway="yes", lanes="2", parking__left="lane", parking__right="lane", parking__right__orientation="diagonal"
+    )
     site = imported(draft, tmp_path, lefthand=lefthand)
     assert min(len(north(site)), len(south(site))) > 8
     assert np.sin(north(site)[:, 2]) == pytest.approx(0, abs=1e-3)

@@ -83,8 +83,11 @@ def test_classes_say_what_lanes_are_open():
     types = VehicleTypes.of(ONE_EACH)
     by_label = {label: {types.classes[row] for row in np.flatnonzero(types.labels == label)} for label in SHARES}
     assert by_label == {
-        VEHICLE: {"passenger"}, HEAVY: {"truck"}, CYCLIST: {"bicycle", "motorcycle"}, PEDESTRIAN: {"pedestrian"}
-    }  # fmt: skip
+        VEHICLE: {"passenger"},
+        HEAVY: {"truck"},
+        CYCLIST: {"bicycle", "motorcycle"},
+        PEDESTRIAN: {"pedestrian"},
+    }
 
 
 def test_sumo_gets_a_type_for_each_body_and_position_with_its_size():

@@ -132,7 +132,7 @@ def test_errors_by_name_are_written_down(recording, tmp_path, run, refused):
         assert written["provenance"]["errors"]["profile"] == errors
         kbit[errors] = written["rows"][0]["kbit_per_sensor"]
     assert abs(kbit["poor"] / kbit["paper"] - 1) > 0.02
-    assert "no error profile 'bad'" in refused("evaluate", recording, "--errors", "bad")
+    assert "unknown error profile 'bad'" in refused("evaluate", recording, "--errors", "bad")
 
 
 def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):

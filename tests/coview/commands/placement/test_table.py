@@ -27,7 +27,7 @@ def test_errors_by_name(recording, tmp_path, run, refused, monkeypatch):
     arguments = ("--out", tmp_path / "rough.npz", "--frames", 1, "--detector", "cluster")
     assert "far enough" in refused("table", recording, *arguments, "--errors", "poor")
     assert asked == ["poor"]
-    assert "no error profile 'bad'" in refused("table", recording, *arguments, "--errors", "bad")
+    assert "unknown error profile 'bad'" in refused("table", recording, *arguments, "--errors", "bad")
 
 
 def test_a_table_of_classes_is_searched(recording, tmp_path, run, refused):

@@ -103,7 +103,7 @@ def test_sensors_with_errors(recording, tmp_path, run, refused):
     pairs = zip(crooked.clouds, true.clouds, strict=True)
     moved = [np.abs(a.world_SE3_sensor - b.world_SE3_sensor).max() for a, b in pairs]
     assert 0 < min(moved) < max(moved) < 0.1
-    assert "there is no error profile 'bad'" in refused(*arguments, "--errors", "bad", "--out", tmp_path / "x")
+    assert "unknown error profile 'bad'" in refused(*arguments, "--errors", "bad", "--out", tmp_path / "x")
     says = refused("convert", tmp_path / "e", "--layout", "folder", "--to", "kitti", "--errors", "typical",
                    "--out", tmp_path / "x")  # fmt: skip
     assert "recorded clouds have errors of their own" in says
