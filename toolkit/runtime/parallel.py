@@ -24,7 +24,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 Value = Any  # an input or result of a job, or an object of Ray, which has no types
-Job = Callable[[Value], Value]
+Task = Callable[[Value], Value]
 
 
 class WorkLost(RuntimeError):
@@ -69,7 +69,7 @@ RETRIES = 3  # how often work that was lost is done again
 AHEAD_PER_CORE = 8  # inputs handed out per core: tasks travel farther, and nodes may join
 
 
-def run_on_ray(job: Job, inputs: Iterable[Value], address: str) -> Iterator[Value]:
+def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Value]:
     """Run a job on a Ray cluster, which repeats lost tasks."""
     ray = _get_ray(address)
     pending: deque[Value] = deque()
@@ -97,7 +97,7 @@ def _got(ray: Value, reference: Value) -> Value:
         raise WorkLost(f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs") from None
 
 
-_jobs: dict[str, Job] = {}  # of a Ray worker: its last job, whose caches stay
+_jobs: dict[str, Task] = {}  # of a Ray worker: its last job, whose caches stay
 
 
 def _work_on_ray(shared: list[Value], x: Value) -> Value:
@@ -155,7 +155,7 @@ IDLE_S = 20.0  # that processes wait for more of the same job
 
 
 def spread(
-    job: Job,
+    job: Task,
     inputs: Iterable[Value],
     *,
     workers: int = 1,
@@ -221,7 +221,7 @@ class _Task:
         return future is None or future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
 
 
-def _in_processes(job: Job, inputs: Iterable[Value], workers: int, ticks: Callable[[int], None]) -> Iterator[Value]:
+def _in_processes(job: Task, inputs: Iterable[Value], workers: int, ticks: Callable[[int], None]) -> Iterator[Value]:
     pickled, remaining = pickle.dumps(job), iter(inputs)
     pending: deque[_Task] = deque()
     deaths = given = given_before = 0  # deaths since there was a result
@@ -350,7 +350,7 @@ def _end_kept() -> None:
         pool.end()
 
 
-_job: Job
+_job: Task
 _ticks: Value = None  # a number that all workers of a pool count up; None in other processes
 
 
