@@ -113,9 +113,9 @@ def test_a_port_that_is_none_is_refused(recording, port):
 
 
 def test_a_first_sample_that_is_damaged_is_an_error(recording):
-    recording.samples = Listing(("2",), recording.samples.load)
+    damaged = Part(Listing(("2",), recording.recording.load))
     with viser_server() as server, pytest.raises(ValueError, match="damaged"):
-        LiveView(server, recording, Drawing())
+        LiveView(server, damaged, Drawing())
 
 
 def test_large_clouds_are_said_to_be_thinned(view, monkeypatch):
