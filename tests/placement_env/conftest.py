@@ -186,7 +186,7 @@ def street():
     objective = Objective(Setting(candidates=candidates, fidelity=Known(), scheme="late"))
     detected = Detected(Street(site, sensors), Reader(), "early")
     return SimpleNamespace(
-        site=site, candidates=candidates, objective=objective, detected=detected, judge=Judge(detected, 0)
+        site=site, candidates=candidates, objective=objective, detected=detected, judge=Judge((detected,))
     )
 
 

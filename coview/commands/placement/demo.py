@@ -6,12 +6,14 @@ from pathlib import Path
 
 from coview.arguments import check_least
 from coview.commands.detection.evaluate import evaluate
-from coview.commands.placement.plan import plan
+from coview.commands.placement.plan import Goal, StockOptions, plan
 from coview.commands.recordings.simulate import simulate
 from coview.detectors import recording_detector
 from coview.exits import OK
+from coview.options import Output
 from coview.outputs import check_folder
 from coview.recordings import open_recording
+from toolkit.runtime.run import Run
 
 RECORDING = "tjunction.hdf5"
 PLAN, CACHE = "plan", "cache"  # folders
@@ -57,8 +59,11 @@ def demo(
     print(f"pictures in {out}: birds_eye.png, pr_0.7.png")
     if plan_frames:
         plan(
-            "tjunction", out=out / PLAN, cache=out / CACHE, overwrite=True,
-            budget=PLAN_SENSORS, candidates="paper", frames=plan_frames, seed=seed,
-        )  # fmt: skip
+            "tjunction",
+            goal=Goal(budget=PLAN_SENSORS),
+            stock=StockOptions(candidates="paper"),
+            run=Run(seed=seed, frames=plan_frames, cache=out / CACHE, workers=2),
+            output=Output(out=out / PLAN, overwrite=True),
+        )
         print(f"open {out / PLAN / 'report.html'} in a browser")
     return OK

@@ -2,132 +2,272 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import platform
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from itertools import combinations
 
 import numpy as np
 
+from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES
+from placement_env.analysis.worth import estimate_worth, exact_worth
+from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import Ground, ground_shares
 from placement_env.handover.mounted import bill_of_materials, link_loads, mounted_sensors, unused_mounts
 from placement_env.objective import Objective
-from placement_env.report.content import Plan, PlanOption
-from placement_env.report.planning import breakdown, figures, refusals, sentences
-from placement_env.report.planning.figures import ChosenSet
-from placement_env.report.planning.judging import Judge
-from placement_env.report.planning.provenance import plan_origin
-from placement_env.report.planning.question import Question
-from placement_env.report.planning.selection import Selection, judged_front, near_optimal
+from placement_env.report.content import BuildStep, FailureCase, Plan, PlanOption, SchemeFigures, SensorWorth
+from placement_env.report.planning import breakdown, sentences
+from placement_env.report.planning.choosing import Choice, judged_front, near_optimal
+from placement_env.report.planning.judging import Judge, Report
+from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.portfolio.entrants import Entrants
-from toolkit.detection.provenance import detector_origin
-from toolkit.detection.schemes import find_scheme
-from toolkit.objects import LABELS
-from toolkit.runtime.run import Stages
+from placement_env.subsets import all_subsets
+from toolkit.arrays import Bool
+from toolkit.detection.provenance import coview_version, detector_origin
+from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
+from toolkit.objects import Detector
+from toolkit.sites.files import format_site
+
+ALL_SUBSETS = 6  # sensors up to which every subset is judged by the detector
+PACKAGES = ("numpy", "torch", "open3d-cpu", "open3d", "eclipse-sumo", "libsumo", "ortools", "shapely")
 
 
 @dataclass(frozen=True, eq=False)
-class PlanInputs:
-    """How the chosen set was come by. fidelity: of the searches; network: shipped one that detects where the question
-    has no detector of its own; excluded: sentences on what excludes candidates."""
+class Findings:
+    """Everything that led to the chosen set.
+
+    found, choice: entrants and the answer among them; objective: of the searches; network: shipped one that detects if
+    the question has no detector; excluded: sentences on what excludes candidates; traffic: of searches, comparison and
+    judgement.
+    """
 
     question: Question
     found: Entrants
-    picked: Selection
-    fidelity: str
+    choice: Choice
+    objective: Objective
     network: str
     excluded: tuple[str, ...]
+    traffic: Sequence[Traffic]
+
+    @property
+    def fidelity(self) -> str:
+        """Fidelity of the searches."""
+        return self.objective.fidelity
 
 
-def answer(
-    terms: PlanInputs,
-    objective: Objective,
-    final: Judge,
-    ground: Ground,
-    traffic: Sequence[Traffic],
-    progress: Stages | None = None,
-) -> Plan:
-    """The plan. objective: of the searches; final: the detector on the final traffic; ground: that the chosen sensors
-    see; traffic: of searches, comparison and judgement."""
-    question, picked, candidates = terms.question, terms.picked, objective.candidates
-    option = picked.options[picked.chosen]
-    members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())
-    chosen = ChosenSet(members, option.sensors)
-
-    def stage(name: str) -> Callable[[int], None] | None:
-        return None if progress is None else lambda done: progress(name, done, final.frames)
-
-    (judged,) = final.judge(picked.sets[picked.chosen][None], progress=stage("chosen set"))
+def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
+    """Put the plan together. final: the detector on the final traffic; ground: that the chosen sensors see."""
+    question, choice = findings.question, findings.choice
+    candidates, site, seed = findings.objective.candidates, question.site, question.run.seed
+    members = choice.members
+    chosen = ChosenSet(members, choice.option.sensors, final, findings.objective, question)
+    row = choice.sets[choice.chosen][None]
+    (judged,) = final.judge_cases(row, chosen.report)
     outcomes = final.outcomes(members)
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
-    left = next(iter(final.left(picked.sets[picked.chosen][None], progress=stage("failures")) or ()), None)
-    over_levels = next(iter(final.over_levels(picked.sets[picked.chosen][None]) or ()), None)
-    over_errors = next(iter(final.over_errors(picked.sets[picked.chosen][None], progress=stage("errors")) or ()), None)
-    final_option = replace(
-        option, judged=judged, left=left, over_levels=over_levels, over_errors=over_errors, kbit=kbit,
-        kbit_per_sensor=kbit / len(members),
-    )  # fmt: skip
-    short: tuple[str, ...] = ()
-    counted = final_option.counted or judged
-    if question.min_ap is not None and counted.ap < question.min_ap:
-        short = refusals.short_of(question, option, counted, terms.excluded)
-    scored = breakdown.scored_boxes(final, members)
-    schemes = figures.by_scheme(final, chosen, stage("fusion schemes"))
-    worth = figures.worths(final, objective, chosen, stage("subsets"))
-    failures = figures.failure_cases(final, chosen, stage("failures"))
-    near = near_optimal(picked.options, picked.chosen)
-    planned = mounted_sensors(question.site, candidates, members, [each.bits for each in outcomes], question.catalogue)
-    detector = detector_in_words(final, terms.network if question.detector is None else None)
-    return Plan(
-        question=question.in_words,
-        site=question.site.name,
+    option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=kbit / len(members))
+    counted = option.counted or judged.judged
+    scored = breakdown.score_boxes(final, members)
+    near = near_optimal(choice.options, choice.chosen)
+    sensors = mounted_sensors(site, candidates, members, [each.bits for each in outcomes], question.stock.catalogue)
+    detector = name_detector(final.detected.detector, findings.network if question.setting.detector is None else None)
+    plan = Plan(
+        question=question.as_dict(),
+        site=site.name,
         detector=detector,
-        iou=question.iou,
-        scheme=question.scheme,
+        iou=question.cases.threshold,
+        scheme=question.setting.fusion.name,
         currency=question.currency,
-        verdict=sentences.verdict_of(question, final_option, counted, short),
-        chosen=final_option,
-        why=sentences.why(
-            question, picked.options, option, picked.rule, considered=terms.found.considered,
-            fidelity=terms.fidelity, near=len(near), schemes=schemes, failures=failures,
-        ),
-        sensors=planned,
-        considered=best_first(picked.options),
+        verdict=sentences.build_verdict(question, choice.option, option, findings.excluded),
+        chosen=option,
+        sensors=sensors,
+        considered=best_first(choice.options),
         near_optimal=near,
-        front=judged_front(picked.options),
-        schemes=schemes,
-        by_zone=breakdown.by_zone(scored, question.site, question.seed),
-        by_range=breakdown.by_range(scored, [candidates.sensors[c] for c in members], question.seed),
-        by_approach=breakdown.by_approach(scored, question.site, question.seed),
+        front=judged_front(choice.options),
+        schemes=chosen.schemes(),
+        by_zone=breakdown.by_zone(scored, site, seed),
+        by_range=breakdown.by_range(scored, [candidates.sensors[c] for c in members], seed),
+        by_approach=breakdown.by_approach(scored, site, seed),
         by_level=breakdown.by_level(scored, final, members),
         by_errors=breakdown.by_errors(final, members),
-        by_class=breakdown.by_class(final, members, LABELS),
+        by_class=breakdown.by_class(final, members),
         class_ap=final.by_class(members),
-        worth=worth,
-        failures=failures,
-        links=link_loads(planned, limited=find_scheme(question.scheme).sends_points),
-        materials=bill_of_materials(planned),
-        order=figures.build_order(final, objective, chosen, stage("order of building")),
-        ground=ground_shares(ground, [sensor.name for sensor in planned]),
+        worth=chosen.worth(),
+        failures=chosen.failures(),
+        links=link_loads(sensors, limited=question.setting.fusion.sends_points),
+        materials=bill_of_materials(sensors),
+        order=chosen.order(),
+        ground=ground_shares(ground, [sensor.name for sensor in sensors]),
         poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
-        assumptions=sentences.assumptions(
-            question, search_fidelity=terms.fidelity, detector=detector, worth_sampled=not chosen.is_small,
-        ),
-        unknown=sentences.unknown(counted),
-        provenance=plan_origin(
-            question, candidates, traffic, final.detected.detector,
-            network=terms.network, search_fidelity=terms.fidelity,
-        ),
-    )  # fmt: skip
+        assumptions=sentences.list_assumptions(question, findings.fidelity, detector, sampled=not chosen.small),
+        unknown=sentences.list_unknowns(counted),
+        provenance=trace_plan(findings, candidates, final.detected.detector),
+    )
+    why = sentences.explain_choice(
+        question, plan, choice.option, choice.rule, considered=findings.found.considered, fidelity=findings.fidelity
+    )
+    return replace(plan, why=why)
 
 
 def best_first(options: Sequence[PlanOption]) -> tuple[PlanOption, ...]:
-    """Judged sets by AP, then the others by what is predicted."""
+    """Sort judged sets by AP, then the others by predicted AP."""
     return tuple(
         sorted(options, key=lambda each: (each.counted is None, -(each.counted.ap if each.counted else each.predicted)))
     )
 
 
-def detector_in_words(judge: Judge, network: str | None) -> str:
-    """Its kind, and which of the shipped networks it is."""
-    kind: str = detector_origin(judge.detected.detector)["detector"]
+def name_detector(detector: Detector, network: str | None) -> str:
+    """Name the kind of detector, and the shipped network if it is one."""
+    kind: str = detector_origin(detector)["detector"]
     return kind if network is None else f"{kind} (shipped network {network!r})"
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenSet:
+    """Figures of the chosen set: schemes, worth of each sensor, failures, and order of building.
+
+    members: indices of its candidates, ascending; names: of these; judge: on the final traffic; objective: of the
+    searches, which scores subsets of large sets.
+    """
+
+    members: tuple[int, ...]
+    names: tuple[str, ...]
+    judge: Judge
+    objective: Objective
+    question: Question | None = None
+
+    @property
+    def small(self) -> bool:
+        """True if every subset is judged by the detector."""
+        return len(self.members) <= ALL_SUBSETS
+
+    def report(self, stage: str) -> Report | None:
+        """Callback that counts the frames of a stage."""
+        return None if self.question is None else self.question.run.stage(stage, self.judge.frames)
+
+    def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n C"]:
+        """Expand subsets of the set to rows over all candidates."""
+        rows = np.zeros((len(subsets), len(self.judge.detected.renders.sensors)), np.bool_)
+        rows[:, list(self.members)] = subsets
+        return rows
+
+    def schemes(self) -> tuple[SchemeFigures, ...]:
+        """The set under every scheme at every IoU; detections are reused."""
+        detected, judge, rows = self.judge.detected, self.judge, []
+        whole = self.rows(np.ones((1, len(self.members)), np.bool_))
+        ious = judge.cases.ious
+        for name in PAPER_SCHEMES:
+            other = Detected(
+                detected.renders,
+                detected.detector,
+                find_scheme(name),
+                codec=detected.codec,
+                iou=ious[0],
+                memo=detected.memo,
+                processes=detected.processes,
+                classes=detected.classes,
+            ).at(ious[0], detected.ious)
+            at = replace(judge, profiles=(other,), cases=replace(judge.cases, errors=judge.cases.profiles[0]))
+            (own,) = at.judge(whole, progress=self.report("fusion schemes"))
+            kbit = float(np.mean([outcome.bits.mean() for outcome in at.outcomes(self.members)])) / 1000
+            for iou in sorted({*IOUS, *ious[:1]} if len(ious) == 1 else IOUS):
+                judged = own if ious == (iou,) else at.judge(whole, iou=iou)[0]
+                rows.append(SchemeFigures(name, iou, judged, kbit))
+            if len(ious) > 1:
+                rows.append(SchemeFigures(name, judge.cases.threshold, own, kbit))
+        return tuple(rows)
+
+    def worth(self) -> tuple[SensorWorth, ...]:
+        """Shapley values and interactions: exact by the detector for small sets, else sampled by the objective."""
+        count = len(self.members)
+        if self.small:
+            judged = self.judge.judge(self.rows(all_subsets(count)), progress=self.report("subsets"))
+            aps = np.array([each.ap for each in judged])
+            worth = exact_worth(lambda _: aps, count)
+        else:
+            worth = estimate_worth(lambda sets: self.objective.scores(self.rows(sets)).ap, count, rounds=64)
+        return tuple(
+            SensorWorth(
+                name,
+                float(worth.shapley[i]),
+                {other: float(worth.synergy[i, j]) for j, other in enumerate(self.names) if j != i},
+            )
+            for i, name in enumerate(self.names)
+        )
+
+    def failures(self) -> tuple[FailureCase, ...]:
+        """Judge what one or two failures leave, if anything; worst first for each number."""
+        count = len(self.members)
+        cases: list[FailureCase] = []
+        for failing in (1, 2):
+            lost = list(combinations(range(count), failing)) if failing < count else []
+            left = np.array([~np.isin(np.arange(count), each) for each in lost], np.bool_).reshape(len(lost), count)
+            judged = self.judge.judge(self.rows(left), progress=self.report("failures"))
+            found = [FailureCase(tuple(self.names[i] for i in each), ap) for each, ap in zip(lost, judged, strict=True)]
+            cases += sorted(found, key=lambda case: case.judged.ap)
+        return tuple(cases)
+
+    def order(self) -> tuple[BuildStep, ...]:
+        """Order of building: each sensor adds most AP to those before; the steps are judged by the detector.
+
+        For small sets the detector chooses, for larger ones the objective.
+        """
+        built, order, prefixes = np.zeros(len(self.members), np.bool_), [], []
+        while not built.all():
+            options = np.flatnonzero(~built)
+            rows = np.repeat(built[None], len(options), axis=0)
+            rows[np.arange(len(options)), options] = True
+            best = int(np.argmax(self._aps(rows)))
+            built = rows[best]
+            order.append(int(options[best]))
+            prefixes.append(built)
+        sets = self.rows(np.array(prefixes))
+        judged = self.judge.judge(sets, progress=self.report("order of building"))
+        steps = zip(order, self.objective.price(sets).tolist(), judged, strict=True)
+        return tuple(BuildStep(self.names[i], price, ap) for i, price, ap in steps)
+
+    def _aps(self, subsets: Bool[np.ndarray, "n k"]) -> Sequence[float]:
+        rows = self.rows(subsets)
+        if not self.small:
+            return self.objective.scores(rows).ap.tolist()
+        return [each.ap for each in self.judge.judge(rows, progress=self.report("order of building"))]
+
+
+def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
+    """Provenance of a plan: digests of all inputs, seeds and versions; nothing depends on the clock."""
+    question = findings.question
+    setting, stock, seed = question.setting, question.stock, question.run.seed
+    return {
+        "site": question.site.name,
+        "site_sha256": sha256(format_site(question.site).encode()).hexdigest(),
+        "poles_sha256": stock.poles_digest,
+        "catalogue_sha256": None if stock.catalogue is None else stock.catalogue.digest,
+        "keep_out_sha256": sha256(repr([area.wkt for area in stock.keep_out]).encode()).hexdigest(),
+        "candidates": candidates.digest(),
+        **detector_origin(detector),
+        "network": findings.network,
+        "search_fidelity": findings.fidelity,
+        "classes": setting.counted.origin,
+        "codec": setting.codec.digest,
+        "errors": question.cases.errors_origin,
+        "traffic": {
+            name: {"seed": seed + i, "frames": len(each), "sha256": each.digest()}
+            for i, (name, each) in enumerate(zip(PART_FRAMES, findings.traffic, strict=True))
+        },
+        "bootstrap": {"draws": RESAMPLES, "block_frames": BLOCK_FRAMES, "seed": seed},
+        "versions": {"coview": coview_version(), "python": platform.python_version(), **_package_versions()},
+    }
+
+
+def _package_versions() -> dict[str, str]:
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -1,7 +1,6 @@
-"""Breakdown: AP and recall of the chosen set by zone, range, lane approach, level, errors, and what of classes is seen.
+"""Breakdown of the chosen set: AP by zone, distance, approach, level and error profile, coverage by class, and moments.
 
-Vehicles and false alarms are sorted by where their boxes' centres are; a detection that hits belongs to the group of
-the vehicle it hit.
+Vehicles and false alarms belong to the group of their box's centre; a hit belongs to the group of the vehicle it hit.
 """
 
 from __future__ import annotations
@@ -15,142 +14,125 @@ from placement_env.analysis.approaches import compass, find_approaches
 from placement_env.analysis.intervals import Tally
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
-from placement_env.fidelity.detector import FALSE_ALARM, Detected
-from placement_env.report.content import BreakdownRow, ClassSeen
-from placement_env.report.planning.judging import Judge, mean_judgement
-from toolkit.arrays import Bool, Float64, Int64
-from toolkit.objects import label_index
+from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Detected
+from placement_env.report.content import BreakdownRow, ClassSeen, Moment
+from placement_env.report.planning.judging import Judge, judge_tallies
+from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.objects import LABELS, label_index
 from toolkit.points import count_on_ground, has_centre_inside
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 RANGE_ENDS = (10.0, 20.0, 30.0, 40.0)  # m from the nearest sensor, where groups end
 CENTRE = 0.25  # of the shorter side of the area: radius of the zone in its middle
+MOMENTS = 8  # frames of pictures
+MOMENT_POINTS = 2500  # of each sensor in such a frame, at most
 
 GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """What one set detects, box by box. truths: scored objects of all frames, in order; truth_frame, truth_label: of
-    each; points: that the set has on each; boxes, scores, truth: of the detections that count, and which of the truths
-    each hit, -1 for a false alarm; frame, label: of each; frames: how many there are; classes: that count; others:
-    the same at the other IoU thresholds over which the mean is taken."""
+    """Detections of one set, box by box.
+
+    truths: scored objects of all frames, in order; truth_frame, truth_label: of each; points: of the set on each;
+    boxes, scores, frame, label: of the detections that count; truth: that each hit, FALSE_ALARM for none; frames: their
+    number; classes: that count; others: the same at the other IoU thresholds whose mean counts.
+    """
 
     truths: Float64[np.ndarray, "t 7"]
     truth_frame: Int64[np.ndarray, " t"]
+    truth_label: Int64[np.ndarray, " t"]
     points: Int64[np.ndarray, " t"]
     boxes: Float64[np.ndarray, "n 7"]
     scores: Float64[np.ndarray, " n"]
     truth: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
-    frames: int
-    truth_label: Int64[np.ndarray, " t"]
     label: Int64[np.ndarray, " n"]
+    frames: int
     classes: Classes
     others: tuple[Scored, ...] = ()
 
     def part(self, truths: Bool[np.ndarray, " t"], detections: Bool[np.ndarray, " n"]) -> list[Tally]:
-        """The tally of some truths and detections for each class."""
-        return [
-            self._tally(truths & (self.truth_label == label), detections & (self.label == label))
-            for label in self.classes.labels
-        ]
-
-    def _tally(self, truths: Bool[np.ndarray, " t"], detections: Bool[np.ndarray, " n"]) -> Tally:
-        there = np.bincount(self.truth_frame[truths], minlength=self.frames)
-        return Tally(self.scores[detections], self.truth[detections] >= 0, self.frame[detections], there)
+        """Tally of some truths and detections, for each class."""
+        tallies = []
+        for label in self.classes.labels:
+            there, found = truths & (self.truth_label == label), detections & (self.label == label)
+            count = np.bincount(self.truth_frame[there], minlength=self.frames)
+            tallies.append(Tally(self.scores[found], self.truth[found] >= 0, self.frame[found], count))
+        return tallies
 
 
-def scored_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
-    """What the chosen set detects in all frames of a judge."""
-    first, *others = judge.ious
-    scored = _scored_at(judge, chosen, judge.detected.ious.index(first))
-    return replace(scored, others=tuple(_hit_at(judge, chosen, scored, judge.detected.ious.index(o)) for o in others))
-
-
-def _hit_at(judge: Judge, chosen: tuple[int, ...], scored: Scored, at: int) -> Scored:
-    """The same at another IoU threshold, which changes what hits alone."""
-    firsts = np.searchsorted(scored.truth_frame, np.arange(scored.frames))
-    outcomes = judge.outcomes(chosen)
-    rows = [outcome.truth[at].astype(np.int64) for outcome in outcomes]
-    truth = np.concatenate([np.where(row >= 0, first + row, row) for first, row in zip(firsts, rows, strict=True)])
-    counts = truth >= FALSE_ALARM
-    found = [judge.detected.detections(chosen, k) for k in range(scored.frames)]
-    return replace(
-        scored,
-        boxes=np.concatenate([each.boxes for each in found])[counts],
-        scores=np.concatenate([each.scores for each in outcomes])[counts],
-        truth=truth[counts],
-        frame=np.repeat(np.arange(scored.frames), [len(row) for row in rows])[counts],
-        label=np.concatenate([each.labels for each in found])[counts],
-    )
-
-
-def _scored_at(judge: Judge, chosen: tuple[int, ...], at: int) -> Scored:
-    """At the IoU threshold of an index, with the points on the truths."""
+def score_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
+    """Collect the detections of the chosen set in all frames of a judge."""
     detected, outcomes = judge.detected, judge.outcomes(chosen)
-    truths, points, boxes, scores, truth, truth_label, label = [], [], [], [], [], [], []
-    first = 0
-    for k, outcome in enumerate(outcomes):
-        counts = outcome.truth[at] >= FALSE_ALARM
-        hit = outcome.truth[at, counts].astype(np.int64)
-        objects = detected.renders.objects(k)[detected.scored(k)]
-        there = objects.boxes
-        truth_label.append(objects.labels)
-        truths.append(there)
-        points.append(count_on_ground(fused_cloud(detected, chosen, k), there, detected.renders.site))
-        found = detected.detections(chosen, k)[counts]
-        boxes.append(found.boxes)
-        label.append(found.labels)
-        scores.append(outcome.scores[counts])
-        truth.append(np.where(hit >= 0, first + hit, FALSE_ALARM))
-        first += len(there)
-    frames = np.arange(len(outcomes))
-    return Scored(
-        np.concatenate(truths),
-        np.repeat(frames, [len(each) for each in truths]),
-        np.concatenate(points),
-        np.concatenate(boxes),
-        np.concatenate(scores),
-        np.concatenate(truth),
-        np.repeat(frames, [len(each) for each in scores]),
-        len(frames),
-        np.concatenate(truth_label),
-        np.concatenate(label),
-        detected.classes,
-    )
+    objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
+    found = [detected.detections(chosen, k) for k in range(judge.frames)]
+    firsts = np.cumsum([0, *map(len, objects)])
+    frame = np.repeat(np.arange(judge.frames), [len(outcome.scores) for outcome in outcomes])
+    boxes, labels = (np.concatenate([getattr(each, name) for each in found]) for name in ("boxes", "labels"))
+    scores = np.concatenate([outcome.scores for outcome in outcomes])
+    at_thresholds = []
+    for iou in judge.cases.ious:
+        rows = [outcome.truth[detected.ious.index(iou)].astype(np.int64) for outcome in outcomes]
+        truth = np.concatenate([np.where(row >= 0, first + row, row) for first, row in zip(firsts, rows, strict=False)])
+        counts = truth >= FALSE_ALARM
+        at_thresholds.append(
+            Scored(
+                truths=np.concatenate([each.boxes for each in objects]),
+                truth_frame=np.repeat(np.arange(judge.frames), [len(each) for each in objects]),
+                truth_label=np.concatenate([each.labels for each in objects]),
+                points=_count_points(detected, chosen),
+                boxes=boxes[counts],
+                scores=scores[counts],
+                truth=truth[counts],
+                frame=frame[counts],
+                label=labels[counts],
+                frames=judge.frames,
+                classes=detected.classes,
+            )
+        )
+    return replace(at_thresholds[0], others=tuple(at_thresholds[1:]))
 
 
-def fused_cloud(detected: Detected, chosen: Sequence[int], k: int) -> np.ndarray:
-    """The points of all sensors of a set in frame k."""
+def fuse_clouds(detected: Detected, chosen: Sequence[int], k: int) -> Float32[np.ndarray, "n 3"]:
+    """Join the points of all sensors of a set in frame k."""
     clouds = [detected.renders.clouds(k, c) for c in chosen]
     return np.concatenate([np.zeros((0, 3), np.float32), *clouds])
 
 
+def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray, " t"]:
+    """Points of a set on each scored object, frame after frame."""
+    counts = [np.zeros(0, np.int64)]
+    for k in range(detected.frames):
+        boxes = detected.renders.objects(k).boxes[detected.scored(k)]
+        counts.append(count_on_ground(fuse_clouds(detected, chosen, k), boxes, detected.renders.site))
+    return np.concatenate(counts)
+
+
+def _mean_points(points: Int64[np.ndarray, " t"]) -> float | None:
+    return float(points.mean()) if len(points) else None
+
+
 def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[BreakdownRow, ...]:
-    """A row for each group."""
+    """Judge each group. group_of: index of the group of each box."""
     of_truth = group_of(scored.truths)
-    groups = [(each, _of_detections(each, of_truth, group_of)) for each in (scored, *scored.others)]
+    groups = []
+    for each in (scored, *scored.others):
+        hits, of_detection = each.truth >= 0, group_of(each.boxes)
+        of_detection[hits] = of_truth[each.truth[hits]]
+        groups.append((each, of_detection))
     rows = []
     for number, name in enumerate(names):
         here = of_truth == number
         parts = [each.part(here, of_detection == number) for each, of_detection in groups]
-        judged = mean_judgement(parts, scored.classes, seed) if here.any() else None
-        rows.append(BreakdownRow(name, judged, float(scored.points[here].mean()) if here.any() else None))
+        judged = judge_tallies(parts, scored.classes, seed) if here.any() else None
+        rows.append(BreakdownRow(name, judged, _mean_points(scored.points[here])))
     return tuple(rows)
 
 
-def _of_detections(scored: Scored, of_truth: Int64[np.ndarray, " t"], group_of: GroupOf) -> Int64[np.ndarray, " n"]:
-    """Group of each detection: of the truth that it hits, else of where it is."""
-    hits = scored.truth >= 0
-    groups = group_of(scored.boxes)
-    groups[hits] = of_truth[scored.truth[hits]]
-    return groups
-
-
 def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
-    """The middle of the area, and its quarters round that, named by the compass."""
+    """Judge the middle of the area, and the quarters around it, named by the compass."""
     xmin, ymin, xmax, ymax = site.area
     middle, radius = np.array([xmin + xmax, ymin + ymax]) / 2, CENTRE * min(xmax - xmin, ymax - ymin)
     quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
@@ -165,7 +147,7 @@ def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
 
 
 def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[BreakdownRow, ...]:
-    """By horizontal distance to the nearest sensor of the set."""
+    """Judge by horizontal distance to the nearest sensor of the set."""
     places = np.array([sensor.position[:2] for sensor in sensors])
     edges = (0.0, *RANGE_ENDS)
     names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)), f"beyond {RANGE_ENDS[-1]:g} m"]
@@ -178,45 +160,36 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[Brea
 
 
 def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
-    """By the lane that each vehicle is nearest to; places without any vehicle are left out."""
+    """Judge by the lane nearest to each vehicle; approaches without vehicles are left out."""
     places = find_approaches(site)
     rows = by_group(scored, places.names, places.locate, seed)
     return tuple(row for row in rows if row.judged is not None)
 
 
 def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
-    """At each level of traffic; no row where all traffic is one."""
-    if judge.cases is None or not judge.parts:
+    """Judge each level of traffic; no row if it is undivided."""
+    if not judge.levels:
         return ()
-    rows = []
-    for name, part, judged in zip(judge.cases.level_names, judge.parts, judge.by_level(chosen), strict=False):
-        points = scored.points[np.isin(scored.truth_frame, part)]
-        rows.append(BreakdownRow(name, judged, float(points.mean()) if len(points) else None))
-    return tuple(rows)
+    each = zip(judge.cases.level_names, judge.levels, judge.by_level(chosen), strict=False)
+    points = scored.points
+    return tuple(
+        BreakdownRow(name, judged, _mean_points(points[np.isin(scored.truth_frame, part)]))
+        for name, part, judged in each
+    )
 
 
 def by_errors(judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
-    """At each error profile, with failures and levels where such count; no row where there is one profile."""
-    rows = zip(judge.by_errors(chosen).items(), (judge, *judge.others), strict=False)
-    return tuple(BreakdownRow(name, judged, mean_points(at, chosen)) for (name, judged), at in rows)
+    """Judge each error profile, with failures and levels if they count; no row for one profile."""
+    rows = zip(judge.by_errors(chosen).items(), judge.profiles, strict=False)
+    return tuple(BreakdownRow(name, judged, _mean_points(_count_points(at, chosen))) for (name, judged), at in rows)
 
 
-def mean_points(judge: Judge, chosen: tuple[int, ...]) -> float | None:
-    """Points that a set has on a scored object, in the mean; None without any object."""
-    detected, points = judge.detected, [np.zeros(0, np.int64)]
-    for k in range(judge.frames):
-        boxes = detected.renders.objects(k).boxes[detected.scored(k)]
-        points.append(count_on_ground(fused_cloud(detected, chosen, k), boxes, detected.renders.site))
-    every = np.concatenate(points)
-    return float(every.mean()) if len(every) else None
-
-
-def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str]) -> tuple[ClassSeen, ...]:
-    """Of the road users of each class centred in the area, the share with `LEAST` points or more."""
+def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS) -> tuple[ClassSeen, ...]:
+    """Coverage of each class: share of its road users in the area with `LEAST` points or more."""
     detected = judge.detected
     points: dict[str, list[np.ndarray]] = {label: [np.zeros(0, np.int64)] for label in labels}
     for k in range(judge.frames):
-        objects, cloud = detected.renders.objects(k), fused_cloud(detected, chosen, k)
+        objects, cloud = detected.renders.objects(k), fuse_clouds(detected, chosen, k)
         inside = has_centre_inside(objects.boxes, detected.renders.site.area)
         for label in labels:
             boxes = objects.boxes[inside & (objects.labels == label_index(label))]
@@ -226,3 +199,36 @@ def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str]) -> tu
         ClassSeen(label, len(row), int(LEAST), float((row >= LEAST).mean()) if len(row) else None)
         for label, row in rows.items()
     )
+
+
+def pick_moments(
+    detected: Detected,
+    chosen: tuple[int, ...],
+    *,
+    count: int = MOMENTS,
+    points: int = MOMENT_POINTS,
+    seed: int = 0,
+) -> tuple[Moment, ...]:
+    """Pick the first `count` consecutive frames with most vehicles. points: kept of each cloud, drawn from the seed."""
+    found = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
+    count = min(count, detected.frames)
+    sums = np.convolve(found, np.ones(count, np.int64), mode="valid")
+    first = int(sums.argmax())
+    return tuple(_moment(detected, chosen, k, points, seed) for k in range(first, first + count))
+
+
+def _moment(detected: Detected, chosen: tuple[int, ...], k: int, points: int, seed: int) -> Moment:
+    outcome = detected.outcomes([chosen], [k])[chosen][0]
+    truth = outcome.truth[detected.ious.index(detected.iou)]
+    objects, scored = detected.renders.objects(k), detected.scored(k)
+    hit = np.zeros(len(objects), np.bool_)
+    hit[np.flatnonzero(scored)[truth[truth > FALSE_ALARM]]] = True
+    clouds = tuple(thin(detected.renders.clouds(k, c), points, [seed, k, c]) for c in chosen)
+    return Moment(clouds, objects, detected.detections(chosen, k), hit, ~scored, truth >= 0, truth == IGNORED)
+
+
+def thin(cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]) -> Float32[np.ndarray, "m 3"]:
+    """Draw at most this many points of a cloud, in their order."""
+    if len(cloud) <= points:
+        return cloud
+    return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]

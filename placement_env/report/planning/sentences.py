@@ -1,23 +1,27 @@
-"""Sentences of a plan: the verdict, why this set, what is assumed and what is not known."""
+"""Sentences of a plan: verdict and refusals, why this set, assumptions and unknowns."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
 
 from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES
 from placement_env.fidelity.coverage import LEAST
-from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures, Verdict
+from placement_env.objective import Objective
+from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
+from placement_env.report.planning.choosing import Rule
 from placement_env.report.planning.question import Question
-from placement_env.report.planning.selection import Rule
 from placement_env.search.description import describe_money
+from toolkit.arrays import Bool
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
-from toolkit.detection.schemes import find_scheme
 from toolkit.objects import LABELS
-from toolkit.sensors.error_profiles import ErrorProfile, only_own_noise
 
 
 def plural(count: int, noun: str) -> str:
-    """A number of things.
+    """Number of things, in words.
 
     >>> plural(1, "sensor"), plural(3, "vehicle")
     ('1 sensor', '3 vehicles')
@@ -25,185 +29,221 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
-def figure(judged: Judgement) -> str:
-    """An AP with its interval and what it is of."""
-    vehicles, frames = plural(judged.vehicles, judged.kind), plural(judged.frames, "frame")
-    return f"AP {judged.ap:.3f} (95 % interval {judged.low:.3f} to {judged.high:.3f}, {vehicles} in {frames})"
+def refuse_question(question: Question) -> tuple[str, ...]:
+    """Reasons against any plan that need no simulation."""
+    if question.sensors == 0:
+        return ("The budget is 0 sensors, so there is nothing to build: allow 1 or more.",)
+    if not question.site.network:
+        return (
+            f"Site {question.site.name!r} has no road network, so there is no traffic to plan for: "
+            "import one from a map, or build one with toolkit.sites.network.",
+        )
+    return ()
 
 
-def of_what(question: Question) -> str:
-    """What an AP by which sets are compared is of: "" for that of the intact set in all traffic with one profile of
-    errors."""
+def refuse_traffic(question: Question, missing: Sequence[str], frames: int, part: str) -> tuple[str, ...]:
+    """Reason that a part of the traffic lacks classes that count."""
+    return (
+        f"No {' and no '.join(missing)} enters the detection area of site {question.site.name!r} in "
+        f"{plural(frames, 'frame')} of {part} traffic: increase --frames, change --seed, or enlarge the area.",
+    )
+
+
+def select_buildable(objective: Objective, max_kbit: float | None) -> Bool[np.ndarray, " C"]:
+    """Select candidates that may be built alone and send no more than allowed in the mean frame."""
+    return np.asarray(objective.allowed([]) & (objective.sent <= (np.inf if max_kbit is None else max_kbit)))
+
+
+def describe_cases(question: Question) -> str:
+    """Cases of the AP by which sets are compared; "" for the intact set in all traffic at one error profile."""
     cases = question.cases
-    said = [cases.describe_failures()] if cases.failing else []
-    said += [cases.describe_levels()] if cases.levels > 1 else []
-    said += [cases.describe_errors()] if len(cases.names) > 1 else []
-    return f", {', '.join(said)}," if said else ""
+    words = [cases.describe_failures()] if cases.failing else []
+    words += [cases.describe_levels()] if cases.levels > 1 else []
+    words += [cases.describe_errors()] if len(cases.names) > 1 else []
+    return f", {', '.join(words)}," if words else ""
 
 
-def verdict_of(question: Question, chosen: PlanOption, final: Judgement, reasons: tuple[str, ...]) -> Verdict:
-    """The answer. final: by which it is compared with the requirement; reasons: why a requirement is not met."""
-    count, price = plural(len(chosen.sensors), "sensor"), describe_money(chosen.price, question.currency)
-    said = f"{figure(final)}{of_what(question)} at IoU {iou_text(question.iou)} with {count} for {price}"
-    if question.min_ap is None:
-        return Verdict(None, f"The best set found within the budget has {said}.")
-    if final.ap >= question.min_ap:
+def build_verdict(question: Question, compared: PlanOption, final: PlanOption, excluded: tuple[str, ...]) -> Verdict:
+    """The answer. compared, final: the chosen set when sets were compared, and in the final traffic."""
+    judged = final.counted
+    if judged is None:
+        raise ValueError("the chosen set is not judged: judge it first")
+    count, price = plural(len(final.sensors), "sensor"), describe_money(final.price, question.currency)
+    vehicles, frames = plural(judged.vehicles, judged.kind), plural(judged.frames, "frame")
+    figure = f"AP {judged.ap:.3f} (95 % interval {judged.low:.3f} to {judged.high:.3f}, {vehicles} in {frames})"
+    at = f"at IoU {iou_text(question.cases.threshold)}"
+    result = f"{figure}{describe_cases(question)} {at} with {count} for {price}"
+    least = question.min_ap
+    if least is None:
+        return Verdict(None, f"The best set found within the budget has {result}.")
+    if judged.ap >= least:
         sure = (
             "the whole interval lies above it"
-            if final.low >= question.min_ap
+            if judged.low >= least
             else "the interval reaches below it, so more traffic may say otherwise"
         )
-        return Verdict(True, f"The requirement of AP {question.min_ap:g} is met: {said}; {sure}.")
-    return Verdict(False, f"The requirement of AP {question.min_ap:g} is not met: the best found has {said}.", reasons)
+        return Verdict(True, f"The requirement of AP {least:g} is met: {result}; {sure}.")
+    reasons = explain_shortfall(question, compared, judged, excluded)
+    return Verdict(False, f"The requirement of AP {least:g} is not met: the best set found has {result}.", reasons)
+
+
+def explain_shortfall(
+    question: Question, best: PlanOption, final: Judgement, excluded: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Explain why the required AP is not reached. best: as it was chosen; final: the same set in the final traffic."""
+    price = describe_money(best.price, question.currency)
+    before = f" and {best.counted.ap:.3f} in the traffic it was chosen on" if best.counted else ""
+    reasons = [
+        f"The best set found, {plural(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
+        f"({final.low:.3f} to {final.high:.3f}){describe_cases(question)} on {plural(final.vehicles, final.kind)} in "
+        f"the final traffic{before}; {question.min_ap:g} is required at IoU {iou_text(question.cases.threshold)}."
+    ]
+    if question.sensors is not None and len(best.sensors) >= question.sensors:
+        reasons.append(f"The budget of {plural(question.sensors, 'sensor')} is used up: more might reach it.")
+    if question.money is not None:
+        left = describe_money(question.money - best.price, question.currency)
+        reasons.append(f"Of {describe_money(question.money, question.currency)} it leaves {left}.")
+    return (*reasons, *excluded)
 
 
 RULES: dict[Rule, str] = {
-    "best": "It has the greatest AP of the judged sets; equal ones go by the mean AP at IoU 0.7, 0.8 and 0.9, then by "
+    "best": "It has the highest AP of the judged sets; ties are broken by the mean AP at IoU 0.7, 0.8 and 0.9, then by "
     "price.",
     "interval": "It is the cheapest of the judged sets whose whole 95 % interval lies above the required AP.",
-    "estimate": "It is the cheapest of the judged sets whose AP reaches the requirement; of none does the whole "
-    "95 % interval lie above it.",
-    "none": "None of the judged sets reaches the requirement; it has the greatest AP of them.",
+    "estimate": "It is the cheapest of the judged sets whose AP reaches the requirement; no judged set has its whole "
+    "95 % interval above it.",
+    "none": "None of the judged sets reaches the requirement; it has the highest AP of them.",
 }
 
 
-def why(
-    question: Question,
-    options: tuple[PlanOption, ...],
-    chosen: PlanOption,
-    rule: Rule,
-    *,
-    considered: int,
-    fidelity: str,
-    near: int,
-    schemes: tuple[SchemeFigures, ...],
-    failures: tuple[FailureCase, ...],
+def explain_choice(
+    question: Question, plan: Plan, chosen: PlanOption, rule: Rule, *, considered: int, fidelity: str
 ) -> tuple[str, ...]:
-    """Why this set, with figures."""
-    judged = [option.judged for option in options if option.judged is not None]
-    compared = of_what(question).strip(", ")
-    of_that = "" if question.cases.failing else "that "
-    searches = " and ".join(chosen.searches) or "a neighbour of what a search answered"
-    second = chosen.counted
-    sentences = [
-        f"{considered:,} sets were scored by the {fidelity}; {len(options)} of them raced by the detector on traffic "
-        f"that no search saw, and {len(judged)} were judged on all of it.",
+    """Explain why this set, with figures. chosen: as it was when sets were compared; considered: sets scored."""
+    judged = sum(option.judged is not None for option in plan.considered)
+    cases = describe_cases(question).strip(", ")
+    which = "" if question.cases.failing else "that "
+    searches = " and ".join(chosen.searches) or "a neighbour of a search's answer"
+    second, near = chosen.counted, len(plan.near_optimal)
+    lines = [
+        f"{considered:,} sets were scored by the {fidelity}; {len(plan.considered)} of them raced by the detector on "
+        f"traffic that no search saw, and {judged} were judged on all of it.",
         RULES[rule],
-        *([f"The AP by which sets are compared is {of_that}{compared}."] if compared else []),
-        f"It comes from {searches}; its predicted AP is {chosen.predicted:.3f}, "
-        f"its AP among the judged sets {second.ap:.3f} ({second.low:.3f} to {second.high:.3f})."
-        if second
-        else f"It comes from {searches}.",
-        f"{plural(near, 'other judged set')} {'has' if near == 1 else 'have'} an interval that overlaps with its own: "
-        "the detector cannot tell them apart on this traffic."
-        if near
-        else "No other judged set has an interval that overlaps with its own.",
     ]
-    own = next((row for row in schemes if row.scheme == question.scheme and row.iou == question.iou), None)
-    others = [row for row in schemes if row.iou == question.iou and row.scheme != question.scheme]
-    if own is not None and others:
-        said = ", ".join(f"{row.scheme} {row.judged.ap:.3f} for {row.kbit_per_sensor:.1f} kbit" for row in others)
-        sentences.append(
-            f"{question.scheme.capitalize()} fusion gives AP {own.judged.ap:.3f} for {own.kbit_per_sensor:.1f} kbit "
-            f"per sensor and frame; with the same sensors: {said}."
+    if cases:
+        lines.append(f"The AP by which sets are compared is {which}{cases}.")
+    if second is None:
+        lines.append(f"It comes from {searches}.")
+    else:
+        lines.append(
+            f"It comes from {searches}; its predicted AP is {chosen.predicted:.3f}, its AP among the judged sets "
+            f"{second.ap:.3f} ({second.low:.3f} to {second.high:.3f})."
         )
-    alone = [case for case in failures if len(case.failed) == 1]
+    lines.append(
+        f"{plural(near, 'other judged set')} {'has' if near == 1 else 'have'} an interval that overlaps its own: the "
+        "detector cannot tell them apart on this traffic."
+        if near
+        else "No other judged set has an interval that overlaps its own."
+    )
+    at = [row for row in plan.schemes if row.iou == plan.iou]
+    own = next((row for row in at if row.scheme == plan.scheme), None)
+    others = ", ".join(
+        f"{row.scheme} {row.judged.ap:.3f} for {row.kbit_per_sensor:.1f} kbit" for row in at if row is not own
+    )
+    if own is not None and others:
+        lines.append(
+            f"{plan.scheme.capitalize()} fusion gives AP {own.judged.ap:.3f} for {own.kbit_per_sensor:.1f} kbit per "
+            f"sensor and frame; with the same sensors: {others}."
+        )
+    alone = [case for case in plan.failures if len(case.failed) == 1]
     if alone:
         worst = min(alone, key=lambda case: case.judged.ap)
-        sentences.append(f"It is hurt most when {worst.failed[0]} fails: AP {worst.judged.ap:.3f} is left.")
-    return tuple(sentences)
+        lines.append(f"The failure of {worst.failed[0]} hurts most: AP {worst.judged.ap:.3f} is left.")
+    return tuple(lines)
 
 
-def _of_errors(question: Question) -> str:
-    """What is assumed of the sensors' errors."""
-    first, *others = question.cases.profiles
-    if only_own_noise(first) and not others:
-        return "Poses are exact: no calibration error, no sway of poles, no clocks that differ."
-    which = " and ".join(f"of profile {each.name} ({_terms(each)})" for each in (first, *others))
-    over = question.cases.describe_errors()
-    rest = (
-        f" The AP by which they are compared is that {over}; every other figure of the report, kbit and pictures are "
-        f"with profile {first.name}, the first that was asked for, unless another stands beside it."
-    )
-    return (
-        f"Sets are compared and judged with the sensors' errors {which}; searches, "
-        f"and the kbit they weigh, know the noise of the sensors' models alone.{rest if others else ''}"
-    )
-
-
-def _terms(errors: ErrorProfile) -> str:
-    return ", ".join(dict.fromkeys(type(term).__name__ for term in errors.terms))
-
-
-def _of_codec(question: Question) -> str:
-    codec = scheme_codec(find_scheme(question.scheme), question.codec)
-    if codec == PAPER:
-        return "count 96 bits for a point and 256 for a box, as the paper does, without headers or compression"
-    return f"are of messages as {codec.digest} writes them: in searches by what it expects, in judgements as sent"
-
-
-def assumptions(question: Question, *, search_fidelity: str, detector: str, worth_sampled: bool) -> tuple[str, ...]:
-    """Assumptions behind the figures."""
-    classes = question.classes
+def list_assumptions(question: Question, fidelity: str, detector: str, *, sampled: bool) -> tuple[str, ...]:
+    """Assumptions behind the figures. sampled: whether the objective of the searches scored subsets of the set."""
+    setting, cases, seed = question.setting, question.cases, question.run.seed
+    classes, stock = setting.counted, question.stock
     others = [label for label in LABELS if label not in classes.names]
-    of = (
+    objects = (
         "of vehicles alone, heavy ones not counted,"
         if classes.names == VEHICLES.names
         else f"of {classes.names[0]} alone,"
         if len(classes) == 1
-        else f"the {classes.described(question.iou)},"
+        else f"the {classes.described(cases.threshold)},"
     )
-    sentences = [
-        "Traffic is simulated (SUMO) and measurements are cast rays with noise of the sensors' models; nothing was "
+    lines = [
+        "Traffic is simulated (SUMO) and measurements are ray-cast with the noise of the sensors' models; nothing was "
         "measured at the place itself.",
-        f"AP is {of} centred in the detection area, by the "
-        f"detector {detector} at IoU {iou_text(question.iou)} in {question.scheme} fusion.",
-        "Searches, comparison and judgement have traffic of their own each (seeds "
-        f"{question.seed}, {question.seed + 1} and {question.seed + 2}): no AP stated for the chosen set is from "
-        "traffic that it was searched or chosen on.",
-        "Intervals are from a bootstrap over blocks of 4 frames, the life of an object; they are of this detector in "
-        "this kind of traffic, not of other weather, traffic or sensors.",
-        f"kbit {_of_codec(question)}; links are compared with them at 10 frames a second.",
-        _of_errors(question),
+        f"AP is {objects} centred in the detection area, by the detector {detector} at IoU "
+        f"{iou_text(cases.threshold)} in {setting.fusion.name} fusion.",
+        f"Searches, comparison and judgement each have their own traffic (seeds {seed}, {seed + 1} and {seed + 2}): no "
+        "AP stated for the chosen set is from traffic that it was searched or chosen on.",
+        "Intervals are from a bootstrap over blocks of 4 frames, the life of an object; they hold for this detector in "
+        "this kind of traffic, not for other weather, traffic or sensors.",
+        f"kbit {_describe_codec(question)}; links are compared with them at 10 frames a second.",
+        _describe_errors(question),
     ]
-    if not isinstance(question.iou, float):
-        sentences.append(
-            f"Every AP is the mean of those at IoU {', '.join(f'{iou:g}' for iou in question.iou)}, as in COCO, unless "
-            f"another IoU stands beside it; pictures of single frames show what hits at IoU {question.iou[0]:g}."
+    if len(cases.ious) > 1:
+        lines.append(
+            f"Every AP is the mean over IoU {', '.join(f'{iou:g}' for iou in cases.ious)}, as in COCO, unless another "
+            f"IoU stands beside it; pictures of single frames show hits at IoU {cases.ious[0]:g}."
         )
     if others:
-        sentences.append(
-            f"No AP is asked for {', '.join(others)}: of these a share is stated that the set has at least "
-            f"{LEAST:g} points on, which is coverage and no AP."
+        lines.append(
+            f"No AP is asked for {', '.join(others)}: for these the share on which the set has at least {LEAST:g} "
+            "points is stated, which is coverage and not AP."
         )
-    if question.catalogue is None:
-        sentences.append(
-            "No catalogue was given: sensors cost nothing beside their poles, prices are in ordinary poles."
+    if stock.catalogue is None:
+        lines.append("No catalogue was given: sensors cost nothing besides their poles, prices are in ordinary poles.")
+    elif stock.catalogue.pole_price is None:
+        unit = question.currency or "its unit"
+        lines.append(f"The catalogue names no pole_price: the prices of poles are taken to be in {unit}.")
+    if fidelity == "coverage":
+        lines.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
+    if sampled:
+        lines.append(
+            "For a set this large, the worth of each sensor and the order of building go by the fidelity of the "
+            "searches."
         )
-    elif question.catalogue.pole_price is None:
-        sentences.append(
-            "The catalogue names no pole_price: the prices of poles are taken to be in "
-            f"{question.currency or 'its unit'}."
-        )
-    if search_fidelity == "coverage":
-        sentences.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
-    if worth_sampled:
-        sentences.append(
-            "With so many sensors what each is worth, and the order of building, go by the fidelity of the searches."
-        )
-    return tuple(sentences)
+    return tuple(lines)
 
 
-def unknown(final: Judgement) -> tuple[str, ...]:
-    """What the plan cannot say."""
-    sentences = [
+def _describe_codec(question: Question) -> str:
+    codec = scheme_codec(question.setting.fusion, question.setting.codec)
+    if codec == PAPER:
+        return "count 96 bits for a point and 256 for a box, as the paper does, without headers or compression"
+    return f"are of messages as {codec.digest} writes them: as expected in searches, as sent in judgements"
+
+
+def _describe_errors(question: Question) -> str:
+    cases = question.cases
+    if cases.noise_only:
+        return "Poses are exact: no calibration error, no sway of poles, no clocks that differ."
+    terms = [", ".join(dict.fromkeys(type(term).__name__ for term in each.terms)) for each in cases.profiles]
+    which = " and ".join(f"of profile {name} ({words})" for name, words in zip(cases.names, terms, strict=True))
+    first = (
+        f" The AP by which they are compared is that {cases.describe_errors()}; every other figure of the report, kbit "
+        f"and pictures are with profile {cases.names[0]}, the first one given, unless another stands beside it."
+    )
+    return (
+        f"Sets are compared and judged with the sensors' errors {which}; searches, and the kbit they weigh, know the "
+        f"noise of the sensors' models alone.{first if len(cases.names) > 1 else ''}"
+    )
+
+
+def list_unknowns(final: Judgement) -> tuple[str, ...]:
+    """Questions that the plan cannot answer."""
+    lines = [
         "How the detector does on real measurements of this place.",
         "Whether a set that no search looked at would do better: nothing is proven optimal.",
         "Rain, fog, dirt, glare, and what grows, parks or is built there later.",
         "Power, permits, and what it costs to run the sensors.",
     ]
     if final.low == final.high:
-        sentences.append(
-            f"How far AP {final.ap:.3f} may be off: all samples of this traffic agree, which more of it might not."
+        lines.append(
+            f"How far AP {final.ap:.3f} may be off: all samples of this traffic agree, but more traffic might not."
         )
-    return tuple(sentences)
+    return tuple(lines)

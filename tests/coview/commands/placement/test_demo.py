@@ -1,5 +1,7 @@
 """coview demo: twice is as good as once, and nobody's files are lost."""
 
+from coview.options import Output
+
 
 def test_twice_and_never_over_other_files(run, refused, tmp_path):
     out = tmp_path / "demo"
@@ -20,8 +22,7 @@ def test_it_ends_with_a_plan_of_the_site_s_own_sensors(run, tmp_path, monkeypatc
     )
     ((site, question),) = asked
     assert (code, site) == (0, ("tjunction",))
-    assert question == {
-        "out": out / "plan", "cache": out / "cache", "overwrite": True, "budget": 3, "candidates": "paper",
-        "frames": 5, "seed": 3,
-    }  # fmt: skip
+    assert (question["goal"].budget, question["stock"].candidates) == (3, "paper")
+    assert (question["run"].seed, question["run"].frames, question["run"].cache) == (3, 5, out / "cache")
+    assert question["output"] == Output(out=out / "plan", overwrite=True)
     assert f"open {out / 'plan' / 'report.html'} in a browser" in printed

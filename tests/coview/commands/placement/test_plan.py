@@ -105,11 +105,11 @@ def test_a_site_without_traffic(tmp_path, run):
     ("arguments", "said"),
     [
         (("--budget", -1), "--budget must be at least 0"),
-        (("--frames", 0), "--frames must be at least 1"),
+        (("--frames", 0), "frames must be a whole number of at least 1"),
         (("--min-ap", 2), "min_ap must lie above 0 and up to 1"),
         (("--classes", "cyclist", "--detector", "vehicles/general"), "the detector knows vehicle only"),
         (("--scheme", "middle"), "there is no fusion scheme"),
-        (("--iou", 2), "--iou must lie above 0"),
+        (("--iou", 2), "iou must lie in (0, 1]"),
         (("--sensors", "none.toml"), "none.toml"),
         (("--keep-out", "none.geojson"), "none.geojson"),
         (("--candidates", "none.geojson"), "none.geojson"),
@@ -166,6 +166,6 @@ def test_a_plan_goes_by_the_mean_over_thresholds_and_by_what_is_left(tmp_path, r
     assert (made["iou"], made["question"]["failing"], made["question"]["failures"]) == ([0.8, 0.85, 0.9], 1, "mean")
     lost = [case["judged"]["ap"] for case in made["failures"]]
     assert made["chosen"]["left"]["ap"] == pytest.approx(np.mean(lost))
-    assert "in the mean over which 1 sensor fails" in (tmp_path / "out" / "report.html").read_text()
+    assert "on average when 1 sensor fails" in (tmp_path / "out" / "report.html").read_text()
     code, _, err = run("plan", "tjunction", "--budget", 1, "--failing", 1, *PAPER, "--out", tmp_path / "one")
     assert (code, "nothing is left when 1 fail" in err) == (2, True)

@@ -1,30 +1,33 @@
 """All figures of an answer on the known street, put together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import shapely
 
+from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import visible_ground
-from placement_env.report.planning.answer import PlanInputs, answer, best_first, detector_in_words
-from placement_env.report.planning.question import Question
-from placement_env.report.planning.selection import select
+from placement_env.report.planning.answer import ChosenSet, Findings, best_first, build_plan, name_detector, trace_plan
+from placement_env.report.planning.choosing import Choice, choose_set
 from placement_env.search.portfolio.entrants import Entrants
-from toolkit.objects import Objects
+from toolkit.objects import Detections, Objects
 from toolkit.traffic.snapshots import Snapshot
 
 
 @pytest.fixture
-def answered(street):
+def answered(ask, street):
     def answered(**asked):
-        question = Question(site=street.site, sensors=2, detector=street.detected.detector, **asked)
+        question = ask(street.site, sensors=2, detector=street.detected.detector, **asked)
         sets = np.array([[1, 0, 0, 0], [0, 1, 0, 1], [1, 1, 0, 0]], bool)
         found = Entrants(sets, street.objective.scores(sets).ap, ((), (), ("greedy",)), 30)
-        picked = select(street.objective, found, street.judge, min_ap=question.min_ap)
-        terms = PlanInputs(question, found, picked, "surrogate", "general", ("The links exclude 1 of 5 candidates.",))
-        members = np.flatnonzero(sets[picked.chosen])
-        ground = visible_ground(street.site, [street.candidates.sensors[c] for c in members], cell=4.0)
+        choice = choose_set(street.objective, found, street.judge, min_ap=question.min_ap)
+        ground = visible_ground(street.site, [street.candidates.sensors[c] for c in choice.members], cell=4.0)
         empty = Traffic(street.site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))
-        return answer(terms, street.objective, street.judge, ground, [empty] * 3)
+        excluded = ("The links exclude 1 of 5 candidates.",)
+        findings = Findings(question, found, choice, street.objective, "general", excluded, [empty] * 3)
+        return build_plan(findings, street.judge, ground)
 
     return answered
 
@@ -56,6 +59,111 @@ def test_a_requirement_that_is_not_met_says_why(answered):
 
 
 def test_detectors_in_words(street):
-    assert detector_in_words(street.judge, None) == "Reader"
-    assert detector_in_words(street.judge, "general") == "Reader (shipped network 'general')"
+    assert name_detector(street.detected.detector, None) == "Reader"
+    assert name_detector(street.detected.detector, "general") == "Reader (shipped network 'general')"
     assert best_first(()) == ()
+
+
+@pytest.fixture
+def chosen(street):
+    return lambda *members, names: ChosenSet(members, names, street.judge, street.objective)
+
+
+@pytest.fixture
+def pair(chosen):
+    return chosen(0, 1, names=("post0_eye", "post1_eye"))
+
+
+def test_worth_is_exact_from_all_subsets(pair):
+    first, second = pair.worth()
+    # alone each detects 2 of 4 cars, together 3: one is seen by both
+    assert (first.sensor, first.shapley, second.shapley) == ("post0_eye", 0.375, 0.375)
+    assert first.synergy == {"post1_eye": -0.25}
+
+
+def test_large_sets_are_sampled_by_the_fidelity_of_the_searches(street, pair, monkeypatch):
+    monkeypatch.setattr("placement_env.report.planning.answer.ALL_SUBSETS", 1)
+    monkeypatch.setattr(street.detected, "outcomes", None)
+    first, second = pair.worth()
+    assert (first.shapley, second.shapley) == pytest.approx((0.375, 0.375))
+
+
+def test_failures_worst_first(chosen, pair):
+    cases = chosen(0, 1, 3, names=("a", "b", "c")).failures()
+    assert [(case.failed, case.judged.ap) for case in cases] == [
+        (("b",), 0.5),
+        (("a",), 0.75),
+        (("c",), 0.75),
+        (("a", "b"), 0.25),
+        (("a", "c"), 0.5),
+        (("b", "c"), 0.5),
+    ]
+    assert chosen(0, names=("a",)).failures() == ()
+    assert [case.failed for case in pair.failures()] == [("post0_eye",), ("post1_eye",)]
+
+
+def test_the_sensor_that_adds_most_is_built_first(chosen):
+    steps = chosen(1, 2, 3, names=("b", "c", "d")).order()
+    assert [step.sensor for step in steps] == ["b", "d", "c"]
+    assert [step.price for step in steps] == [11.0, 34.0, 44.5]
+    assert [step.judged.ap for step in steps] == pytest.approx([0.5, 0.75, 0.8])
+
+
+def test_every_scheme_at_every_iou(pair):
+    rows = pair.schemes()
+    assert [(row.scheme, row.iou) for row in rows] == [
+        (scheme, iou) for scheme in ("early", "late", "hybrid") for iou in (0.7, 0.8, 0.9)
+    ]
+    assert {row.judged.ap for row in rows} == {0.75}
+    sent = {row.scheme: row.kbit_per_sensor for row in rows}
+    assert (sent["early"], sent["late"]) == (50 * 96 / 1000, 2 * 256 / 1000)
+
+
+def test_rows_of_subsets(chosen):
+    assert chosen(1, 3, names=("a", "b")).rows(np.array([[True, False], [True, True]])).astype(int).tolist() == [
+        [0, 1, 0, 0],
+        [0, 1, 0, 1],
+    ]
+
+
+class Reader:
+    digest = "reader 1"
+
+    def __call__(self, points):
+        return Detections.empty()
+
+
+def trace(street, question, *, frames=1):
+    one = Snapshot(Objects.empty(), np.zeros(0, np.int64))
+    traffic = [Traffic(question.site, (), (one,) * frames)] * 3
+    found, choice = Entrants(np.zeros((0, 4), bool), np.zeros(0), (), 0), Choice((), np.zeros((0, 4), bool), 0, "best")
+    findings = Findings(question, found, choice, street.objective, "general", (), traffic)
+    return trace_plan(findings, street.candidates, Reader())
+
+
+def test_provenance_holds_every_input(ask, street, tmp_path):
+    poles = tmp_path / "poles.geojson"
+    poles.write_text("one")
+    catalogue = SensorCatalogue((), "EUR", None, "digest of it")
+    question = ask(street.site, candidates=poles, catalogue=catalogue, seed=5)
+    before = trace(street, question)
+    assert before == trace(street, question)
+    assert (before["detector_digest"], before["catalogue_sha256"]) == ("reader 1", "digest of it")
+    assert [part["seed"] for part in before["traffic"].values()] == [5, 6, 7]
+    assert {"coview", "python", "numpy", "torch"} <= set(before["versions"])
+    assert str(tmp_path) not in str(before)
+    poles.write_text("two")
+    changed = trace(street, question)
+    assert {key for key in before if before[key] != changed[key]} == {"poles_sha256"}
+
+
+def test_each_input_changes_its_digest(ask, street):
+    question = ask(street.site)
+    before = trace(street, question)
+    other_site = ask(replace(street.site, height=5.0))
+    assert trace(street, other_site)["site_sha256"] != before["site_sha256"]
+    fenced = ask(street.site, keep_out=(shapely.box(0, 0, 1, 1),))
+    assert trace(street, fenced)["keep_out_sha256"] != before["keep_out_sha256"]
+    assert trace(street, ask(street.site, errors=("typical",)))["errors"] != before["errors"]
+    assert trace(street, question, frames=2)["traffic"] != before["traffic"]
+    assert before["poles_sha256"] is None

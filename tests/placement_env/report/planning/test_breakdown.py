@@ -16,16 +16,17 @@ from placement_env.report.planning.breakdown import (
     by_level,
     by_range,
     by_zone,
-    fused_cloud,
-    mean_points,
-    scored_boxes,
+    fuse_clouds,
+    pick_moments,
+    score_boxes,
+    thin,
 )
 from placement_env.report.planning.judging import Judge
 
 
 @pytest.fixture
 def scored(street):
-    return scored_boxes(street.judge, (0, 2))
+    return score_boxes(street.judge, (0, 2))
 
 
 def test_boxes_of_all_frames(scored):
@@ -80,19 +81,19 @@ def test_classes_are_seen_or_not(street):
 
 
 def test_the_cloud_of_no_sensor(street):
-    assert fused_cloud(street.detected, (), 0).shape == (0, 3)
-    assert fused_cloud(street.detected, (0, 2), 0).shape == (100, 3)
+    assert fuse_clouds(street.detected, (), 0).shape == (0, 3)
+    assert fuse_clouds(street.detected, (0, 2), 0).shape == (100, 3)
 
 
 def test_groups_of_several_classes_are_combined(street):
     old = street.detected
-    judge = Judge(Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "pedestrian"))), 0)
-    scored = scored_boxes(judge, (0, 2))
+    judge = Judge((Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "pedestrian"))),))
+    scored = score_boxes(judge, (0, 2))
     assert scored.truth_label.tolist() == [0, 0, 0, 0, 2] * 8
     assert scored.label.tolist() == [0] * 32
     rows = by_group(scored, ["walker", "cars"], lambda boxes: (boxes[:, 3] > 1).astype(np.int64), 0)
     assert (rows[0].judged.ap, rows[0].judged.vehicles) == (0.0, 8)
-    alone = by_group(scored_boxes(street.judge, (0, 2)), ["cars"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
+    alone = by_group(score_boxes(street.judge, (0, 2)), ["cars"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
     assert rows[1].judged.ap == alone[0].judged.ap
     (together,) = by_group(scored, ["all"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
     assert together.judged.ap == alone[0].judged.ap / 2
@@ -101,7 +102,7 @@ def test_groups_of_several_classes_are_combined(street):
 def test_groups_at_several_thresholds_are_means(street):
     """Boxes of the reader are exact in footprint, so both thresholds hit alike; the second is counted by itself."""
     cases = Cases(iou=(0.7, 0.9))
-    scored = scored_boxes(Judge(street.detected.at(0.7, cases.ious), 0, cases), (0, 2))
+    scored = score_boxes(Judge((street.detected.at(0.7, cases.ious),), cases), (0, 2))
     (other,) = scored.others
     for name in ("truth", "boxes", "scores", "frame", "label"):
         assert np.array_equal(getattr(scored, name), getattr(other, name)), name
@@ -114,7 +115,8 @@ def test_groups_at_several_thresholds_are_means(street):
 
 def test_levels_of_traffic(street, scored):
     assert by_level(scored, street.judge, (0, 2)) == ()
-    judge = Judge(street.detected, 0, Cases(levels=2), (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7])))
+    levels = (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7]))
+    judge = Judge((street.detected,), Cases(levels=2), levels=levels)
     thin, dense = by_level(scored, judge, (0, 2))
     assert (thin.name, thin.judged.vehicles, thin.judged.frames) == ("thin traffic", 8, 2)
     assert (dense.name, dense.judged.vehicles, dense.judged.frames) == ("dense traffic", 24, 6)
@@ -128,14 +130,55 @@ def test_error_profiles(street, scored):
         def clouds(self, k, c):
             return super().clouds(k, c)[::2][: 0 if k < 4 and c == 2 else None]
 
-    thin = Thin(street.site, street.detected.renders.sensors)
-    thin.digest = "thin"
-    rough = Judge(Detected(thin, street.detected.detector, "early"), 0)
-    judge = replace(street.judge, others=(rough,), cases=Cases(errors=("paper", "poor")))
+    hazy = Thin(street.site, street.detected.renders.sensors)
+    hazy.digest = "thin"
+    rough = Detected(hazy, street.detected.detector, "early")
+    judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
     exact, other = by_errors(judge, (0, 2))
     assert (exact.name, other.name) == ("paper", "poor")
     assert exact.judged == street.judge.judge(np.array([[1, 0, 1, 0]], bool))[0]
-    assert other.judged == rough.judge(np.array([[1, 0, 1, 0]], bool))[0]
+    assert other.judged == Judge((rough,)).judge(np.array([[1, 0, 1, 0]], bool))[0]
     assert exact.mean_points == scored.points.mean() == 75 / 4
-    assert other.mean_points == np.mean([mean_points(rough, (0, 2))]) < exact.mean_points
+    assert 0 < (other.mean_points or 0) < 75 / 4
     assert by_errors(street.judge, (0, 2)) == ()
+
+
+def test_a_moment_says_what_was_hit_and_what_does_not_count(street):
+    shots = pick_moments(street.detected, (0, 2), count=3, points=10)
+    assert len(shots) == 3
+    shot = shots[0]
+    assert shot.truth_hit.tolist() == [True, True, False, True, False]
+    assert shot.truth_ignored.tolist() == [False, False, False, False, True]  # a walker
+    places = shot.detections.boxes[:, :2].tolist()
+    assert len(places) == 4
+    assert dict(zip(map(tuple, places), shot.detection_hit.tolist(), strict=True))[(-14.0, -14.0)] is False
+    assert shot.detection_hit.sum() == 3
+    assert not shot.detection_ignored.any()
+    assert [len(cloud) for cloud in shot.clouds] == [10, 10]
+
+
+def test_no_more_frames_than_there_are(street):
+    assert len(pick_moments(street.detected, (0,), count=50)) == 8
+
+
+def test_the_busiest_frames_are_taken(street, monkeypatch):
+    counts = [1, 0, 2, 4, 4, 1, 0, 3]
+    monkeypatch.setattr(street.detected, "scored", lambda k: np.arange(5) < counts[k])
+    (shot,), taken = pick_moments(street.detected, (0,), count=1), []
+
+    def noted(detected, chosen, k, *_):
+        taken.append(k)
+        return shot
+
+    monkeypatch.setattr("placement_env.report.planning.breakdown._moment", noted)
+    pick_moments(street.detected, (0,), count=2)
+    assert taken == [3, 4]
+
+
+def test_thin_clouds_are_the_same_again_and_in_order():
+    cloud = np.arange(300, dtype=np.float32).reshape(100, 3)
+    few = thin(cloud, 20, [0, 1])
+    assert few.shape == (20, 3)
+    assert np.array_equal(few, thin(cloud, 20, [0, 1]))
+    assert (np.diff(few[:, 0]) > 0).all()
+    assert thin(cloud, 100, [0]) is cloud

@@ -1,7 +1,5 @@
 """Judgements of sets on a street where everything is known."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from placement_env.analysis.intervals import Tally
 from placement_env.cases import Cases
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import Detected
-from placement_env.report.planning.judging import Judge, mean_judgement
+from placement_env.report.planning.judging import Judge, judge_tallies
 from toolkit.objects import Detections
 
 
@@ -29,7 +27,7 @@ def test_a_set_is_judged_as_the_detector_scores_it(street):
 def test_at_another_iou(street):
     (at,) = street.judge.judge(np.array([[1, 0, 0, 0]], bool), iou=0.9)
     assert at.ap == 0.5
-    assert street.judge.truths.tolist() == [4] * 8
+    assert street.judge.to_find[0].tolist() == [4] * 8
 
 
 def test_nothing_is_detected_twice(street):
@@ -44,11 +42,14 @@ def test_the_interval_holds_the_ap_and_depends_on_the_seed_alone():
     rng = np.random.default_rng(3)
     frame = np.repeat(np.arange(20), 3)
     tally = Tally(rng.random(60), rng.random(60) < frame / 20, frame, np.full(20, 4))
-    first, again, other = (mean_judgement([[tally]], VEHICLES, seed) for seed in (1, 1, 2))
+    first, again, other = (judge_tallies([[tally]], VEHICLES, seed) for seed in (1, 1, 2))
     assert first == again
     assert (first.low, first.high) != (other.low, other.high)
     assert 0 <= first.low <= first.ap <= first.high <= 1
     assert 0.05 < first.high - first.low < 0.6
+
+
+LEVELS = (np.arange(4), np.arange(4, 8))
 
 
 class Walkers:
@@ -69,7 +70,7 @@ class Walkers:
 def walked(street):
     def make(classes):
         old = street.detected
-        return Judge(Detected(old.renders, Walkers(old.detector), "early", classes=classes), 0)
+        return Judge((Detected(old.renders, Walkers(old.detector), "early", classes=classes),))
 
     return make
 
@@ -92,27 +93,26 @@ def test_several_classes_are_judged_together_and_each_by_itself(walked, combine)
         assert both.high == pytest.approx((0.75 + walker.judged.high) / 2)
 
 
-def test_vehicles_alone_are_judged_as_ever(walked, street):
+def test_vehicles_alone_are_judged_the_same_way(walked, street):
     (mine,), (plain,) = (j.judge(np.array([[1, 1, 0, 0]], bool)) for j in (walked(VEHICLES), street.judge))
     assert mine == plain
     assert mine.kind == "vehicle"
     assert [row.label for row in street.judge.by_class((0,))] == ["vehicle"]
 
 
-def test_classes_of_which_there_is_nothing(walked):
+def test_classes_without_objects(walked):
     judge = walked(Classes(("vehicle", "heavy", "cyclist")))
     assert judge.absent == ("cyclist", "heavy")
     none = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(4, np.int64))
     some = Tally(np.array([0.9]), np.array([True]), np.array([1]), np.ones(4, np.int64))
-    found = mean_judgement([[some, none]], Classes(("vehicle", "heavy")), 0)
+    found = judge_tallies([[some, none]], Classes(("vehicle", "heavy")), 0)
     assert (found.ap, found.recall) == (0.25, 0.25)
 
 
 def test_several_thresholds_give_means_over_them_with_one_interval(street):
     """Found at both thresholds as at one: the reader's boxes are exact, so the mean is the AP of each."""
     cases = Cases(iou=(0.7, 0.9))
-    judge = Judge(street.detected.at(0.7, cases.ious), 0, cases)
-    assert (judge.iou, judge.ious) == ((0.7, 0.9), (0.7, 0.9))
+    judge = Judge((street.detected.at(0.7, cases.ious),), cases)
     (both,) = judge.judge(np.array([[1, 1, 0, 0]], bool))
     assert (both.ap, both.low, both.high, both.vehicles) == (0.75, 0.75, 0.75, 32)
     assert judge.by_class((0, 1))[0].iou == (0.7, 0.9)
@@ -126,8 +126,8 @@ def test_a_mean_over_thresholds_is_of_ap_and_of_every_resample():
         Tally(scores, hit, frame, np.full(20, 4)),
         Tally(scores, hit & (scores > 0.5), frame, np.full(20, 4)),
     )
-    found = mean_judgement([[loose], [strict]], VEHICLES, 1)
-    one, other = (mean_judgement([[each]], VEHICLES, 1) for each in (loose, strict))
+    found = judge_tallies([[loose], [strict]], VEHICLES, 1)
+    one, other = (judge_tallies([[each]], VEHICLES, 1) for each in (loose, strict))
     assert found.ap == pytest.approx((one.ap + other.ap) / 2)
     assert found.recall == pytest.approx((one.recall + other.recall) / 2)
     assert found.precision == pytest.approx(np.mean([loose.precision, strict.precision]))
@@ -139,7 +139,7 @@ def test_a_mean_over_thresholds_is_of_ap_and_of_every_resample():
 @pytest.mark.parametrize(("combine", "ap"), [("worst", 0.25), ("mean", 0.375)])
 def test_what_is_left_when_one_fails(street, combine, ap):
     """Post 0 finds two of four cars, post 3 one of these two; a set of one has nothing left."""
-    judge = Judge(street.detected, 0, Cases(failing=1, failures=combine))
+    judge = Judge((street.detected,), Cases(failing=1, failures=combine))
     pair, alone = judge.left(np.array([[1, 0, 0, 1], [1, 0, 0, 0]], bool)) or []
     assert (pair.ap, pair.recall, pair.low, pair.high) == (ap, ap, ap, ap)
     assert (alone.ap, alone.recall, alone.precision, alone.vehicles) == (0.0, 0.0, None, 32)
@@ -149,7 +149,7 @@ def test_what_is_left_when_one_fails(street, combine, ap):
     assert raced.ap == pytest.approx([ap], abs=1e-5)
 
 
-def test_nothing_is_left_to_say_where_nothing_fails(street):
+def test_without_failures_nothing_is_said_of_them(street):
     assert street.judge.left(np.array([[1, 0, 0, 1]], bool)) is None
 
 
@@ -163,8 +163,8 @@ def rush(street):
 
     renders = Rush(street.site, street.detected.renders.sensors)
 
-    def judge(cases):
-        return Judge(Detected(renders, street.detected.detector, "early"), 0, cases, (np.arange(4), np.arange(4, 8)))
+    def judge(cases, levels=LEVELS):
+        return Judge((Detected(renders, street.detected.detector, "early"),), cases, levels=levels)
 
     return judge
 
@@ -197,9 +197,7 @@ def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over,
 
 
 def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street):
-    cases = Cases(levels=2)
-    judge = rush(cases)
-    mixed = Judge(judge.detected, 0, cases, (np.array([0, 1, 4, 5]), np.array([2, 3, 6, 7])))
+    mixed = rush(Cases(levels=2), (np.array([0, 1, 4, 5]), np.array([2, 3, 6, 7])))
     (both,) = mixed.over_levels(np.array([[1, 1, 0, 0]], bool))  # type: ignore[misc]
     first, second = mixed.by_level((0, 1))
     assert (first.ap, second.ap, both.ap) == (0.625, 0.625, 0.625)
@@ -220,12 +218,12 @@ def test_a_level_with_nothing_to_find_says_nothing(street):
 
     renders = Late(street.site, street.detected.renders.sensors)
     detected = Detected(renders, street.detected.detector, "early")
-    judge = Judge(detected, 0, Cases(levels=2), (np.arange(4), np.arange(4, 8)))
+    judge = Judge((detected,), Cases(levels=2), levels=LEVELS)
     first, second = judge.by_level((1,))
     assert first is None
     (over,) = judge.over_levels(np.array([[0, 1, 0, 0]], bool))  # type: ignore[misc]
     assert over.ap == second.ap == 0.5
-    assert Judge(detected, 0).over_levels(np.array([[0, 1, 0, 0]], bool)) is None
+    assert Judge((detected,)).over_levels(np.array([[0, 1, 0, 0]], bool)) is None
 
 
 @pytest.fixture
@@ -240,17 +238,15 @@ def hazy(street):
     renders = Hazy(street.site, street.detected.renders.sensors)
     renders.digest = "hazy"
 
-    def judge(combine="worst", parts=(), **cases):
-        over = Cases(errors=("paper", "poor"), errors_by=combine, **cases)
-        exact = Judge(street.detected, 0, over, parts)
-        rough = Judge(Detected(renders, street.detected.detector, "early"), 0, over, parts)
-        return replace(exact, others=(rough,))
+    rough = Detected(renders, street.detected.detector, "early")
+
+    def judge(parts=(), **cases):
+        return Judge((street.detected, rough), Cases(errors=("paper", "poor"), **cases), levels=parts)
 
     return judge
 
 
 SETS = np.array([[1, 1, 0, 0], [0, 0, 0, 1]], bool)
-LEVELS = (np.arange(4), np.arange(4, 8))
 
 
 @pytest.mark.parametrize(
@@ -265,7 +261,7 @@ LEVELS = (np.arange(4), np.arange(4, 8))
 )
 def test_error_profiles_are_judged_by_themselves(hazy, failing, levels, combine, paper, poor, over):
     """Of four cars 0 and 1 find three; in the haze two in the last four frames, and without 0 none there."""
-    judge = hazy(combine, LEVELS if levels == 2 else (), failing=failing, levels=levels)
+    judge = hazy(LEVELS if levels == 2 else (), failing=failing, levels=levels, errors_by=combine)
     assert [each.ap for each in judge.judge(SETS)] == [0.75, 0.25]  # at the first profile
     both, alone = judge.over_errors(SETS)
     assert both.ap == pytest.approx(over)
@@ -284,7 +280,7 @@ def test_the_interval_over_profiles_is_of_the_worst_in_each_resample(hazy):
     exact, rough = judge.by_errors((0, 1)).values()
     assert (exact.low, exact.high) == (0.75, 0.75)
     assert (rough.low, rough.ap, rough.high) == (both.low, both.ap, both.high) == (0.5, 0.625, 0.75)
-    (mean,) = hazy("mean").over_errors(SETS[:1])
+    (mean,) = hazy(errors_by="mean").over_errors(SETS[:1])
     assert (mean.low, mean.ap, mean.high) == (0.625, 0.6875, 0.75)
     assert (mean.precision, mean.vehicles, mean.frames) == (1.0, 32, 8)
 

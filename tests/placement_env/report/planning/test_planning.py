@@ -1,35 +1,34 @@
 """Plans of the T-junction's own sensors by the shipped network: whole, repeated, interrupted, and refused."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
 
-from placement_env.cases import Cases
-from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.renders import Renders
-from placement_env.report.planning.files import plan_json
-from placement_env.report.planning.planning import _Planning, plan
-from placement_env.report.planning.question import Question
+from placement_env.candidates.pool import paper_candidates
+from placement_env.fidelity.preparation import Preparation
+from placement_env.report.content import Judgement, Plan, Planned, PlanOption, Verdict
+from placement_env.report.planning.planning import format_json, plan, write_plan
 from placement_env.setting import Setting
-from toolkit.runtime.run import Run
-from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
+from toolkit.objects import Detections
+from toolkit.sensors.error_profiles import POOR
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 SITE = load_site("tjunction")
-FEW = {"search_frames": 4, "judge_frames": 3, "final_frames": 5}
-QUESTION = Question(site=SITE, sensors=2, candidates="paper", **FEW)
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
+def asked(ask, tmp_path_factory):
+    """Builds the small question, with other options; all of them keep their work in one cache."""
+    plain = {"sensors": 2, "candidates": "paper", "frames": 5, "cache": tmp_path_factory.mktemp("cache")}
+    return lambda **options: ask(**{"site": SITE} | plain | options)
 
 
 @pytest.fixture(scope="module")
-def planned(cache):
+def planned(asked):
     """A plan that was interrupted while sets were judged, then made."""
 
     def interrupted(stage, done, total):
@@ -37,8 +36,8 @@ def planned(cache):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        plan(QUESTION, cache=cache, progress=interrupted)
-    return plan(QUESTION, cache=cache)
+        plan(asked(progress=interrupted))
+    return plan(asked())
 
 
 def test_a_plan_has_all_its_parts(planned):
@@ -73,16 +72,16 @@ def test_searches_judge_and_answer_have_traffic_of_their_own(planned):
     parts = planned.plan.provenance["traffic"]
     assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [0, 1, 2]
     assert len({part["sha256"] for part in parts.values()}) == 3
-    assert {option.judged.frames for option in planned.plan.considered if option.judged} == {3}
+    assert {option.judged.frames for option in planned.plan.considered if option.judged} == {5}
 
 
-def test_the_same_question_has_the_same_plan(planned, cache, monkeypatch):
+def test_the_same_question_has_the_same_plan(planned, asked, monkeypatch):
     def never(*_):
         raise AssertionError("detected again")
 
     monkeypatch.setattr("models.detector.VoxelNetDetector.__call__", never)
-    again = plan(QUESTION, cache=cache)
-    assert plan_json(again.plan) == plan_json(planned.plan)
+    again = plan(asked())
+    assert format_json(again.plan) == format_json(planned.plan)
     assert all(
         np.array_equal(one, other)
         for first, second in zip(planned.moments, again.moments, strict=True)
@@ -90,31 +89,29 @@ def test_the_same_question_has_the_same_plan(planned, cache, monkeypatch):
     )
 
 
-def test_other_detector_other_figures(cache):
+def test_other_detector_other_figures(asked):
     class Blind:
         digest = "blind"
 
         def __call__(self, points, /):
-            from toolkit.objects import Detections
-
             return Detections.empty()
 
-    made = plan(replace(QUESTION, detector=Blind(), min_ap=0.5), cache=cache).plan
+    made = plan(asked(detector=Blind(), min_ap=0.5)).plan
     assert (made.detector, made.chosen.judged.ap, made.chosen.judged.precision) == ("Blind", 0.0, None)
     assert made.verdict.met is False
     assert "AP 0.000 (0.000 to 0.000)" in made.verdict.reasons[0]
     assert len(made.chosen.sensors) == 1  # of equal sets the cheapest
 
 
-def test_a_requirement_is_met_by_the_cheapest(planned, cache):
+def test_a_requirement_is_met_by_the_cheapest(planned, asked):
     one = min((o for o in planned.plan.considered if o.judged and len(o.sensors) == 1), key=lambda o: -o.judged.ap)
-    made = plan(replace(QUESTION, min_ap=one.judged.ap / 2), cache=cache).plan
+    made = plan(asked(min_ap=one.judged.ap / 2)).plan
     assert len(made.chosen.sensors) == 1
     assert made.verdict.met is (made.chosen.judged.ap >= one.judged.ap / 2)
 
 
 @pytest.mark.parametrize(
-    ("asked", "reason"),
+    ("options", "reason"),
     [
         ({"sensors": 0}, "The budget is 0 sensors"),
         ({"site": Site("bare", np.array([-9.0, -9, 9, 9]))}, "has no road network, so there is no traffic"),
@@ -124,39 +121,32 @@ def test_a_requirement_is_met_by_the_cheapest(planned, cache):
         ({"money": 0.5}, "The sum of the price of 0.5 ordinary poles excludes 6 of 6"),
     ],
 )
-def test_none_can_and_why(asked, reason, cache):
-    made = plan(replace(QUESTION, **asked), cache=cache)
+def test_none_can_and_why(asked, options, reason):
+    made = plan(asked(**options))
     assert (made.plan.verdict.met, made.plan.chosen, made.site.sensors) == (False, None, ())
     assert reason in " ".join(made.plan.verdict.reasons)
-    assert plan_json(made.plan)
+    assert format_json(made.plan)
 
 
-def test_limits_leave_out_what_they_exclude(cache, planned):
+def test_limits_leave_out_what_they_exclude(asked, planned):
     most = max(planned.plan.sensors, key=lambda sensor: sensor.kbit)
-    made = plan(replace(QUESTION, max_kbit=most.kbit - 60.0, sensors=1), cache=cache).plan
+    made = plan(asked(max_kbit=most.kbit - 60.0, sensors=1)).plan
     assert made.sensors[0].name != most.name
     assert made.sensors[0].kbit < most.kbit
 
 
-def test_a_site_without_vehicles(cache, monkeypatch):
+def test_a_site_without_vehicles(asked, monkeypatch):
     for module in ("visibility", "occlusion"):
         monkeypatch.setattr(f"placement_env.fidelity.{module}.scored", lambda objects, *_: np.zeros(len(objects), bool))
-    made = plan(replace(QUESTION, seed=77), cache=None)
-    assert "No vehicle comes into the detection area of site 'tjunction' in 4 frames" in made.plan.verdict.reasons[0]
+    made = plan(asked(seed=77, cache=None))
+    assert "No vehicle enters the detection area of site 'tjunction' in 5 frames" in made.plan.verdict.reasons[0]
 
 
-def test_the_ap_is_that_of_an_evaluation(planned, cache):
-    """As `Detected` says it, on the traffic of the third seed."""
-    from placement_env.candidates.pool import paper_candidates
-    from placement_env.fidelity.preparation import Preparation
-    from toolkit.detection.schemes import find_scheme
-
+def test_the_ap_is_that_of_an_evaluation(planned, asked):
+    """As the detector gives it on the traffic of the third seed."""
+    run = replace(asked().run, seed=2)
     candidates = paper_candidates(SITE)
-    prepared = Preparation(
-        Setting(SITE, candidates=candidates, scheme=find_scheme("early")), Run(frames=5, seed=2, cache=cache)
-    )
-    detected = prepared.fidelity("detector")
-    assert isinstance(detected, Detected)
+    detected = Preparation(Setting(SITE, candidates=candidates, fidelity="detector"), run).fidelity()
     names = [sensor.name for sensor in candidates.sensors]
     row = np.isin(names, planned.plan.chosen.sensors)
     estimate = detected(row[None])
@@ -164,25 +154,23 @@ def test_the_ap_is_that_of_an_evaluation(planned, cache):
     assert estimate.kbit[0] == pytest.approx(planned.plan.chosen.kbit)
 
 
-def test_the_search_knows_no_errors_and_the_judges_do():
-    stages = _Planning(replace(QUESTION, cases=Cases(errors=POOR)), QUESTION.pool, None, 1, None)
-    renders = stages._judge(stages._preparation(QUESTION.pool, 1, Cases(errors=POOR))).detected.renders
-    assert isinstance(renders, Renders)
-    assert renders.errors == POOR
-    assert stages._preparation(QUESTION.pool, 0).setting.cases.profiles == (PAPER_ERRORS,)
+def test_the_search_knows_no_errors_and_the_judges_do(ask):
+    question = ask(SITE, candidates="paper", errors=("poor",))
+    assert question.searched.cases.names == ("paper",)
+    assert question.judged(question.setting.pool).cases.profiles == (POOR,)
 
 
 @pytest.mark.slow
-def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, cache):
-    rough = plan(replace(QUESTION, cases=Cases(errors=POOR)), cache=cache).plan
+def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, asked):
+    rough = plan(asked(errors=("poor",))).plan
     assert rough.provenance["errors"] == {"profile": "poor", "digest": POOR.digest}
     assert planned.plan.provenance["errors"]["profile"] == "paper"
     assert rough.provenance["traffic"] == planned.plan.provenance["traffic"]
     assert rough.chosen.judged.ap < planned.plan.chosen.judged.ap
 
 
-def test_mean_iou_and_a_failure_decide_and_are_said(planned, cache):
-    made = plan(replace(QUESTION, cases=Cases(iou=(0.7, 0.8, 0.9), failing=1), min_ap=0.01), cache=cache).plan
+def test_mean_iou_and_a_failure_decide_and_are_said(planned, asked):
+    made = plan(asked(iou=(0.7, 0.8, 0.9), failing=1, min_ap=0.01)).plan
     chosen = made.chosen
     assert made.question["iou"] == [0.7, 0.8, 0.9]
     assert (made.question["failing"], made.question["failures"]) == (1, "worst")
@@ -201,8 +189,8 @@ def test_mean_iou_and_a_failure_decide_and_are_said(planned, cache):
     assert all(option.left is None for option in planned.plan.considered)
 
 
-def test_levels_of_traffic_decide_and_are_said(planned, cache):
-    made = plan(replace(QUESTION, sensors=1, cases=Cases(levels=2), min_ap=0.01), cache=cache).plan
+def test_levels_of_traffic_decide_and_are_said(planned, asked):
+    made = plan(asked(sensors=1, levels=2, min_ap=0.01)).plan
     chosen = made.chosen
     assert (made.question["levels"], made.question["levels_by"]) == (2, "worst")
     assert [row.name for row in made.by_level] == ["thin traffic", "dense traffic"]
@@ -222,12 +210,11 @@ def test_levels_of_traffic_decide_and_are_said(planned, cache):
     assert any(worst < all_traffic for worst, all_traffic in both)  # searched over levels, not taken from the cache
 
 
-def test_error_profiles_decide_and_are_said(planned, cache):
+def test_error_profiles_decide_and_are_said(planned, asked):
     """Judged at both profiles, searched as before; what else is said is at the first."""
-    made = plan(replace(QUESTION, sensors=1, cases=Cases(errors=("paper", "poor")), min_ap=0.01), cache=cache).plan
+    made = plan(asked(sensors=1, errors=("paper", "poor"), min_ap=0.01)).plan
     chosen = made.chosen
     assert (made.question["errors"], made.question["errors_by"]) == (["paper", "poor"], "worst")
-    assert made.provenance["errors"] == Cases(errors=("paper", "poor")).errors_origin
     assert [row.name for row in made.by_errors] == ["paper", "poor"]
     assert chosen.over_errors.ap == min(row.judged.ap for row in made.by_errors)
     assert chosen.judged == made.by_errors[0].judged
@@ -239,10 +226,41 @@ def test_error_profiles_decide_and_are_said(planned, cache):
     assert all(alone[each.sensors] == each.predicted for each in made.considered if each.sensors in alone)
 
 
-def test_another_iou_is_not_answered_from_the_cache_of_one(planned, cache):
+def test_another_iou_is_not_answered_from_the_cache_of_one(planned, asked):
     """Entrants that are kept depend on the IoU by which they were found."""
-    strict = plan(replace(QUESTION, cases=Cases(iou=0.9)), cache=cache).plan
+    strict = plan(asked(iou=0.9)).plan
     loose = {option.sensors: option.predicted for option in planned.plan.considered}
     shared = [option for option in strict.considered if option.sensors in loose]
     assert shared
     assert all(loose[option.sensors] > option.predicted for option in shared)
+
+
+JUDGED = Judgement(0.5, 0.25, 0.75, 0.5, None, 4, 2)
+PLAN = Plan(
+    {"site": "Straße", "money": float("inf")}, "Straße", "Reader", 0.7, "early", "", Verdict(None, "So."),
+    PlanOption(("a",), 1.0, 2.0, 2.0, float("nan"), JUDGED),
+)  # fmt: skip
+
+
+def test_json_of_a_plan():
+    text = format_json(PLAN)
+    read = json.loads(text, parse_constant=pytest.fail)
+    assert (read["question"], read["chosen"]["predicted"]) == ({"site": "Straße", "money": None}, None)
+    assert read["chosen"]["judged"]["precision"] is None
+    assert read["chosen"]["judged"]["low"] == 0.25
+    assert "Straße" in text
+    assert text.endswith("}\n")
+
+
+def test_files_are_written_whole_and_those_of_an_earlier_plan_go(tmp_path):
+    """Without ground there is nothing to hand over, so the schedule of another plan must not stay beside this one."""
+    planned = Planned(replace(PLAN, chosen=None), Site("s", np.array([0.0, 0, 1, 1])))
+    out = tmp_path / "new" / "plan"
+    out.mkdir(parents=True)
+    for name in ("schedule.csv", "plan.json", "mine.txt"):
+        (out / name).write_text("old")
+    written = write_plan(planned, out)
+    assert [path.name for path in written] == ["plan.json", "report.html", "report.pdf"]
+    assert (out / "plan.json").read_text(encoding="utf-8") == format_json(planned.plan)
+    assert sorted(each.name for each in out.iterdir()) == ["mine.txt", "plan.json", "report.html", "report.pdf"]
+    assert (out / "mine.txt").read_text() == "old"

@@ -1,33 +1,43 @@
 """What a plan says in sentences, with its figures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from placement_env.cases import Cases
 from placement_env.classes import Classes
-from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures
-from placement_env.report.planning.question import Question
-from placement_env.report.planning.sentences import assumptions, of_what, unknown, verdict_of, why
-from placement_env.search.description import describe_money
+from placement_env.objective import Objective
+from placement_env.report.content import FailureCase, Judgement, Plan, PlanOption, SchemeFigures, Verdict
+from placement_env.report.planning.sentences import (
+    build_verdict,
+    describe_cases,
+    explain_choice,
+    explain_shortfall,
+    list_assumptions,
+    list_unknowns,
+    refuse_question,
+    refuse_traffic,
+    select_buildable,
+)
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.sensors.error_profiles import PAPER_ERRORS, TYPICAL
 from toolkit.sites.site import Site
 
 SITE = Site("street", np.array([-20.0, -20, 20, 20]))
 FINAL = Judgement(0.91, 0.85, 0.95, 0.92, 0.9, 812, 120)
 OPTION = PlanOption(("a", "b"), 2.0, 500.0, 1000.0, 0.93, FINAL, ("greedy", "swap"))
+EVERY = ("vehicle", "cyclist", "pedestrian", "heavy")
 
 
-@pytest.mark.parametrize(
-    ("amount", "currency", "words"),
-    [
-        (12345.678, "EUR", "12,345.68 EUR"),
-        (1.0, "", "the price of 1 ordinary pole"),
-        (0.6, "", "the price of 0.6 ordinary poles"),
-    ],
-)
-def test_money(amount, currency, words):
-    assert describe_money(amount, currency) == words
+def explain(question, considered=9, near=(), schemes=(), failures=()):
+    plan = Plan(
+        {}, "street", "Reader", 0.7, "early", "", Verdict(None, ""), OPTION,
+        considered=(OPTION,), near_optimal=near, schemes=schemes, failures=failures,
+    )  # fmt: skip
+    return explain_choice(question, plan, OPTION, "best", considered=considered, fidelity="surrogate")
+
+
+def assume(question, fidelity="surrogate", sampled=False):
+    return " ".join(list_assumptions(question, fidelity, "Reader", sampled=sampled))
 
 
 @pytest.mark.parametrize(
@@ -41,106 +51,110 @@ def test_money(amount, currency, words):
         ),
     ],
 )
-def test_what_an_ap_is_of(asked, words):
-    question = Question(site=SITE, cases=Cases(**asked))
-    assert of_what(question) == words
-    assert f"120 frames){words} at IoU 0.7" in verdict_of(question, OPTION, FINAL, ()).sentence
-    said = why(question, (OPTION,), OPTION, "best", considered=9, fidelity="surrogate", near=0, schemes=(), failures=())
-    compared = [each for each in said if each.startswith("The AP by which sets are compared is ")]
+def test_cases_of_the_ap(ask, asked, words):
+    question = ask(SITE, **asked)
+    assert describe_cases(question) == words
+    assert f"120 frames){words} at IoU 0.7" in build_verdict(question, OPTION, OPTION, ()).sentence
+    compared = [line for line in explain(question) if line.startswith("The AP by which sets are compared is ")]
     assert len(compared) == bool(words)
     if asked == {"levels": 3}:
         assert compared == ["The AP by which sets are compared is that at the worst of 3 levels of traffic."]
 
 
-def test_several_error_profiles_are_said():
-    over = Cases(errors=("paper", "poor"))
-    assert of_what(Question(site=SITE, cases=over)) == ", at the worst of the error profiles paper and poor,"
-    mean = Question(site=SITE, cases=Cases(errors=("typical", "poor"), errors_by="mean", failing=1, levels=2))
-    assert of_what(mean) == (
-        ", what is left in the worst case when 1 sensor fails, at the worst of 2 levels of traffic, "
-        "averaged over the error profiles typical and poor,"
-    )
-    said = " ".join(
-        assumptions(Question(site=SITE, cases=over), search_fidelity="surrogate", detector="x", worth_sampled=False)
-    )
+def test_error_profiles(ask):
+    both = ask(SITE, errors=("paper", "poor"))
+    assert describe_cases(both) == ", at the worst of the error profiles paper and poor,"
+    said = assume(both)
     assert "errors of profile paper (OwnNoise) and of profile poor (Glass, Paint, DropOut" in said
     assert "The AP by which they are compared is that at the worst of the error profiles paper and poor; every" in said
-    assert "are with profile paper, the first that was asked for" in said
+    assert "are with profile paper, the first one given" in said
     assert "Poses are exact" not in said
+    assert "Poses are exact" in assume(ask(SITE))
+    named = "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
+    assert named in assume(ask(SITE, errors=("typical",)))
 
 
-def test_verdicts():
-    asked = Question(site=SITE)
-    assert verdict_of(asked, OPTION, FINAL, ()).met is None
-    said = verdict_of(asked, OPTION, FINAL, ()).sentence
-    assert "AP 0.910 (95 % interval 0.850 to 0.950, 812 vehicles in 120 frames) at IoU 0.7 with 2 sensors" in said
-    met = verdict_of(Question(site=SITE, min_ap=0.9), OPTION, FINAL, ())
+def test_verdicts(ask):
+    asked = build_verdict(ask(SITE), OPTION, OPTION, ())
+    assert asked.met is None
+    words = "AP 0.910 (95 % interval 0.850 to 0.950, 812 vehicles in 120 frames) at IoU 0.7 with 2 sensors"
+    assert words in asked.sentence
+    met = build_verdict(ask(SITE, min_ap=0.9), OPTION, OPTION, ())
     assert (met.met, "reaches below it" in met.sentence) == (True, True)
-    sure = verdict_of(Question(site=SITE, min_ap=0.8), OPTION, FINAL, ())
+    sure = build_verdict(ask(SITE, min_ap=0.8), OPTION, OPTION, ())
     assert "the whole interval lies above it" in sure.sentence
-    missed = verdict_of(Question(site=SITE, min_ap=0.95), OPTION, FINAL, ("Because.",))
-    assert (missed.met, missed.reasons) == (False, ("Because.",))
+    missed = build_verdict(ask(SITE, min_ap=0.95), OPTION, OPTION, ("Because.",))
+    assert (missed.met, missed.reasons[-1]) == (False, "Because.")
     assert "is not met" in missed.sentence
 
 
-def test_why_names_figures():
+def test_the_choice_is_explained_with_figures(ask):
     schemes = (SchemeFigures("early", 0.7, FINAL, 500.0), SchemeFigures("late", 0.7, FINAL, 2.0))
     failures = (FailureCase(("a",), FINAL), FailureCase(("b",), Judgement(0.4, 0.3, 0.5, 0.4, 0.9, 812, 120)))
-    said = " ".join(
-        why(
-            Question(site=SITE), (OPTION,), OPTION, "best", considered=12345, fidelity="surrogate", near=1,
-            schemes=schemes, failures=failures,
-        )
-    )  # fmt: skip
+    said = " ".join(explain(ask(SITE), 12345, near=(OPTION,), schemes=schemes, failures=failures))
     assert "12,345 sets were scored by the surrogate; 1 of them raced" in said
     assert "greedy and swap" in said
-    assert "1 other judged set has an interval that overlaps" in said
+    assert "1 other judged set has an interval that overlaps its own" in said
     assert "late 0.910 for 2.0 kbit" in said
-    assert "hurt most when b fails: AP 0.400 is left" in said
+    assert "The failure of b hurts most: AP 0.400 is left" in said
 
 
-def test_assumptions_follow_the_question():
-    plain = " ".join(
-        assumptions(Question(site=SITE, seed=4), search_fidelity="surrogate", detector="Reader", worth_sampled=False)
-    )
+def test_assumptions_follow_the_question(ask):
+    plain = assume(ask(SITE, seed=4))
     assert "seeds 4, 5 and 6" in plain
     assert "No AP is asked for cyclist, pedestrian, heavy" in plain
     assert "AP is of vehicles alone, heavy ones not counted, centred in the detection area" in plain
     assert "No catalogue was given" in plain
     assert "by coverage" not in plain
-    assert "start from the map" not in plain
-    only = Question(site=SITE, classes=Classes(("vehicle", "cyclist", "pedestrian", "heavy"), (3.0, 1.0, 1.0, 3.0)))
-    other = " ".join(assumptions(only, search_fidelity="coverage", detector="Reader", worth_sampled=True))
+    weighed = ask(SITE, classes=Classes(EVERY, (3.0, 1.0, 1.0, 3.0)))
+    other = assume(weighed, "coverage", sampled=True)
     assert "No AP is asked for" not in other
     assert "AP is the mean of 0.38 vehicle, 0.12 cyclist (IoU 0.5), 0.12 pedestrian (IoU 0.5) and 0.38 heavy" in other
-    walkers = Question(site=SITE, classes=("pedestrian",))
-    third = " ".join(assumptions(walkers, search_fidelity="coverage", detector="Reader", worth_sampled=True))
-    assert "AP is of pedestrian alone, centred" in third
     assert "searches went by coverage" in other
-    assert "With so many sensors" in other
+    assert "For a set this large" in other
+    assert "AP is of pedestrian alone, centred" in assume(ask(SITE, classes=Classes(("pedestrian",))))
 
 
-def test_how_bits_are_counted_is_said():
-    def said(**asked):
-        question = Question(site=SITE, **asked)
-        return " ".join(assumptions(question, search_fidelity="surrogate", detector="x", worth_sampled=False))
-
-    assert "kbit count 96 bits for a point and 256 for a box" in said()
-    assert "kbit are of messages as RangeImages(step=0.04) writes them" in said(codec=RangeImages(0.04))
-    assert "kbit are of messages as RangeImages(step=0.02) writes them" in said(scheme="foreground")
-
-
-def test_errors_of_sensors_are_assumed_aloud():
-    def said(errors):
-        question = Question(site=SITE, cases=Cases(errors=errors))
-        return " ".join(assumptions(question, search_fidelity="surrogate", detector="x", worth_sampled=False))
-
-    assert "Poses are exact" in said(PAPER_ERRORS)
-    assert "Poses are exact" not in said(TYPICAL)
-    named = "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
-    assert named in said(TYPICAL)
+def test_how_bits_are_counted_is_said(ask):
+    assert "kbit count 96 bits for a point and 256 for a box" in assume(ask(SITE))
+    assert "kbit are of messages as RangeImages(step=0.04) writes" in assume(ask(SITE, codec=RangeImages(0.04)))
+    assert "kbit are of messages as RangeImages(step=0.02) writes" in assume(ask(SITE, scheme="foreground"))
 
 
 def test_an_interval_without_width_is_named():
-    assert len(unknown(FINAL)) == 4
-    assert "How far AP 1.000 may be off" in unknown(Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 3, 4))[-1]
+    assert len(list_unknowns(FINAL)) == 4
+    assert "How far AP 1.000 may be off" in list_unknowns(Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 3, 4))[-1]
+
+
+def test_what_may_be_built_alone(street):
+    mounts = tuple(replace(mount, capacity=250.0) for mount in street.candidates.mounts)
+    narrow = replace(street.objective.setting, candidates=replace(street.candidates, mounts=mounts), scheme="early")
+    poor = Objective(replace(narrow, most_price=10.8))
+    assert select_buildable(street.objective, None).all()
+    assert select_buildable(poor, 150.0).tolist() == [False, False, True, False]
+    assert not select_buildable(poor, 50.0).any()
+
+
+def test_refusals(ask, street):
+    assert "budget is 0 sensors" in refuse_question(ask(street.site, sensors=0))[0]
+    question = ask(street.site)
+    assert "has no road network" in refuse_question(question)[0]
+    assert refuse_traffic(question, ["vehicle"], 1, "simulated") == (
+        "No vehicle enters the detection area of site 'street' in 1 frame of simulated traffic: increase --frames, "
+        "change --seed, or enlarge the area.",
+    )
+    assert refuse_traffic(question, ["cyclist", "heavy"], 3, "judging")[0].startswith("No cyclist and no heavy enters")
+
+
+def test_short_of_the_requirement(ask, street):
+    final = Judgement(0.8, 0.7, 0.9, 0.8, 1.0, 50, 20)
+    best = PlanOption(("a", "b"), 5500.0, 1.0, 2.0, 0.9, replace(final, ap=0.85))
+    question = ask(street.site, sensors=2, money=6000.0, min_ap=0.95)
+    first, number, left, excluded = explain_shortfall(question, best, final, ("The links exclude all.",))
+    assert "2 sensors" in first
+    assert "AP 0.800 (0.700 to 0.900) on 50 vehicles in the final traffic and 0.850 in the traffic it was" in first
+    assert "0.95 is required" in first
+    assert "The budget of 2 sensors is used up" in number
+    assert "it leaves the price of 500 ordinary poles" in left
+    assert excluded == "The links exclude all."
+    assert len(explain_shortfall(ask(street.site, sensors=9, min_ap=0.95), best, final, ())) == 1

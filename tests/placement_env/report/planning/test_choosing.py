@@ -8,9 +8,10 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import Judgement, PlanOption
+from placement_env.report.planning.choosing import choose, choose_set, judged_front, near_optimal
 from placement_env.report.planning.judging import Judge
-from placement_env.report.planning.selection import choose, judged_front, near_optimal, select
 from placement_env.search.portfolio.entrants import Entrants
+from toolkit.runtime.run import Run
 
 
 def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True, mean_ap=None):
@@ -78,15 +79,19 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     sets = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 1, 0, 0], [1, 1, 1, 0]], bool)
     found = Entrants(sets, street.objective.scores(sets).ap, (("greedy",), (), (), (), (), ()), 77)
     stages = []
-    picked = select(street.objective, found, street.judge, progress=lambda *stage: stages.append(stage))
+    picked = choose_set(street.objective, found, street.judge, run=Run(progress=lambda *stage: stages.append(stage)))
     assert (picked.chosen, picked.rule) == (5, "best")
-    assert stages == [("judging", 1, 3), ("judging", 2, 3), ("judging", 3, 3)]
+    assert [stage for stage in stages if stage[0] == "judging"] == [
+        ("judging", 1, 3),
+        ("judging", 2, 3),
+        ("judging", 3, 3),
+    ]
     judged = [o.judged and o.judged.ap for o in picked.options]
     assert judged[:4] == [0.5, 0.5, None, 0.25]  # the third sees a ghost before its one car, and is out of the race
     assert judged[4:] == pytest.approx([0.75, 0.8])
     assert picked.options[5].price == 32.5
     assert [o.predicted for o in picked.options] == found.predicted.round(6).tolist()
-    other = select(street.objective, replace(found, predicted=found.predicted / 2), street.judge)
+    other = choose_set(street.objective, replace(found, predicted=found.predicted / 2), street.judge)
     assert [o.predicted for o in other.options] == (found.predicted / 2).round(6).tolist()  # not scored again
     assert picked.options[5].sensors == ("post0_eye", "post1_eye", "post2_eye")
     assert picked.options[0].searches == ("greedy",)
@@ -95,7 +100,7 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
         np.mean([e.ap for e in aps.values()], 0)
     )
     assert picked.options[2].mean_ap is None
-    cheap = select(street.objective, found, street.judge, min_ap=0.75)
+    cheap = choose_set(street.objective, found, street.judge, min_ap=0.75)
     assert (cheap.chosen, cheap.rule) == (4, "interval")
 
 
@@ -106,9 +111,9 @@ def test_sets_are_compared_by_what_is_left_when_sensors_fail(street):
     assert choose((frail, tough), 0.5) == (1, "interval")
     assert judged_front((frail, tough)) == (frail, tough)
     assert near_optimal((frail, tough), 1) == ()
-    judge = Judge(street.detected, 0, Cases(failing=1))
+    judge = Judge((street.detected,), Cases(failing=1))
     sets = np.array([[1, 1, 0, 0], [1, 1, 0, 1]], bool)
-    picked = select(street.objective, Entrants(sets, np.zeros(2), ((), ()), 2), judge)
+    picked = choose_set(street.objective, Entrants(sets, np.zeros(2), ((), ()), 2), judge)
     assert [(o.judged.ap, o.left.ap) for o in picked.options] == [(0.75, 0.5), (0.75, 0.5)]
 
 
@@ -117,9 +122,8 @@ def test_sets_are_compared_over_levels_of_traffic(street):
     uneven = replace(option(0.95, 0.9, 1.0, price=1.0), over_levels=option(0.2, 0.1, 0.3).judged)
     assert choose((uneven, even), None) == (1, "best")
     assert replace(even, left=option(0.1, 0.0, 0.2).judged).counted.ap == 0.1
-    parts = (np.arange(4), np.arange(4, 8))
-    judge = Judge(street.detected, 0, Cases(levels=2), parts)
-    picked = select(street.objective, Entrants(np.array([[1, 1, 0, 0]], bool), np.zeros(1), ((),), 1), judge)
+    judge = Judge((street.detected,), Cases(levels=2), levels=(np.arange(4), np.arange(4, 8)))
+    picked = choose_set(street.objective, Entrants(np.array([[1, 1, 0, 0]], bool), np.zeros(1), ((),), 1), judge)
     (only,) = picked.options
     assert (only.judged.vehicles, only.over_levels.vehicles, only.over_levels.ap, only.left) == (32, 16, 0.75, None)
 
@@ -137,10 +141,10 @@ def test_sets_are_compared_over_error_profiles(street):
             return super().clouds(k, c)[: 0 if c == 0 else None]
 
     blinded = Blinded(street.site, street.detected.renders.sensors)
-    rough = Judge(Detected(blinded, street.detected.detector, "early"), 0)
-    judge = replace(street.judge, others=(rough,), cases=Cases(errors=("paper", "poor")))
+    rough = Detected(blinded, street.detected.detector, "early")
+    judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
     found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
-    picked, alone = select(street.objective, found, judge), select(street.objective, found, street.judge)
+    picked, alone = choose_set(street.objective, found, judge), choose_set(street.objective, found, street.judge)
     assert [(each.judged.ap, each.over_errors.ap) for each in picked.options] == [(0.75, 0.5), (0.75, 0.75)]
     assert (picked.chosen, alone.chosen) == (1, 0)
     assert {each.over_errors for each in alone.options} == {None}

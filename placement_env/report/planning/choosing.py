@@ -1,0 +1,143 @@
+"""Choosing the answer among entrants, by a race of the detector on traffic that no search saw.
+
+Sets of one size race each other until the best of them is known well enough (`placement_env.racing.race_until`), so
+that small and cheap sets stay in; the best few of each size are judged on all frames. Without a requirement the answer
+is the set with the highest AP. With one it is the cheapest set, by price, number of sensors, then kbit, whose interval
+lies above it; failing that, the cheapest whose AP reaches it; failing that, the set with the highest AP. Among sets of
+equal AP the higher mean AP over the detector's IoU thresholds wins, then the cheaper set. AP is that over the cases of
+the plan (`PlanOption.counted`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from placement_env.fidelity.detector import IOUS
+from placement_env.objective import Objective
+from placement_env.report.content import Judgement, PlanOption, overlap
+from placement_env.report.planning.judging import Judge, SetJudgement
+from placement_env.search.exact.exhaustive import undominated
+from placement_env.search.portfolio.entrants import Entrants
+from placement_env.search.portfolio.portfolio import contest
+from toolkit.arrays import Bool
+from toolkit.runtime.run import Run
+
+KEPT = 3  # sets of each number of sensors that are judged on all frames
+
+Rule = Literal["best", "interval", "estimate", "none"]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The answer among options.
+
+    options: all entrants in their order, judged or not; sets: their rows; chosen: index of the answer; rule: by which
+    it was chosen.
+    """
+
+    options: tuple[PlanOption, ...]
+    sets: Bool[np.ndarray, "n C"]
+    chosen: int
+    rule: Rule
+
+    @property
+    def option(self) -> PlanOption:
+        """The answer."""
+        return self.options[self.chosen]
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        """Indices of the candidates of the answer, ascending."""
+        return tuple(np.flatnonzero(self.sets[self.chosen]).tolist())
+
+
+def choose_set(
+    objective: Objective,
+    found: Entrants,
+    judge: Judge,
+    *,
+    min_ap: float | None = None,
+    confidence: float = 0.95,
+    run: Run = Run(),
+) -> Choice:
+    """Choose among the entrants, at least one. confidence: at which a race of one size ends."""
+    judged = _judge_best(objective, found, judge, confidence, run)
+    options = [_option(objective, found, i, *judged.get(i, (None, None))) for i in range(len(found.sets))]
+    chosen, rule = choose(tuple(options), min_ap)
+    return Choice(tuple(options), found.sets, chosen, rule)
+
+
+def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, Rule]:
+    """Return the index of the answer among options, some of them judged, and the rule that chose it."""
+    judged = [(i, option, option.counted) for i, option in enumerate(options) if option.counted is not None]
+
+    def thrift(entry: tuple[int, PlanOption, Judgement]) -> tuple[float, int, float, float]:
+        _, option, judgement = entry
+        return option.price, len(option.sensors), option.kbit_per_sensor, -judgement.ap
+
+    if min_ap is not None:
+        sure = [entry for entry in judged if entry[2].low >= min_ap]
+        reaching = [entry for entry in judged if entry[2].ap >= min_ap]
+        if sure or reaching:
+            return min(sure or reaching, key=thrift)[0], "interval" if sure else "estimate"
+    best = min(judged, key=lambda entry: (-entry[2].ap, -(entry[1].mean_ap or 0.0), *thrift(entry)))[0]
+    return best, "best" if min_ap is None else "none"
+
+
+def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOption, ...]:
+    """Judged sets other than the chosen one whose interval overlaps its interval, cheap ones first."""
+    best = options[chosen].counted
+    if best is None:
+        return ()
+    others = [(option, option.counted) for i, option in enumerate(options) if i != chosen and option.counted]
+    near = [(option, judged) for option, judged in others if overlap(judged, best)]
+    return tuple(option for option, _ in sorted(near, key=lambda each: (each[0].price, -each[1].ap)))
+
+
+def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
+    """Judged sets that no other beats in AP, kbit per sensor and price at once, by price, then AP."""
+    judged = [(option, option.counted) for option in options if option.counted is not None]
+    figures = np.array([(-j.ap, o.kbit_per_sensor, o.price) for o, j in judged]).reshape(-1, 3)
+    kept = [judged[i] for i in undominated(figures)]
+    return tuple(option for option, _ in sorted(kept, key=lambda pair: (pair[0].price, pair[1].ap)))
+
+
+def _judge_best(
+    objective: Objective, found: Entrants, judge: Judge, confidence: float, run: Run
+) -> dict[int, tuple[SetJudgement, float]]:
+    """Judgement, and mean AP over IoU thresholds, of the best sets of each size, by index of the entrant."""
+    sizes = found.sets.sum(axis=1)
+    judged: dict[int, tuple[SetJudgement, float]] = {}
+    evaluator = judge.evaluator()
+    different = np.unique(sizes)
+    report = run.stage("judging", len(different))
+    for done, size in enumerate(different, 1):
+        places = np.flatnonzero(sizes == size)
+        ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed)
+        kept = places[ran.ranking[:KEPT]]
+        estimates = judge.detected.estimates(found.sets[kept])
+        mean_ap = np.mean([estimates[iou].ap for iou in IOUS], axis=0)
+        both = zip(judge.judge_cases(found.sets[kept]), mean_ap.tolist(), strict=True)
+        judged |= dict(zip(kept.tolist(), both, strict=True))
+        if report is not None:
+            report(done)
+    return judged
+
+
+def _option(
+    objective: Objective, found: Entrants, i: int, judged: SetJudgement | None, mean_ap: float | None
+) -> PlanOption:
+    score = objective.score(np.flatnonzero(found.sets[i]))
+    return PlanOption(
+        sensors=tuple(objective.names[c].replace("/", "-") for c in score.subset),  # as files name sensors
+        price=score.price,
+        kbit_per_sensor=score.kbit_per_sensor,
+        kbit=score.kbit,
+        predicted=round(float(found.predicted[i]), 6),  # as found: scored beside other sets it may round otherwise
+        searches=found.searches[i],
+        mean_ap=mean_ap,
+        **({"judged": None} if judged is None else judged._asdict()),
+    )
