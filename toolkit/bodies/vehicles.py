@@ -97,7 +97,7 @@ single_cab_pickup  pickup     5.02  1.8   1.7   3.02  0.36  0.23  0.62  0.16  0.
 
 def _parse_row(row: str) -> CarShape:
     name, style, *cells = row.split()
-    return CarShape(name, style, *map(float, cells[:10]), rails=cells[10:] == ["rails"])  # type: ignore[misc,arg-type]
+    return CarShape(name, style, *map(float, cells[:10]), rails=cells[10:] == ["rails"])
 
 
 CARS = tuple(map(_parse_row, _ROWS.strip().splitlines()))

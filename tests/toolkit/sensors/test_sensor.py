@@ -35,6 +35,7 @@ from toolkit.points import frame_points, is_beyond, is_inside
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import build_scenery
+from toolkit.runtime.run import Run
 from toolkit.sensors.models import (
     MODELS,
     DepthCamera,
