@@ -61,9 +61,7 @@ def check_errors(name: str) -> None:
     find_profile(name)
 
 
-def counted_classes(
-    names: Sequence[str], weights: Sequence[float] | None, combine: Combine, small_iou: float
-) -> Classes:
+def parse_classes(names: Sequence[str], weights: Sequence[float] | None, combine: Combine, small_iou: float) -> Classes:
     """The classes that --classes, --class-weights, --combine and --small-iou mean. Raise ValueError where these do not
     fit."""
     from placement_env.classes import SMALL, SMALL_IOU, Classes
@@ -85,10 +83,10 @@ def sensor_set(text: str) -> list[int | str] | None:
     return None if names == ["all"] else [int(name) if name.isdecimal() else name for name in names]
 
 
-def names_of(text: str) -> list[str] | None:
+def split_names(text: str) -> list[str] | None:
     """Like `sensor_set`, for recordings whose sensors go by name alone.
 
-    >>> names_of("north, 106")
+    >>> split_names("north, 106")
     ['north', '106']
     """
     chosen = sensor_set(text)

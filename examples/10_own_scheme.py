@@ -55,7 +55,7 @@ class Budgeted:
         """Raise ValueError: it depends on what each sensor sees, so only a detector can score this scheme."""
         raise ValueError("the budgeted scheme needs --fidelity detector")
 
-    def pooled_beside(self, distance: np.ndarray, radius: float, /) -> None:
+    def mask_pooled(self, distance: np.ndarray, radius: float, /) -> None:
         """Return None: no sensor sends both points and boxes of an object."""
 
 

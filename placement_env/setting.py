@@ -128,7 +128,7 @@ class Setting:
         """The classes that count."""
         return find_classes(self.classes)
 
-    def scored_with(self, fidelity: FidelityName) -> Setting:
+    def with_fidelity(self, fidelity: FidelityName) -> Setting:
         """Same question for another fidelity, without files and errors that it does not know."""
         cases = self.cases if fidelity == "detector" else replace(self.cases, errors=USUAL_CASES.errors)
         return replace(

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from placement_env.classes import VEHICLES, Classes
-from placement_env.fidelity.hits.hit_domain import domain_of
+from placement_env.fidelity.hits.hit_domain import build_domain
 from placement_env.fidelity.hits.hit_model import NUMBERS, RANGES, HitModel
-from placement_env.fidelity.surrogate import Evidence, Surrogate, expected_ap
+from placement_env.fidelity.surrogate import Evidence, Surrogate, compute_expected_ap
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float64
@@ -83,7 +83,7 @@ def fit(
     best, model = min((fitting.fitted(np.array(start), everything) for start in starts), key=lambda end: end[2])[:2]
     rng = np.random.default_rng(seed)
     again = [fitting.fitted(best, _drawn(observed, rng))[1] for _ in range(resamples)]
-    domain = domain_of(
+    domain = build_domain(
         [each.visibility.points for each in observed],
         [each.visibility.distance for each in observed],
         [kind for each in observed for kind in each.sensors],
@@ -136,7 +136,7 @@ class _Fitting:
 
     def _misfit(self, ranked: Sequence[np.ndarray], rate: float, weights: Sequence[_Weights]) -> float:
         errors = [
-            (np.square(expected_ap(p, rate)[0] - each.ap) @ weight.sets, weight.sets.sum())
+            (np.square(compute_expected_ap(p, rate)[0] - each.ap) @ weight.sets, weight.sets.sum())
             for p, each, weight in zip(ranked, self._observed, weights, strict=True)
         ]
         return float(sum(error for error, _ in errors) / max(sum(count for _, count in errors), 1.0))

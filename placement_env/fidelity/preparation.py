@@ -210,12 +210,15 @@ class Preparation:
         )
 
     def _table(self, iou: float) -> Fidelity:
-        from placement_env.fidelity.table import TableFidelity, digest_of, load_table
+        from placement_env.fidelity.table import TableFidelity, hash_site, load_table
 
         site, setting = self.site, self.setting
         table = load_table(site.name if setting.table is None else setting.table)
         origin = table.origin
-        if (origin.place, origin.hybrid_radius) != (digest_of(site, self.candidates.sensors), site.hybrid_radius):
+        if (origin.place, origin.hybrid_radius) != (
+            hash_site(site, self.candidates.sensors),
+            site.hybrid_radius,
+        ):
             raise ValueError(
                 f"the table of {site.name!r} is of its own {len(origin.sensors)} sensors where they hang, not of "
                 "these candidates or this version of the site: say another --fidelity, or run coview table"

@@ -82,7 +82,7 @@ class InformationGain:
     name = "information gain"
 
     def __init__(self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER) -> None:
-        over = cells_over(visibility.boxes)
+        over = rasterize_boxes(visibility.boxes)
         entropy, reached = cell_entropy(over, visibility), (visibility.points > 0).astype(np.float32) @ over > 0
         uncertain = entropy > 0
         self._entropy = entropy[uncertain].astype(np.float32)
@@ -103,7 +103,7 @@ def spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         return 1 / np.clip(SLOPE * np.log(points) + OFFSET, LOWEST, HIGHEST) - 1
 
 
-def cells_over(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V"]:
+def rasterize_boxes(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V"]:
     """1 where the middle of a cell of the ground lies under a box, for all cells that the boxes' centres span."""
     if not len(boxes):
         return np.zeros((0, 0), np.float32)

@@ -19,7 +19,7 @@ import numpy as np
 
 from models.training.packed import STEPS_PER_METRE, Rig
 from models.training.packing import FARTHEST, change
-from placement_env.fidelity.traffic import Traffic, renderer_of
+from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
 from toolkit.calibration.scenes import Scenes
@@ -154,7 +154,7 @@ class Renders:
         return packed
 
     def _render(self, c: int) -> _Packed:
-        renderer = renderer_of(self.traffic).looking([self.sensors[c]])
+        renderer = build_renderer(self.traffic).looking([self.sensors[c]])
         if self._whole:
             images = (renderer.render(snapshot).measurements[0] for snapshot in self.traffic.snapshots)
             return _packed_whole(self._rig(c), renderer.background[0], images)

@@ -13,8 +13,8 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.blocks import Block, see_blocks
 from placement_env.fidelity.occlusion import Seen, look_at
 from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
-from placement_env.fidelity.traffic import Traffic, renderer_of
-from placement_env.fidelity.visibility import Visibility, distances, scored_objects
+from placement_env.fidelity.traffic import Traffic, build_renderer
+from placement_env.fidelity.visibility import Visibility, distances, list_objects
 from placement_env.setting import Rendering
 from toolkit.objects import VEHICLE
 from toolkit.runtime.cache import make_key
@@ -52,7 +52,7 @@ def see(
     quick = np.zeros(len(sensors), np.bool_)
     if rendering == "panorama" or (rendering == "auto" and worthwhile(sensors)):
         quick = far_sighted(sensors, traffic)
-    frame, boxes, kinds = scored_objects(traffic, labels)
+    frame, boxes, kinds = list_objects(traffic, labels)
     shapes = ((len(sensors), len(frame)), *[(len(sensors), len(traffic))] * 2)
     points, sent, far = (np.zeros(shape, np.float32) for shape in shapes)
     for look, some in ((look_round, quick), (_look_in_full, ~quick)):
@@ -97,7 +97,7 @@ class _FullLook:
     labels: tuple[int, ...]
 
     def __call__(self, block: Block, /) -> Seen:
-        return look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)], self.labels)
+        return look_at(self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels)
 
     def key(self, block: Block) -> bytes:
         """Cache key of a block of sensors."""

@@ -171,19 +171,19 @@ class _Part:
         powers, raw = self._evidence.joined(sums, self._model)
         if raw is None and not self._model.bulk:
             powers.sort(axis=1)
-            return expected_ap(self._model.probability(powers[:, ::-1]), self._model.false_alarms)
+            return compute_expected_ap(self._model.probability(powers[:, ::-1]), self._model.false_alarms)
         probability = self._model.probability(powers, raw)
         probability *= self._of_size
         probability.sort(axis=1)
-        return expected_ap(probability[:, ::-1], self._model.false_alarms)
+        return compute_expected_ap(probability[:, ::-1], self._model.false_alarms)
 
 
-def expected_ap(
+def compute_expected_ap(
     probability: Float[np.ndarray, "n O"], false_alarms: float
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """AP and recall (n,) of hit probabilities in descending order: the formula above.
 
-    >>> expected_ap(np.array([[1, 1, 0, 0], [0.5, 0.5, 0.5, 0.5]], np.float32), 1.0)
+    >>> compute_expected_ap(np.array([[1, 1, 0, 0], [0.5, 0.5, 0.5, 0.5]], np.float32), 1.0)
     (array([0.5 , 0.25]), array([0.5, 0.5]))
     """
     n, objects = probability.shape
@@ -206,7 +206,7 @@ class Evidence:
 
     def __init__(self, visibility: Visibility, scheme: Scheme, radius: float) -> None:
         self._visibility = visibility
-        self._pooled = scheme.pooled_beside(visibility.distance, radius)
+        self._pooled = scheme.mask_pooled(visibility.distance, radius)
 
     def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "C w"]:
         """n ^ norm of each candidate and object and, beside it, n where the centre gets the points too; where the model

@@ -44,7 +44,7 @@ def _no_more() -> Float64[np.ndarray, "0 0 0 0"]:
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of a table: site, names of the sensors, digest of both (`digest_of`), how many frames and
+    """Origin of a table: site, names of the sensors, digest of both (`hash_site`), how many frames and
     objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code,
     the site's hybrid radius (m), name of the sensors' error profile, classes of the objects, and of each the IoU
     threshold in the place of each of `IOUS`.
@@ -207,7 +207,7 @@ def make_table(
     origin = Origin(
         site=renders.site.name,
         sensors=tuple(sensor.name for sensor in renders.sensors),
-        place=digest_of(renders.site, renders.sensors),
+        place=hash_site(renders.site, renders.sensors),
         frames=detected.frames,
         objects=sum(int(detected.scored(k).sum()) for k in range(detected.frames)),
         recording=renders.digest,
@@ -230,7 +230,7 @@ def make_table(
     return table
 
 
-def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
+def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
     """SHA-256 over a site and sensors there: a table says nothing about others. The hybrid radius stands beside it."""
     from toolkit.sites.files import format_site
 

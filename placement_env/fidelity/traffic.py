@@ -74,7 +74,7 @@ def simulate_traffic(
 
 
 @lru_cache(maxsize=2)
-def renderer_of(traffic: Traffic) -> Renderer:
+def build_renderer(traffic: Traffic) -> Renderer:
     """A renderer of the traffic's site and bodies, without sensors, built once: what stands still takes longer to put
     together than to look at."""
     from toolkit.rendering.renderer import Renderer

@@ -136,7 +136,7 @@ def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibi
     )
 
 
-def scored_objects(
+def list_objects(
     traffic: Traffic, labels: Sequence[int]
 ) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"], Int64[np.ndarray, " O"]]:
     """Frame, box and class of every scored object."""

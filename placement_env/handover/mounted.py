@@ -81,7 +81,7 @@ def mounted_site(site: Site, candidates: Candidates, chosen: Chosen, moved: Sequ
     return replace(site, sensors=sensors, mounts=_merge_mounts(site.mounts, mounts))
 
 
-def planned_sensors(
+def format_sensors(
     site: Site,
     candidates: Candidates,
     chosen: Chosen,
@@ -186,7 +186,7 @@ def mounted_sensors(
     """
     kbit = np.array(bits, np.float64).reshape(len(bits), -1) / 1000
     models = [candidates.sensors[c].model for c in members]
-    return planned_sensors(
+    return format_sensors(
         site,
         candidates,
         members,

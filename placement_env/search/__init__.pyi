@@ -6,4 +6,4 @@ from .result import (
     History as History,
     Result as Result,
 )
-from .verification import rescored as rescored, verified as verified
+from .verification import score_result as score_result, verified as verified

@@ -19,7 +19,7 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.seeing import see
 from placement_env.handover.exchange import EXCHANGE_FILES, safe_cell, write_exchange
 from placement_env.handover.ground import visible_ground
-from placement_env.handover.mounted import mounted_site, planned_sensors, unused_mounts
+from placement_env.handover.mounted import format_sensors, mounted_site, unused_mounts
 from placement_env.objective import Objective
 from placement_env.search.cmaes import as_candidates
 from placement_env.search.order import Answer, SearchOrder
@@ -77,7 +77,7 @@ def _write_set(folder: Path, answer: Answer) -> None:
     candidates, plain = objective.candidates, objective.setting.place
     site = mounted_site(plain, candidates, members, moved)
     per_frame = kbit_per_frame(objective, members, moved)
-    sensors = planned_sensors(
+    sensors = format_sensors(
         plain,
         candidates,
         members,

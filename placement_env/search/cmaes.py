@@ -26,7 +26,7 @@ from placement_env.objective import Objective, Score
 from placement_env.search import greedy
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.progress import Limits
-from placement_env.search.result import Certificate, Result, score_of
+from placement_env.search.result import Certificate, Result, load_score
 from placement_env.setting import Weights
 from toolkit.arrays import Bool, Float64
 from toolkit.sensors.sensor import Sensor
@@ -166,7 +166,7 @@ def improve(
                 checkpoint.offer(state)
             elif not known:  # back where it was killed
                 limits.resume(kept["limits"])
-                score, kept = score_of(kept["score"]), None
+                score, kept = load_score(kept["score"]), None
         size *= 2
     score = replace(score, subset=tuple(range(len(sensors))))
     certificate = Certificate("none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from placement_env.fidelity.preparation import check_scorable
-from placement_env.fidelity.table import digest_of
+from placement_env.fidelity.table import hash_site
 from placement_env.objective import Objective, Score
 from placement_env.protocol import FidelityName
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, unfinished
@@ -80,9 +80,9 @@ class SearchOrder:
                 raise ValueError(f"this file is for fidelity {own}, got {self.fidelity!r}: leave one of them out")
         check_scorable(self.searched)
         if self.verify is not None:
-            check_scorable(setting.scored_with(self.verify))
+            check_scorable(setting.with_fidelity(self.verify))
         if self.method == PORTFOLIO:
-            check_scorable(setting.scored_with(self.judge))
+            check_scorable(setting.with_fidelity(self.judge))
 
     @property
     def fidelity(self) -> FidelityName:
@@ -94,7 +94,7 @@ class SearchOrder:
     @property
     def searched(self) -> Setting:
         """Setting of the search itself: a fidelity that does not detect knows no errors but the sensors' own noise."""
-        return self.setting.scored_with(self.fidelity)
+        return self.setting.with_fidelity(self.fidelity)
 
     @property
     def detects(self) -> bool:
@@ -115,7 +115,7 @@ class SearchOrder:
             "fidelity": self.fidelity,
             "frames": self.run.frames_or(USUAL_FRAMES),
             "seed": self.run.seed,
-            "site": digest_of(setting.place, setting.place.sensors),
+            "site": hash_site(setting.place, setting.place.sensors),
             "candidates": setting.pool.digest(),
             "scheme": setting.fusion.digest,
             "codec": setting.codec.digest,
@@ -185,7 +185,7 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         return Answer(objective, summary, (f"no sensors: {why}",), False)
     chosen = result.best.subset
     if order.verify is not None:
-        exact = Objective(order.setting.scored_with(order.verify), order.run)
+        exact = Objective(order.setting.with_fidelity(order.verify), order.run)
         checked, sets = verify_best(objective, exact, result)
         chosen = checked.subset
         by_errors = ap_at_profiles(exact, chosen, result.sensors)
@@ -208,7 +208,7 @@ def _judging(order: SearchOrder) -> Judging:
         confidence=order.confidence,
         race_frames=min(RACE_FRAMES, frames),
         final_frames=min(JUDGED_FRAMES, frames),
-        setting=order.setting.scored_with(order.judge),
+        setting=order.setting.with_fidelity(order.judge),
     )
 
 

@@ -201,22 +201,22 @@ def _result_of(content: dict[str, Any]) -> Result:
     return Result(
         **content
         | {
-            "best": score_of(content["best"]),
+            "best": load_score(content["best"]),
             "history": History(
                 np.array(history["evaluations"], np.int64),
                 np.array(history["seconds"], np.float64),
                 np.array(history["reward"], np.float64),
             ),
             "certificate": Certificate(**certificate | {"bound": _number(certificate["bound"], math.inf)}),
-            "front": _each(score_of, content["front"]),
-            "by_size": _each(score_of, content["by_size"]),
+            "front": _each(load_score, content["front"]),
+            "by_size": _each(load_score, content["by_size"]),
             "sensors": _each(_sensor, content["sensors"]),
             "assessment": None if assessment is None else _assessment(assessment),
         }
     )
 
 
-def score_of(row: dict[str, Any]) -> Score:
+def load_score(row: dict[str, Any]) -> Score:
     """The score whose values a file holds."""
     by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
     return Score(**row | {"subset": tuple(map(int, row["subset"])), "class_ap": by_class})

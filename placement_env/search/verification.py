@@ -42,12 +42,12 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
     Sensors that were moved have no neighbours: they are scored where they stand, as one set.
     """
     if result.sensors:
-        return rescored(accurate, result), 1
+        return score_result(accurate, result), 1
     ranking = verified(fast, accurate, np.array(result.best.subset))
     return accurate.score(np.flatnonzero(ranking.sets[0])), len(ranking.sets)
 
 
-def rescored(accurate: Objective, result: Result) -> Score:
+def score_result(accurate: Objective, result: Result) -> Score:
     """A result, by another objective of the same candidates; moved sensors (`Result.sensors`) where they stand.
     Raises ValueError where they were moved and the objective has no site, or they may not be built there.
     """

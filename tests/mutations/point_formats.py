@@ -114,11 +114,11 @@ def poses_text(path: Path) -> None:
 
 
 def read_poses(path: Path) -> None:
-    from toolkit.datasets.cloud_files import match_poses, poses_of, read_poses
+    from toolkit.datasets.cloud_files import load_poses, match_poses, read_poses
 
     read_poses(path, inverted=True)
     match_poses(["north.ply", "south.ply"], read_poses(path))
-    poses_of(["north.ply", "south.ply"], [path])
+    load_poses(["north.ply", "south.ply"], [path])
 
 
 def mesh(path: Path) -> None:

@@ -21,7 +21,7 @@ from placement_env.objective import Objective
 from placement_env.protocol import ByClass
 from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
-from placement_env.search.exact.cpsat import worth_of
+from placement_env.search.exact.cpsat import compute_worth
 from placement_env.search.submodular import is_submodular
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
@@ -329,12 +329,12 @@ def seen_worst(seen, subset):
 
 def test_worth_of_objects_in_parts():
     labels = np.array([0, 0, 0, 2])
-    worth, whole = worth_of(labels, Classes(("vehicle", "pedestrian"), (1.0, 1.0)))
+    worth, whole = compute_worth(labels, Classes(("vehicle", "pedestrian"), (1.0, 1.0)))
     assert whole == 10**9
     assert worth.tolist() == [[166666667, 166666667, 166666667, 500000000]]
-    worst, whole = worth_of(labels, Classes(("vehicle", "cyclist", "pedestrian"), combine="worst"))
+    worst, whole = compute_worth(labels, Classes(("vehicle", "cyclist", "pedestrian"), combine="worst"))
     assert worst.tolist() == [[333333333] * 3 + [0], [0, 0, 0, 10**9]]
-    assert worth_of(labels[:3], VEHICLES) == (None, 3)
+    assert compute_worth(labels[:3], VEHICLES) == (None, 3)
 
 
 def test_an_objective_says_what_each_class_gets():

@@ -54,12 +54,12 @@ class Thinned:
 
         sent = [view.send_points(view.part(view.cloud(s), f"every {self.every}th", keep)) for s in sensors]
         centre = view.detect([each.arrived for each in sent])
-        return make_fused(view.suppressed([centre]), [each.bits for each in sent])
+        return make_fused(view.suppress([centre]), [each.bits for each in sent])
 
     def sent_points(self, counts, /):
         return counts.sent / np.float32(self.every)
 
-    def pooled_beside(self, distance, radius, /):
+    def mask_pooled(self, distance, radius, /):
         return None
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.calibration.poses import Corrected, FoundPose
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.dataset import CoopDataset, published_cameras
+from toolkit.datasets.dataset import CoopDataset, list_cameras
 from toolkit.datasets.recordings import write_recording
 from toolkit.frame import Recording
 from toolkit.geometry import check_pose
@@ -56,7 +56,7 @@ def copy_corrected(
         shutil.copyfile(recording.path, unfinished)
         unfinished.chmod(0o600)
         with h5py.File(unfinished, "r+") as file:
-            cameras = published_cameras(file)
+            cameras = list_cameras(file)
             for sensor, images, place in recording.channels:
                 if sensor.name in poses:
                     where = images if place is None else f"cameras/{cameras[place]}"

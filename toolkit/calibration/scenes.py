@@ -17,7 +17,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.calibration.empty_scene import SAMPLE, EmptyScene, SceneLearner, learn_empty_scenes
-from toolkit.datasets.lidar_grid import CloudImage, LidarGrid, find_grid, image_of
+from toolkit.datasets.lidar_grid import CloudImage, LidarGrid, find_grid, rasterize_cloud
 from toolkit.frame import Frame, Frames, SensorCloud
 from toolkit.sensors.sensor import Sensor
 
@@ -64,7 +64,7 @@ class Scenes:
 
     def image(self, cloud: SensorCloud) -> CloudImage:
         """Return a cloud in the grid of its sensor."""
-        return image_of(cloud, self.grid(cloud.name))
+        return rasterize_cloud(cloud, self.grid(cloud.name))
 
     def grid(self, name: str) -> LidarGrid:
         """Grid of the clouds of a sensor. Raises ValueError where its scene was learnt from images of its own."""
@@ -157,7 +157,7 @@ class _Learner:
                 f"{cloud.name} moves, by {np.linalg.norm(place - self._place):.1f} m: only a sensor that stands still "
                 "has an empty scene"
             )
-        image = image_of(cloud, self.grid)
+        image = rasterize_cloud(cloud, self.grid)
         for kind, number in image.left_out.items():
             self.left_out[kind] = self.left_out.get(kind, 0) + number
         self.points += len(cloud.points)

@@ -50,7 +50,7 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud
     return fuse(parts)
 
 
-def crop_to(
+def crop_area(
     cloud: PointCloud, area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
 ) -> PointCloud:
     """`toolkit.clouds.crop` that leaves a point. Raises ValueError, which says where the points lie, where none is
@@ -107,7 +107,7 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
     return {name: invert(pose) for name, pose in poses.items()} if inverted else poses
 
 
-def poses_of(paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False) -> list[Pose]:
+def load_poses(paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False) -> list[Pose]:
     """The pose of each cloud file, from one pose file for all of them or from one each."""
     if len(files) == 1:
         return match_poses(paths, read_poses(files[0], inverted=inverted))

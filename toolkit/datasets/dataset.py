@@ -153,7 +153,7 @@ class CoopDataset(Sequence[Frame]):
         if self.drop_invalid:
             sound = published.wrong_rows(rows) == ""
             rows, ids = rows[sound], None if ids is None else ids[sound]
-        return published.objects_of(rows, self.site.map_SE3_site, ids, name)
+        return published.parse_rows(rows, self.site.map_SE3_site, ids, name)
 
     def _warn_of_invalid(self, file: h5py.File) -> None:
         """One warning that says how many objects are left out, and what is wrong with the first of them."""
@@ -220,12 +220,12 @@ def check_kinds(file: h5py.File) -> None:
                 f"{name} must be an HDF5 {kind.__name__.lower()}, got a {hdf5.find_kind(file, name).__name__.lower()}: "
                 "see toolkit.datasets.recording"
             )
-    for name in published_cameras(file):
+    for name in list_cameras(file):
         if not issubclass(hdf5.find_kind(file, f"cameras/{name}"), h5py.Group):
             raise ValueError(f"cameras/{name} must be an HDF5 group with an intrinsic and an extrinsic matrix")
 
 
-def published_cameras(file: h5py.File) -> tuple[str, ...]:
+def list_cameras(file: h5py.File) -> tuple[str, ...]:
     """The names of the depth cameras in the order of `dslices`: those that start with d, by the alphabet."""
     return tuple(sorted(name for name in hdf5.child_names(file, "cameras") if name.startswith("d")))
 
@@ -248,7 +248,7 @@ def _recognised(file: h5py.File) -> Site:
     """The built-in site that most cameras, or most objects, of a published file stand in or beside."""
     from toolkit.sites import BUILT_IN
 
-    cameras = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in published_cameras(file)]
+    cameras = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in list_cameras(file)]
     usable = [matrix for matrix in cameras if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
     positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
     some = (hdf5.array(file, f"objects/{k}", kinds="fiub") for k in islice(hdf5.child_names(file, "objects"), 20))
@@ -298,7 +298,7 @@ def _order(file: h5py.File) -> list[str]:
 
 
 def _published_channels(file: h5py.File, site: Site) -> list[StoredChannel]:
-    depth, names = hdf5.dataset(file, "dslices", kinds="fiub"), published_cameras(file)
+    depth, names = hdf5.dataset(file, "dslices", kinds="fiub"), list_cameras(file)
     if depth.ndim != 4 or depth.dtype.kind != "f":
         raise ValueError(f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape {depth.shape}")
     if len(names) != depth.shape[1]:
@@ -314,8 +314,8 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
     for matrix in ("intrinsic", "extrinsic"):
         if not hdf5.contains(group, matrix):
             raise ValueError(f"{where}/{matrix} is missing")
-    model = published.camera_of(hdf5.array(group, "intrinsic"), *shape, name=f"{where}/intrinsic")
-    pose = published.pose_of(hdf5.array(group, "extrinsic"), site.map_SE3_site, f"{where}/extrinsic")
+    model = published.parse_intrinsic(hdf5.array(group, "intrinsic"), *shape, name=f"{where}/intrinsic")
+    pose = published.parse_extrinsic(hdf5.array(group, "extrinsic"), site.map_SE3_site, f"{where}/extrinsic")
     attributes = hdf5.read_node_attributes(group, where)
     if "site_SE3_sensor" not in attributes:
         return Sensor(where.removeprefix("cameras/"), model, pose)
@@ -384,4 +384,4 @@ def _measurement(file: h5py.File, sensor: Sensor, name: str, place: int | None, 
     images = hdf5.dataset(file, name)
     if place is None:
         return hdf5.rows(images, name, k).astype(np.float32)
-    return published.measured(hdf5.rows(images, name, (k, place)), published.stride_of(sensor.model))
+    return published.measured(hdf5.rows(images, name, (k, place)), published.get_stride(sensor.model))

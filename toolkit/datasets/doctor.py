@@ -25,7 +25,7 @@ from toolkit.datasets.mistakes import (
     Rows,
     SensorImages,
     Suspicion,
-    clouds_of,
+    collect_clouds,
     suspect_frames,
     suspect_objects,
     suspect_sensor,
@@ -52,7 +52,7 @@ def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[
         if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
             first = k
             continue
-        before, now = (published.objects_of(rows[i], site.map_SE3_site) for i in (first, k))
+        before, now = (published.parse_rows(rows[i], site.map_SE3_site) for i in (first, k))
         gone = before.boxes[~(iou_bev(before.boxes, now.boxes) > 0).any(axis=1)]
         seen = view.depth[k] > 0
         points = transform(view.sensor.pose, view.rays[seen] * view.depth[k, seen, None])
@@ -180,7 +180,7 @@ class _Examination:
         self.site, self.views = site, views
         sensors = [view.sensor for view in views]
         pixels = witnesses(views)
-        clouds = clouds_of(pixels, sensors, len(frames))
+        clouds = collect_clouds(pixels, sensors, len(frames))
         other_frames, rows = suspect_frames(clouds, tables, frames, site.map_SE3_site)
         self.mistakes, self.rows, fits = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
         self.mistakes = [*([other_frames] if other_frames else []), *self.mistakes]
@@ -217,7 +217,7 @@ class _Examination:
         trusted = [view for view in self.views if view.sensor.name not in self.doubts]
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
             points = [np.zeros((0, 3), np.float32), *(_points(view, frame) for view in trusted)]
-            yield published.objects_of(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
+            yield published.parse_rows(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
 
 
 def _views(dataset: StoredRecording, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
@@ -225,7 +225,7 @@ def _views(dataset: StoredRecording, frames: Sequence[int]) -> tuple[list[Sensor
     views, findings = [], []
     for sensor, name, place in dataset.channels:
         images = dataset.images(name)
-        stride = published.stride_of(sensor.model) if place is not None else 1
+        stride = published.get_stride(sensor.model) if place is not None else 1
         depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
         for i, k in enumerate(frames):
             try:
@@ -423,7 +423,7 @@ def _table(file: h5py.File, k: int) -> tuple[np.ndarray, str]:
     words = published.wrong_rows(rows)
     sound = rows[words == ""] if rows.ndim == 2 and len(words) == len(rows) else rows
     try:
-        published.objects_of(sound, np.eye(4))
+        published.parse_rows(sound, np.eye(4))
     except ValueError as error:
         return nothing, str(error).removeprefix("objects ")
     wrong = f"row {int((words != '').argmax())} {words[words != ''][0]}" if (words != "").any() else ""

@@ -58,7 +58,7 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
     Raises ValueError for fewer than 100 points, and for an image of more than 4 million pixels.
     """
     clouds = [cloud for cloud in clouds if len(cloud.points)]
-    angles = [angles_of(cloud.in_sensor()) for cloud in clouds]
+    angles = [compute_angles(cloud.in_sensor()) for cloud in clouds]
     kept = [each[:, each[2] > NEAREST] for each in angles]
     total = sum(each.shape[1] for each in kept)
     name = clouds[0].name if clouds else "the sensor"
@@ -93,7 +93,7 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
     return LidarGrid(model, numbers)
 
 
-def angles_of(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
+def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
     """Elevation and azimuth (rad) and range (m) of points in the sensor's frame."""
     across = np.hypot(points[:, 0], points[:, 1])
     return np.stack(
@@ -222,10 +222,10 @@ class CloudImage:
         return rays[cells] * self.measurement.ravel()[cells, None]
 
 
-def image_of(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
+def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
     """Return the cloud of a sensor in its grid."""
     model = grid.model
-    elevation, azimuth, distance = angles_of(cloud.in_sensor())
+    elevation, azimuth, distance = compute_angles(cloud.in_sensor())
     row, in_rows = _rows(cloud, grid, elevation)
     turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
     place = np.floor(turned / (model.azimuth_fov / model.columns) + model.columns / 2).astype(np.int64)

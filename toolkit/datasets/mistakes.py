@@ -186,7 +186,7 @@ def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
         if len(points) and len(table):
-            on_boxes += int(_on_boxes(points, published.objects_of(table, map_SE3_site)).sum())
+            on_boxes += int(_on_boxes(points, published.parse_rows(table, map_SE3_site)).sum())
     return on_boxes / max(1, sum(map(len, clouds)))
 
 
@@ -201,7 +201,9 @@ def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
     return np.any(inside, axis=1) & ~np.any(core, axis=1)
 
 
-def clouds_of(chosen: Sequence[Witness], sensors: Sequence[Sensor], frames: int) -> list[Float64[np.ndarray, "_ 3"]]:
+def collect_clouds(
+    chosen: Sequence[Witness], sensors: Sequence[Sensor], frames: int
+) -> list[Float64[np.ndarray, "_ 3"]]:
     """Points of the witnesses in each frame, in the site's frame."""
     parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
     for w in chosen:
@@ -216,7 +218,7 @@ def suspect_objects(
 
     Returns the suspicions, the rows without the mistakes, and the fit of these.
     """
-    clouds = clouds_of(chosen, sensors, len(rows))
+    clouds = collect_clouds(chosen, sensors, len(rows))
     if sum(map(len, clouds)) < ENOUGH:
         return [], list(rows), 1.0
     current = fit(clouds, rows, map_SE3_site)
@@ -245,15 +247,15 @@ def suspect_sensor(
     """Find the mistake in the pose or the depth of one sensor from its witnesses; return its fit too."""
     stored = published.extrinsic(sensor.pose, map_SE3_site)
 
-    def fit_of(matrix: np.ndarray, along_ray: bool = False) -> float:
-        pose = published.pose_of(matrix, map_SE3_site)
+    def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
+        pose = published.parse_extrinsic(matrix, map_SE3_site)
         clouds = []
         for witness in chosen:
             rays = witness.rays / np.linalg.norm(witness.rays, axis=1, keepdims=True) if along_ray else witness.rays
             clouds.append(transform(pose, rays * witness.depth[:, None]))
         return fit(clouds, [rows[witness.frame] for witness in chosen], map_SE3_site)
 
-    current = fit_of(stored)
+    current = measure_fit(stored)
     if current > 1 - CLEAR:
         return None, current
     attempts = (
@@ -261,31 +263,31 @@ def suspect_sensor(
             "its extrinsic is camera → world, the inverse of what belongs there",
             "store the inverse of extrinsic",
             current,
-            fit_of(invert(stored)),
+            measure_fit(invert(stored)),
         ),
         Suspicion(
             "its extrinsic is for a right-handed world and a camera with x right, y down, z forward",
             "turn extrinsic into CARLA's world (y negated) and a camera with X forward, Y right, Z up",
             current,
-            fit_of(_FORWARD_FIRST @ stored @ published.MAP_FROM_CARLA),
+            measure_fit(_FORWARD_FIRST @ stored @ published.MAP_FROM_CARLA),
         ),
         Suspicion(
             "its extrinsic is for a right-handed world and a camera with x forward, y left, z up",
             "negate y of the world and of the camera in extrinsic",
             current,
-            fit_of(published.MAP_FROM_CARLA @ stored @ published.MAP_FROM_CARLA),
+            measure_fit(published.MAP_FROM_CARLA @ stored @ published.MAP_FROM_CARLA),
         ),
         Suspicion(
             "its depth is the distance along the ray, not along the optical axis",
             "divide each depth by the length of its ray whose X is 1",
             current,
-            fit_of(stored, along_ray=True),
+            measure_fit(stored, along_ray=True),
         ),
         Suspicion(
             "it looks away: in the opposite direction",
             "turn extrinsic by 180 degrees about the camera's Z",
             current,
-            fit_of(np.diag([-1.0, -1, 1, 1]) @ stored),
+            measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),
         ),
     )
     best = max(attempts, key=lambda suspicion: suspicion.after)

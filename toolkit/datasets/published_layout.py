@@ -61,10 +61,10 @@ def pinhole(model: SensorModel) -> Pinhole | None:
     return model if isinstance(model, Pinhole) else None
 
 
-def stride_of(model: SensorModel) -> int:
+def get_stride(model: SensorModel) -> int:
     """Step between the pixels of the stored image that the model measures.
 
-    >>> stride_of(DepthCamera(stride=3))
+    >>> get_stride(DepthCamera(stride=3))
     3
     """
     camera = pinhole(model)
@@ -79,13 +79,13 @@ def extrinsic(
     return invert(carla_from_camera)
 
 
-def pose_of(
+def parse_extrinsic(
     published: Float[np.ndarray, "rows columns"], map_SE3_site: Float[np.ndarray, "4 4"], name: str = "extrinsic"
 ) -> Float64[np.ndarray, "4 4"]:
     """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError if it is no rigid motion.
 
     >>> pose = np.diag([1.0, -1, -1, 1])
-    >>> np.allclose(pose_of(extrinsic(pose, np.eye(4)), np.eye(4)), pose)
+    >>> np.allclose(parse_extrinsic(extrinsic(pose, np.eye(4)), np.eye(4)), pose)
     True
     """
     matrix = np.asarray(published, np.float64)
@@ -101,14 +101,14 @@ def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
     return np.array([[cu, focal, 0.0], [cv, 0.0, -focal], [1.0, 0.0, 0.0]])
 
 
-def camera_of(
+def parse_intrinsic(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
     """Camera behind a published intrinsic matrix and an image size; it measures every second pixel.
 
     Raises ValueError unless the matrix is a forward-first one with one focal length.
 
-    >>> camera_of(intrinsic(DepthCamera()), 300, 400) == DepthCamera()
+    >>> parse_intrinsic(intrinsic(DepthCamera()), 300, 400) == DepthCamera()
     True
     """
     matrix = np.asarray(published, np.float64)
@@ -128,7 +128,7 @@ def camera_of(
     return camera
 
 
-def rows_of(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
+def format_objects(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
     """Return objects of the site frame as published rows, see `OBJECT_COLUMNS`."""
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
     rows[:, :3] = moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
@@ -138,7 +138,7 @@ def rows_of(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64
     return rows
 
 
-def objects_of(
+def parse_rows(
     rows: Shaped[np.ndarray, "..."],
     map_SE3_site: Float[np.ndarray, "4 4"],
     ids: np.ndarray | None = None,
@@ -149,7 +149,7 @@ def objects_of(
     Pitch and roll are dropped, yaw is brought to -pi..pi. Raises ValueError where the rows have another width, and
     InvalidObjects for a row that is no object, see `wrong_rows`.
 
-    >>> len(objects_of(np.zeros((0, 10)), np.eye(4)))
+    >>> len(parse_rows(np.zeros((0, 10)), np.eye(4)))
     0
     """
     if np.asarray(rows).dtype.kind not in "fiub":
@@ -211,7 +211,7 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     return words
 
 
-def stored_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
+def expand_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
     """Return the full published image of the measured pixels, with 0 between them."""
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)

@@ -82,7 +82,7 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
         for k, scene in enumerate(scenes):
             frame = scene.frame
             file["coview/time"][k] = frame.time
-            _add(file, f"objects/{k}", published.rows_of(frame.objects, header.site.map_SE3_site))
+            _add(file, f"objects/{k}", published.format_objects(frame.objects, header.site.map_SE3_site))
             file["coview/object_ids"][start[k] : start[k + 1]] = frame.objects.ids
             file["coview/object_bodies"][start[k] : start[k + 1]] = scene.bodies
             _write_measurements(file, header, k, frame)
@@ -179,7 +179,7 @@ def _write_measurements(file: h5py.File, header: Header, k: int, frame: Frame) -
     channel, pinholes = 0, header.pinholes
     for sensor, measurement, name in zip(header.sensors, frame.images, header.images, strict=True):
         if name == "dslices":
-            file[name][k, channel] = published.stored_image(measurement, pinholes[sensor.name])
+            file[name][k, channel] = published.expand_image(measurement, pinholes[sensor.name])
             channel += 1
         else:
             file[name][k] = published.rounded(measurement)

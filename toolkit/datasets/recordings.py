@@ -78,7 +78,7 @@ LAYOUTS = {
 
 
 @cache
-def plugged_layouts() -> dict[str, Layout]:
+def load_plugins() -> dict[str, Layout]:
     """Layouts that other packages bring, by name."""
     return {point.name: point.load() for point in entry_points(group=GROUP)}
 
@@ -90,9 +90,9 @@ def find_layout(name: str) -> Layout:
     Traceback (most recent call last):
     ValueError: there is no layout 'kiti': choose among folder, kitti, ...
     """
-    layout = LAYOUTS.get(name) or plugged_layouts().get(name)
+    layout = LAYOUTS.get(name) or load_plugins().get(name)
     if layout is None:
-        raise ValueError(f"there is no layout {name!r}: choose among {', '.join([*LAYOUTS, *plugged_layouts()])}")
+        raise ValueError(f"there is no layout {name!r}: choose among {', '.join([*LAYOUTS, *load_plugins()])}")
     return layout
 
 

@@ -61,14 +61,14 @@ def named_damage(path: str | Path, what: str) -> Iterator[None]:
         raise ValueError(f"{path} is no {what} that can be read: {reason}") from None
 
 
-def text_of(path: str | Path) -> str:
+def load_text(path: str | Path) -> str:
     """The text of a file. Raises OSError, and UnicodeDecodeError where it is none."""
     return Path(path).read_text(encoding="utf-8-sig")
 
 
-def json_of(path: str | Path) -> Any:
+def load_json(path: str | Path) -> Any:
     """The values of a JSON file; to be called in `named_damage`."""
-    return parse_json(text_of(path))
+    return parse_json(load_text(path))
 
 
 def entry(record: Any, *keys: str) -> Any:
@@ -305,10 +305,10 @@ def read_cloud(
     frame: Literal["sensor", "world"] = "sensor",
 ) -> SensorCloud:
     """The cloud of a file. Raises FileNotFoundError, and ValueError for a file that holds no points to be read."""
-    return cloud_of(read_recorded(path), name, world_SE3_sensor, problems, frame=frame)
+    return build_cloud(read_recorded(path), name, world_SE3_sensor, problems, frame=frame)
 
 
-def cloud_of(
+def build_cloud(
     attributes: Mapping[str, np.ndarray],
     name: str,
     world_SE3_sensor: Float64[np.ndarray, "4 4"],
@@ -343,7 +343,7 @@ def write_cloud(path: str | Path, cloud: SensorCloud, *, in_world: bool = False)
     points = cloud.in_world() if in_world else cloud.points
     columns = dict(zip("xyz", points.astype(np.float32).T, strict=True))
     ring = {} if cloud.ring is None else {"ring": cloud.ring.astype(np.int32)}
-    write_bytes(path, pcd_bytes(columns | {"intensity": intensity_of(cloud)} | ring))
+    write_bytes(path, pcd_bytes(columns | {"intensity": get_intensity(cloud)} | ring))
 
 
 def one_cloud(sample: Frame, name: str = "lidar") -> SensorCloud:
@@ -355,7 +355,7 @@ def one_cloud(sample: Frame, name: str = "lidar") -> SensorCloud:
     return SensorCloud(name, sample.points().astype(np.float32), pose, "world", None, intensity)
 
 
-def intensity_of(cloud: SensorCloud) -> np.ndarray:
+def get_intensity(cloud: SensorCloud) -> np.ndarray:
     """The intensity of each point, 0 where the sensor gives none."""
     return np.zeros(len(cloud.points), np.float32) if cloud.intensity is None else cloud.intensity
 
@@ -421,13 +421,13 @@ def write_boxes(path: str | Path, entries: Sequence[dict[str, Any]], **more: Any
 def read_entries(path: str | Path) -> dict[str, dict[str, Any]]:
     """The entries of a file by the names of their samples. Raises ValueError, which names the file."""
     with named_damage(path, "file of boxes"):
-        content = json_of(path)
+        content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
             raise ValueError(f"it must say coview boxes, version {_VERSION}: see toolkit.datasets.records")
         return {str(entry(each, "name")): each for each in records(entry(content, "samples"), "samples")}
 
 
-def objects_in(path: str | Path, each: dict[str, Any], problems: dict[str, int]) -> Labelled:
+def parse_objects(path: str | Path, each: dict[str, Any], problems: dict[str, int]) -> Labelled:
     """The labels of one entry."""
     with named_damage(path, "file of boxes"):
         rows = records(entry(each, "objects"), "objects")
@@ -438,7 +438,7 @@ def objects_in(path: str | Path, each: dict[str, Any], problems: dict[str, int])
         return labelled(boxes, names, ids, problems, counts)
 
 
-def detections_in(path: str | Path, each: dict[str, Any]) -> Detections:
+def parse_detections(path: str | Path, each: dict[str, Any]) -> Detections:
     """The detections of one entry. Raises ValueError where one has no score, or is no box."""
     with named_damage(path, "file of boxes"):
         rows = records(entry(each, "objects"), "objects")

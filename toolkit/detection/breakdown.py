@@ -108,7 +108,7 @@ def _nearest(
     return hit, ignored
 
 
-def mean_of(values: Sequence[float]) -> float:
+def compute_mean(values: Sequence[float]) -> float:
     """The mean, NaN of none."""
     return float(np.mean(values)) if len(values) else float("nan")
 
@@ -185,7 +185,7 @@ class Judged:
     found_range: np.ndarray
 
 
-def measured_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
+def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
     """Return what counts by the rule for recorded labels: in the area, where labels are complete, with a point on it.
 
     Other labelled objects are neither misses nor, where a detection lies on one, false alarms.
@@ -268,7 +268,7 @@ def _nuscenes(samples: Sequence[Judged], label: str) -> Iterable[GroupRow]:
         aps.append(nuscenes_ap(matched.curve) if matched.truths else float("nan"))
         total = matched.truths
         yield GroupRow(label, "nuScenes", f"centre {distance:g} m", "all", aps[-1], total)
-    yield GroupRow(label, "nuScenes", "centre, mean", "all", mean_of(aps), total)
+    yield GroupRow(label, "nuScenes", "centre, mean", "all", compute_mean(aps), total)
 
 
 def _within(each: Judged, low: float, high: float) -> Judged:

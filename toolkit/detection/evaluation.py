@@ -41,7 +41,7 @@ from toolkit.calibration.scenes import Scenes
 from toolkit.datasets.readings import ReadRecording, Reads
 from toolkit.datasets.recordings import Part
 from toolkit.datasets.records import add_problems
-from toolkit.detection.breakdown import FrameTruth, GroupRow, format_rows, group_rows, measured_truth
+from toolkit.detection.breakdown import FrameTruth, GroupRow, format_rows, group_rows, select_truth
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, check_codec
 from toolkit.detection.detect import describe_summary
 from toolkit.detection.link.load import SetLoad, format_loads, link_load
@@ -471,7 +471,7 @@ class _Job:
 
     def _truth(self, frame: Frame, stand: Stand) -> FrameTruth:
         if self.protocol == "measured":
-            return measured_truth(frame, stand.corners)
+            return select_truth(frame, stand.corners)
         objects, corners = frame.objects, stand.corners
         within = has_centre_inside(objects.boxes, corners)
         there = within if self.protocol == "published" else np.ones_like(within)

@@ -16,7 +16,7 @@ from toolkit.calibration.empty_scene import SIGMAS
 from toolkit.calibration.ground import level
 from toolkit.calibration.scenes import Scenes
 from toolkit.detection.cluster import ClusterDetector
-from toolkit.detection.place import Place, crop_points, middle_of
+from toolkit.detection.place import Place, crop_points, find_middle
 from toolkit.frame import Frame
 from toolkit.geometry import transform
 from toolkit.objects import Detections
@@ -112,7 +112,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(),
 
     place: the one it will detect in. Raises ValueError where the empty scenes have no point in the area.
     """
-    centre = middle_of(frame) if place.middle is None else place.middle
+    centre = find_middle(frame) if place.middle is None else place.middle
     rng = np.random.default_rng(seed)
     sweeps = []
     for _ in range(SWEEPS):

@@ -65,11 +65,11 @@ class Seen:
 
 def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
     """Fit of every box, (m, 7) of each sample, of all samples one after the other."""
-    parts = [fits_in(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
+    parts = [measure_fits(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
     return np.concatenate([np.zeros(0), *parts])
 
 
-def fits_in(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
+def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
     """Fit of every box to points that stand on the ground."""
     wide = boxes + np.array([0, 0, SHELL / 2, 2 * SHELL, 2 * SHELL, SHELL, 0])
     inside = points_in_boxes(points, wide)
@@ -173,7 +173,7 @@ LABEL_MISTAKES = (
 )
 
 
-def undone_in(
+def undo_mistake(
     mistake: LabelMistake, boxes: Float64[np.ndarray, "n 7"], frame_SE3_world: Float64[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "n 7"]:
     """Undo a mistake that was made in another frame, whose z is up as well, for boxes of the world frame."""
@@ -227,22 +227,22 @@ class Shift(NamedTuple):
     after: Float64[np.ndarray, " n"]
 
 
-def shift_of(some: Sequence[Seen]) -> Shift | None:
+def find_shift(some: Sequence[Seen]) -> Shift | None:
     """Find the delay of labels; None without one, or if it cannot be told."""
     return _delay_along_tracks(some) or _among_clouds(some)
 
 
 def _delay_along_tracks(some: Sequence[Seen]) -> Shift | None:
     samples = [each.sample for each in some]
-    movers = [movers_in(samples, k) for k in range(len(some))]
+    movers = [find_movers(samples, k) for k in range(len(some))]
     if sum(len(boxes) for boxes, *_ in movers) < LEAST_BOXES:
         return None
 
-    def fits_at(shift: float) -> np.ndarray:
+    def measure_shifted_fits(shift: float) -> np.ndarray:
         return fits(some, [boxes + np.column_stack([shift * v, np.zeros((len(v), 5))]) for boxes, v, _ in movers])
 
-    now = fits_at(0.0)
-    shifted = {sign * seconds: fits_at(sign * seconds) for seconds in SHIFTS for sign in (1, -1)}
+    now = measure_shifted_fits(0.0)
+    shifted = {sign * seconds: measure_shifted_fits(sign * seconds) for seconds in SHIFTS for sign in (1, -1)}
     best = max(shifted, key=lambda each: shifted[each].mean())
     if not better(now, shifted[best]):
         return None
@@ -303,7 +303,7 @@ def against_their_way(samples: Sequence[Frame], undo: Callable[[Frame, np.ndarra
     tracks: set[int] = set()
     mended = spoilt = total = 0
     for k, sample in enumerate(samples):
-        boxes, velocities, ids = movers_in(samples, k)
+        boxes, velocities, ids = find_movers(samples, k)
         before, after = (_cosines(each, velocities) for each in (boxes, undo(sample, boxes)))
         turned = (before < 0) & (after > ALONG)
         tracks |= set(ids[turned].tolist())
@@ -327,7 +327,7 @@ class Movers(NamedTuple):
     ids: Int64[np.ndarray, " n"]
 
 
-def movers_in(samples: Sequence[Frame], k: int) -> Movers:
+def find_movers(samples: Sequence[Frame], k: int) -> Movers:
     """What moves in sample k, by the nearest sample that has the track too and another time."""
     here = samples[k]
     boxes, velocities, ids = [], [], []
@@ -445,7 +445,7 @@ def _means(attempts: Sequence[_Undone]) -> list[float]:
 
 def _undo_mistake(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
     """Undo a mistake in one frame for each sample (frame_SE3_world)."""
-    boxes = [undone_in(mistake, each.sample.objects.boxes, frame) for each, frame in zip(some, frames, strict=True)]
+    boxes = [undo_mistake(mistake, each.sample.objects.boxes, frame) for each, frame in zip(some, frames, strict=True)]
     return _Undone(mistake, boxes, fits(some, boxes))
 
 
@@ -454,7 +454,7 @@ def _undo_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
     boxes = []
     for each in some:
         frames = [invert(cloud.world_SE3_sensor) for cloud in each.sample.clouds] or [np.eye(4)]
-        boxes.append(_choose_best(each, [undone_in(mistake, each.sample.objects.boxes, frame) for frame in frames]))
+        boxes.append(_choose_best(each, [undo_mistake(mistake, each.sample.objects.boxes, frame) for frame in frames]))
     return _Undone(mistake, boxes, fits(some, boxes))
 
 
@@ -471,7 +471,7 @@ def _choose_best(each: Seen, choices: Sequence[np.ndarray]) -> np.ndarray:
     """Choose the best-fitting alternative for every box."""
     if not len(choices[0]):
         return choices[0]
-    best = np.argmax([fits_in(each.points, boxes) for boxes in choices], axis=0)
+    best = np.argmax([measure_fits(each.points, boxes) for boxes in choices], axis=0)
     return np.stack(choices)[best, np.arange(len(best))]
 
 
@@ -511,7 +511,7 @@ def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
     for in_map in (False, True):
 
         def undo(sample: Frame, boxes: np.ndarray, in_map: bool = in_map) -> np.ndarray:
-            return undone_in(YAW_SIGN, boxes, sample.map_SE3_world if in_map else np.eye(4))
+            return undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world if in_map else np.eye(4))
 
         headed = against_their_way(samples, undo)
         if headed is not None:
@@ -525,7 +525,7 @@ def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
 
 def _late(some: Sequence[Seen]) -> list[Finding]:
     """Find labels that fit better at another time."""
-    shift = shift_of(some)
+    shift = find_shift(some)
     if shift is None:
         return []
     name = f"labels lie about {shift.amount} {'behind' if shift.behind else 'ahead of'} the clouds"

@@ -112,7 +112,7 @@ class Place:
         (x, y), kept = self.half, None
         method = self.level or ("map" if site is None else "none")
         for frame in frames:
-            middle = middle_of(frame) if self.middle is None else self.middle
+            middle = find_middle(frame) if self.middle is None else self.middle
             stand, start = Stand(np.array([-x, -y, x, y]), middle), perf_counter()
             ground, warning = (kept, None) if kept is not None else _ground(stand, frame, method)
             kept = ground if self.still else None
@@ -132,10 +132,10 @@ def _ground(stand: Stand, frame: Frame, method: Level) -> tuple[Ground | None, s
         return None, f"not levelled: {error}"
 
 
-def middle_of(frame: Frame) -> Float64[np.ndarray, "2"]:
+def find_middle(frame: Frame) -> Float64[np.ndarray, "2"]:
     """Middle of the sensors' places, world frame, to the metre; the origin where there is no sensor.
 
-    >>> middle_of(Frame((), (), Objects.empty())).tolist()
+    >>> find_middle(Frame((), (), Objects.empty())).tolist()
     [0.0, 0.0]
     """
     places = [sensor.position[:2] for sensor in frame.sensors]

@@ -100,7 +100,7 @@ class Scheme(Protocol):
         """Number of points that each candidate sends in each frame."""
         ...
 
-    def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"] | None:
+    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"] | None:
         """Mark objects with points that reach the centre beside the sensor's own boxes.
 
         None if the centre works with points alone or boxes alone. radius: the site's hybrid radius (m).

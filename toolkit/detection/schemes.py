@@ -50,13 +50,13 @@ class Early:
         """Detect once in the points of all sensors together."""
         sent = [view.send_points(view.cloud(sensor)) for sensor in sensors]
         centre = view.detect([each.arrived for each in sent])
-        return make_fused(view.suppressed([centre]), [each.bits for each in sent])
+        return make_fused(view.suppress([centre]), [each.bits for each in sent])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return all points in the crop."""
         return counts.sent
 
-    def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
+    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
         """Return None: no boxes are sent."""
 
 
@@ -76,13 +76,13 @@ class Late:
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Detect in the points of each sensor and fuse the boxes."""
         sent = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
-        return make_fused(view.suppressed([each.arrived for each in sent]), [each.bits for each in sent])
+        return make_fused(view.suppress([each.arrived for each in sent]), [each.bits for each in sent])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return zeros: no points are sent."""
         return np.zeros_like(counts.sent)
 
-    def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
+    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
         """Return None: no points are sent."""
 
 
@@ -118,9 +118,9 @@ class Hybrid:
 
         name = f"beyond {radius} m, {self.metric}"
         points = [view.send_points(view.part(view.cloud(sensor), name, far)) for sensor in sensors]
-        centre = view.suppressed([view.detect([each.arrived for each in points])])
+        centre = view.suppress([view.detect([each.arrived for each in points])])
         boxes = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
-        everything = view.suppressed([*(each.arrived for each in boxes), centre])
+        everything = view.suppress([*(each.arrived for each in boxes), centre])
         return make_fused(everything, [box.bits + point.bits for box, point in zip(boxes, points, strict=True)])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
@@ -135,7 +135,7 @@ class Hybrid:
             )
         return counts.far
 
-    def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"]:
+    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"]:
         """Mark objects beyond the radius."""
         return distance > (radius if self.radius is None else self.radius)
 

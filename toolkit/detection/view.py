@@ -177,7 +177,7 @@ class View:
             raise ValueError("this view knows no empty scenes: pass some of toolkit.calibration.empty_scene")
         return self._scene(sensor)
 
-    def remembered(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
+    def remember(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
         """What a link of a sensor keeps from frame to frame, made by `begin` in the first; name: of the link."""
         if (sensor, name) not in self._memory:
             self._memory[sensor, name] = begin()
@@ -222,7 +222,7 @@ class View:
             self._sent_boxes[boxes] = SentBoxes(Boxes(detections, boxes.ms + ms), bits)
         return self._sent_boxes[boxes]
 
-    def suppressed(self, parts: Sequence[Boxes]) -> Boxes:
+    def suppress(self, parts: Sequence[Boxes]) -> Boxes:
         """The boxes of all parts, best first, less those that overlap a surer one of their label."""
         merged, ms = _timed(lambda: suppress(Detections.merge(part.detections for part in parts), self.nms_iou))
         return Boxes(merged, _last(parts) + ms)

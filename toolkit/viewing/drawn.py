@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 
 from toolkit.arrays import Float, Float32, Float64, UInt8
-from toolkit.detection.breakdown import measured_truth
+from toolkit.detection.breakdown import select_truth
 from toolkit.detection.detect import Detected, detect_frames
 from toolkit.detection.metrics import TRUE_IOU, match
-from toolkit.detection.place import Place, middle_of
+from toolkit.detection.place import Place, find_middle
 from toolkit.frame import Frame, OtherObjects
 from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.palette import Outcome, sensor_colour
@@ -32,7 +32,7 @@ def sort_outcomes(each: Detected) -> dict[Marked, BoxesByKind]:
     made: dict[Marked, BoxesByKind] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
-    scored = measured_truth(each.frame, each.stand.corners).judge(each.detections)
+    scored = select_truth(each.frame, each.stand.corners).judge(each.detections)
     for label, name in enumerate(LABELS):
         what = match(scored.found, scored.truths, TRUE_IOU[label], label=label, counted=scored.counted)
         rows = {
@@ -112,7 +112,7 @@ class Drawing:
         points = sample.points()
         stays = self.place.level == "none" and len(points) > 0
         low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
-        return np.array([*(middle_of(sample) if self.place.middle is None else self.place.middle), low], np.float64)
+        return np.array([*(find_middle(sample) if self.place.middle is None else self.place.middle), low], np.float64)
 
     def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
         """A sample as it is drawn. Raises ValueError for a levelling that there is not."""
@@ -186,7 +186,7 @@ def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
     return replace(cloud, points=cloud.points[rows], time=time, intensity=intensity)
 
 
-def colourings_of(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
+def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
     """By what the points of some samples can be coloured."""
     clouds = [cloud for sample in samples for cloud in sample.clouds]
     known = {
@@ -215,7 +215,7 @@ class Scales:
     def of(sample: DrawnSample) -> Scales:
         """Such that nearly all points of a sample lie on them."""
         clouds = sample.clouds
-        newest = newest_of(sample)
+        newest = find_newest(sample)
         return Scales(
             _span([cloud.points[:, 2] for cloud in clouds]),
             _span([cloud.intensity for cloud in clouds if cloud.intensity is not None]),
@@ -235,7 +235,7 @@ class Scales:
         return f"{colouring}, {low:.3g} to {high:.3g}{unit}"
 
 
-def newest_of(sample: DrawnSample) -> float:
+def find_newest(sample: DrawnSample) -> float:
     """When the newest point of a sample was measured, seconds from the sample's time; 0 where no time is known."""
     times = [float(cloud.time.max()) for cloud in sample.clouds if cloud.time is not None and len(cloud.time)]
     return max(times, default=0.0)
@@ -244,7 +244,7 @@ def newest_of(sample: DrawnSample) -> float:
 def shades(
     cloud: DrawnCloud, colouring: Colouring, scales: Scales, *, index: int, newest: float
 ) -> UInt8[np.ndarray, "n 3"]:
-    """Red, green and blue of the points of sensor number `index`; dark is low, or new; newest: as `newest_of`."""
+    """Red, green and blue of the points of sensor number `index`; dark is low, or new; newest: as `find_newest`."""
     if colouring == "sensor":
         return _uniform(tuple(bytes.fromhex(sensor_colour(index)[1:])), len(cloud.points))
     age = None if cloud.time is None else newest - cloud.time

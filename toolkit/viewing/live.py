@@ -20,11 +20,11 @@ from toolkit.viewing.recording_scene import (
     add_groups,
     add_sample,
     add_sensor,
+    find_view_area,
+    list_sensors,
     nodes_of_kind,
-    sensors_of,
-    viewed_area,
 )
-from toolkit.viewing.scene import overview, start_at, viser_server
+from toolkit.viewing.scene import overview, set_view, viser_server
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -48,14 +48,14 @@ class LiveView:
         first = samples[0]
         self.origin = drawing.origin(first)
         drawn = drawing.draw(first, self.origin)
-        self.style = SceneStyle(sensors_of([drawn]), COLOURINGS, Scales.of(drawn), LIVE_POINTS)
-        area = viewed_area(drawn)
+        self.style = SceneStyle(list_sensors([drawn]), COLOURINGS, Scales.of(drawn), LIVE_POINTS)
+        area = find_view_area(drawn)
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
         self.groups: dict[str, Any] = {handle.name: handle for handle in groups}
         self.shown: list[Any] = []
         self.switches: dict[str, Any] = {}  # of the page, by what they show
         self._wanted = 0
-        start_at(server, *overview(area))
+        set_view(server, *overview(area))
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         self._line = server.gui.add_markdown("")
         self._add_frames()
@@ -99,7 +99,7 @@ class LiveView:
             handle.remove()
         self.shown = []
         if self._drawn is not None:
-            self._add_new_sensors(sensors_of([self._drawn]))
+            self._add_new_sensors(list_sensors([self._drawn]))
             self.shown = add_sample(self.server.scene, self._drawn, replace(self.style, colourings=(self.colouring,)))
         for number in range(len(self.style.sensors)):
             for each in self.style.colourings:

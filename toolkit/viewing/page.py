@@ -12,7 +12,7 @@ from pathlib import Path
 
 from toolkit.plots.palette import OUTCOME, sensor_colour
 from toolkit.runtime.files import write_text
-from toolkit.viewing.drawn import BOX_KINDS, MARKED, Colouring, DrawnSample, Scales, colourings_of
+from toolkit.viewing.drawn import BOX_KINDS, MARKED, Colouring, DrawnSample, Scales, list_colourings
 from toolkit.viewing.recording_scene import (
     BOXES,
     GRID_NODE,
@@ -21,11 +21,11 @@ from toolkit.viewing.recording_scene import (
     add_grid,
     add_groups,
     add_sample,
+    find_view_area,
+    list_sensors,
     nodes_of_kind,
-    sensors_of,
-    viewed_area,
 )
-from toolkit.viewing.scene import POLICY, overview, scene_html, scene_script, script_data, start_at, viser_server
+from toolkit.viewing.scene import POLICY, overview, scene_html, scene_script, script_data, set_view, viser_server
 
 PAGE_FRAMES = 20  # of a recording, unless another number is asked for
 PAGE_POINTS = 600_000  # of all clouds of all frames together
@@ -64,8 +64,10 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
         raise ValueError("there is no sample to view: check the path and the layout")
     clouds = sum(len(sample.clouds) for sample in samples)
     scales = Scales.of(samples[0])
-    style = SceneStyle(sensors_of(samples), colourings_of(samples), scales, max(most // max(clouds, 1), 1), "float16")
-    area = viewed_area(samples[0])
+    style = SceneStyle(
+        list_sensors(samples), list_colourings(samples), scales, max(most // max(clouds, 1), 1), "float16"
+    )
+    area = find_view_area(samples[0])
     nodes: list[tuple[str, ...]] = []
     with viser_server() as server:
         add_grid(server.scene, area)
@@ -73,7 +75,7 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
         for frame, sample in enumerate(samples):
             made = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
             nodes.append(tuple(handle.name for handle in made))
-        start_at(server, *overview(area))
+        set_view(server, *overview(area))
         html = scene_html(server)
     sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
     return PageContent(

@@ -29,7 +29,7 @@ from toolkit.viewing.drawn import (
     DrawnSample,
     Marked,
     Scales,
-    newest_of,
+    find_newest,
     shades,
     thinned,
 )
@@ -66,7 +66,7 @@ class SceneStyle:
     precision: Literal["float16", "float32"] = "float32"
 
 
-def sensors_of(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
+def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
     """Names of all sensors of some samples, in order of appearance."""
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
@@ -94,7 +94,7 @@ def add_sample(
     api: SceneApi, sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
 ) -> list[Any]:
     """Add one sample below the nodes of `add_groups`; return the handles."""
-    newest = newest_of(sample)
+    newest = find_newest(sample)
     made: list[Any] = []
     for each in sample.clouds:
         cloud, number = thinned(each, style.most), style.sensors.index(each.name)
@@ -159,7 +159,7 @@ def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Any:
     )
 
 
-def viewed_area(sample: DrawnSample) -> tuple[float, float, float, float]:
+def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
     """Area (xmin, ymin, xmax, ymax in m, to 10 m) that the first view shows.
 
     It holds most points of a sample and its sensors, or else its boxes.

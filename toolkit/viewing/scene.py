@@ -88,7 +88,7 @@ def viser_server(port: int = 0) -> Iterator[ViserServer]:
         builder.ensure_client_is_built = build
 
 
-def start_at(server: ViserServer, position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
+def set_view(server: ViserServer, position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
     """Set the camera's place and target at the opening of the scene."""
     server.initial_camera.position = np.array(position)
     server.initial_camera.look_at = np.array(look_at)

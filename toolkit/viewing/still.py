@@ -11,8 +11,8 @@ import numpy as np
 from toolkit.plots.base_map import draw_outcome
 from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
 from toolkit.plots.palette import FAINT, INK, OUTCOME, Outcome, sensor_colour
-from toolkit.viewing.drawn import MARKED, Colouring, DrawnSample, Scales, newest_of, shades, thinned
-from toolkit.viewing.recording_scene import viewed_area
+from toolkit.viewing.drawn import MARKED, Colouring, DrawnSample, Scales, find_newest, shades, thinned
+from toolkit.viewing.recording_scene import find_view_area
 
 STILL_POINTS = 200_000  # of a cloud
 _INCHES = 9.0  # of the greater side of the map
@@ -34,7 +34,7 @@ def write_still(
     colouring: of points; sensors: names in the order of their colours, the sample's own when empty; half: of the sides
     (m) of what is shown about the origin, where most points are when None.
     """
-    xmin, ymin, xmax, ymax = viewed_area(sample) if half is None else (-half[0], -half[1], *half)
+    xmin, ymin, xmax, ymax = find_view_area(sample) if half is None else (-half[0], -half[1], *half)
     width, height = xmax - xmin, ymax - ymin
     scale = _INCHES / max(width, height)
     scales = Scales.of(sample)
@@ -61,7 +61,7 @@ def write_still(
 
 
 def _draw_points(axes: Any, sample: DrawnSample, colouring: Colouring, scales: Scales, order: list[str]) -> None:
-    newest = newest_of(sample)
+    newest = find_newest(sample)
     for each in sample.clouds:
         cloud = thinned(each, STILL_POINTS)
         colours = shades(cloud, colouring, scales, index=order.index(cloud.name), newest=newest) / 255.0

@@ -47,7 +47,7 @@ def fuse(
         json: Print as JSON.
     """
     from toolkit.clouds import down_sample, save
-    from toolkit.datasets.cloud_files import crop_to, fuse_files, poses_of
+    from toolkit.datasets.cloud_files import crop_area, fuse_files, load_poses
 
     if argoverse is not None:
         return _check_argoverse(argoverse, json)
@@ -55,10 +55,10 @@ def fuse(
         raise ValueError("give cloud files and --poses, or --argoverse LOG")
     check_positive("--voxel", voxel)
     check_file(out, inputs=[*clouds, *poses], overwrite=overwrite)
-    cloud = fuse_files(clouds, poses_of(clouds, poses, inverted=inverted))
+    cloud = fuse_files(clouds, load_poses(clouds, poses, inverted=inverted))
     if area is not None:
         check = "leave out --inverted" if inverted else "say --inverted if the poses are world to sensor"
-        cloud = crop_to(
+        cloud = crop_area(
             cloud, area, height, floor=floor, remedy=f"give another --area, --height or --floor, or {check}"
         )
     if voxel is not None:

@@ -283,7 +283,7 @@ def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region
     return ApScore(ap, interval, recall, vehicles, counted.hit_iou)
 
 
-def published_ap(stored: StoredDetections, run: SchemeRun, iou: float = 0.7) -> float:
+def compute_published_ap(stored: StoredDetections, run: SchemeRun, iou: float = 0.7) -> float:
     """AP of a run by the protocol `published` of `toolkit.detection.metrics`; NaN without vehicles."""
     row = IOUS.index(iou)
     frames = [f for truth, f in zip(stored.truths, stored.runs[run], strict=True) if len(truth.boxes)]

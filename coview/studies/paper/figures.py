@@ -20,8 +20,8 @@ from coview.studies.paper.comparison import Compared, Experiment, RowEvidence, T
 from coview.studies.paper.detections import (
     SchemeRun,
     StoredDetections,
+    compute_published_ap,
     count_hits,
-    published_ap,
     score_run,
     visible_share,
 )
@@ -92,10 +92,10 @@ def max_recall(curve: Curve) -> float:
     return float(curve.recall[-1]) if len(curve.recall) else 0.0
 
 
-def precision_from(curve: Curve, recall: float) -> float:
+def interpolate_precision(curve: Curve, recall: float) -> float:
     """Best precision at this recall or above, 0 if it is not reached.
 
-    >>> precision_from(Curve(np.array([1.0, 0.5]), np.array([0.5, 0.9]), np.array([0.9, 0.1])), 0.8)
+    >>> interpolate_precision(Curve(np.array([1.0, 0.5]), np.array([0.5, 0.9]), np.array([0.9, 0.1])), 0.8)
     0.5
     """
     reached = curve.recall >= recall
@@ -112,13 +112,13 @@ def _ap_row(stored: StoredDetections, site: str, sensors: SensorSet) -> Compared
     paper = {row.sensors: row.early for row in sensor_sets(site).rows}[sensors]
     run = SchemeRun("early", sensors)
     ours = score_run(stored, run)
-    evidence = RowEvidence(visible_share(stored, sensors), ours.recall, published=published_ap(stored, run))
+    evidence = RowEvidence(visible_share(stored, sensors), ours.recall, published=compute_published_ap(stored, run))
     reason = explain_difference(ours.ap, paper, evidence)
     return Compared(("AP@0.7", set_name(sensors)), "AP", ours.ap, paper, ours.interval, reason=reason)
 
 
 def _statement_row(stored: StoredDetections, says: Statement, curve: Curve) -> Compared:
-    ours = max_recall(curve) if says.of == "greatest recall" else precision_from(curve, 0.95)
+    ours = max_recall(curve) if says.of == "greatest recall" else interpolate_precision(curve, 0.95)
     seen = visible_share(stored, says.sensors)
     reason = f"{percent(seen)} of the vehicles have a point here" if seen < says.value else ""
     labels = says.of, set_name(says.sensors)

@@ -30,7 +30,7 @@ from coview.studies.paper.tables import (
 from placement_env.analysis.worth import columns
 from placement_env.checks import check_whole
 from placement_env.fidelity.renders import Recorded, Renders
-from placement_env.fidelity.table import Table, digest_of, load_table, make_table
+from placement_env.fidelity.table import Table, hash_site, load_table, make_table
 from toolkit.bodies.fleet import fleet_named
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset
@@ -215,13 +215,13 @@ def _shipped_detector(site: str, recording: CoopDataset) -> Detector:
 def _shipped_table(site: str, recording: CoopDataset, detector: Detector) -> Table | None:
     """The shipped table, if it was measured at this site with this detector."""
     table = load_table(site)
-    place = digest_of(recording.site, recording.sensors)
+    place = hash_site(recording.site, recording.sensors)
     fits = table.origin.place == place and table.origin.detector == getattr(detector, "digest", None)
     return table if fits else None
 
 
 def _check_table(table: Table, recording: CoopDataset, detector: Detector) -> None:
-    if table.origin.place != digest_of(recording.site, recording.sensors):
+    if table.origin.place != hash_site(recording.site, recording.sensors):
         raise ValueError(f"the table is of {table.origin.site!r} with other sensors: make one with coview table")
     if table.origin.detector != getattr(detector, "digest", None):
         raise ValueError("the table was measured with another detector: make one with coview table")

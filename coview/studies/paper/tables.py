@@ -17,9 +17,9 @@ from coview.studies.paper.detections import (
     ApScore,
     SchemeRun,
     StoredDetections,
+    compute_published_ap,
     kbit_per_sensor,
     ms_per_frame,
-    published_ap,
     score_run,
     visible_share,
 )
@@ -92,7 +92,7 @@ def _scheme_rows(stored: StoredDetections, run: SchemeRun, paper: SchemeRow) -> 
     for iou, theirs in zip(IOUS, paper.ap, strict=True):
         ours = score_run(stored, run, iou)
         evidence = RowEvidence(
-            visible_share(stored, run.sensors), ours.recall, ours.hit_iou, published_ap(stored, run, iou)
+            visible_share(stored, run.sensors), ours.recall, ours.hit_iou, compute_published_ap(stored, run, iou)
         )
         reason = explain_difference(ours.ap, theirs, evidence, iou=iou)
         rows.append(Compared((run.scheme, f"AP@{iou:g}"), "AP", ours.ap, theirs, ours.interval, reason=reason))

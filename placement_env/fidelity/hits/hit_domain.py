@@ -61,7 +61,7 @@ class HitDomain:
         return tuple(said)
 
 
-def domain_of(
+def build_domain(
     points: list[Float[np.ndarray, "_ _"]], distance: list[Float[np.ndarray, "_ _"]], sensors: Iterable[str], sets: int
 ) -> HitDomain:
     """Domain of what sensors of several sites saw."""

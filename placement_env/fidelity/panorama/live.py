@@ -18,8 +18,8 @@ from placement_env.fidelity.panorama.looking import table_keys
 from placement_env.fidelity.panorama.ray_table import ray_table
 from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.panorama.surround import Packed, ScoredItems, Surround
-from placement_env.fidelity.traffic import Traffic, renderer_of, scored
-from placement_env.fidelity.visibility import Visibility, distances, scored_objects
+from placement_env.fidelity.traffic import Traffic, build_renderer, scored
+from placement_env.fidelity.visibility import Visibility, distances, list_objects
 from toolkit.arrays import Float64
 from toolkit.objects import VEHICLE
 from toolkit.points import Crop, has_centre_inside
@@ -46,8 +46,8 @@ class LiveView:
 
     def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:
         self.traffic, self._cache = traffic, cache
-        self._renderer = renderer_of(traffic)
-        self._frame, self._boxes, self._kinds = scored_objects(traffic, labels)
+        self._renderer = build_renderer(traffic)
+        self._frame, self._boxes, self._kinds = list_objects(traffic, labels)
         of_frames = [scored(each.objects, traffic.site, labels) for each in traffic.snapshots]
         counts = np.concatenate([np.zeros(0, np.bool_), *of_frames])
         frame = np.repeat(np.arange(len(traffic)), [len(each) for each in of_frames])

@@ -14,7 +14,7 @@ from placement_env.fidelity.panorama.ray_table import (
     TABLE_TILTS,
     RayTable,
     Rectangles,
-    aim_of,
+    compute_aim,
     ray_table,
 )
 from placement_env.fidelity.panorama.still import Still
@@ -54,7 +54,7 @@ def table_keys(
 ) -> tuple[list[TableKey], Float32[np.ndarray, " S"], Float32[np.ndarray, " S"]]:
     """Of each sensor the table that knows its rays, its heading (places of azimuth), and by how much it is tilted more
     than the table (places of elevation)."""
-    aims = [aim_of(sensor) for sensor in sensors]
+    aims = [compute_aim(sensor) for sensor in sensors]
     base = [round(aim.tilt / TABLE_TILTS) for aim in aims]
     more = np.array([aim.tilt - steps * TABLE_TILTS for aim, steps in zip(aims, base, strict=True)])
     more[np.abs(more) < 1e-6] = 0
@@ -91,7 +91,7 @@ class Sight:
             strips.shows >= WITHIN, strips.shows == BEYOND,
         )  # fmt: skip
 
-    def gained(self, still: Still) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+    def count_gain(self, still: Still) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Addition of a ray in each strip to what is sent and to what is far, beside what stands behind it."""
         sent, far = still.behind(self.viewpoint, self.azimuth, self.elevation)
         return self.counts - sent, self.far - far
@@ -122,7 +122,7 @@ def look_through(
     count = len(views.viewpoint)
     points = np.zeros(count * items)
     sent, far = (np.repeat(each[:, None], frames, axis=1) for each in empty)
-    gains = {model: sight.gained(still) for model, still in stills.items()}
+    gains = {model: sight.count_gain(still) for model, still in stills.items()}
     for key, members in views.groups:
         table, (more_sent, more_far) = ray_table(*key), gains[key[0]]
         sensor, strip, rays = _rays_on(views, sight, table, members)

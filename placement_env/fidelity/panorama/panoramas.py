@@ -14,7 +14,7 @@ from placement_env.fidelity.blocks import Block, see_blocks
 from placement_env.fidelity.occlusion import Seen
 from placement_env.fidelity.panorama.looking import Sight, Views, alone, look_through
 from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.traffic import Traffic, renderer_of, scored
+from placement_env.fidelity.traffic import Traffic, build_renderer, scored
 from toolkit.arrays import Bool, Float64
 from toolkit.points import Crop, has_centre_inside
 from toolkit.rendering.strips import Counted, SuccessiveStrips
@@ -74,7 +74,7 @@ class _Look:
         return make_key("panoramas", self._depends_on, block)
 
     def _frame(self, k: int) -> Seen:
-        site, snapshot, renderer = self.traffic.site, self.traffic.snapshots[k], renderer_of(self.traffic)
+        site, snapshot, renderer = self.traffic.site, self.traffic.snapshots[k], build_renderer(self.traffic)
         boxes = snapshot.objects.boxes
         strips = self._strips.of(renderer.moment(snapshot), has_centre_inside(boxes, site.area))
         sight = Sight.of(strips, np.zeros(len(boxes), np.int64))
@@ -88,13 +88,13 @@ class _Look:
     @cached_property
     def _strips(self) -> SuccessiveStrips:
         counted = Counted(Crop.of(self.traffic.site), self.traffic.site.hybrid_radius)
-        return SuccessiveStrips(renderer_of(self.traffic), self._views.viewpoints, counted)
+        return SuccessiveStrips(build_renderer(self.traffic), self._views.viewpoints, counted)
 
     @cached_property
     def _stills(self) -> dict[SensorModel, Still]:
         """Standing scene by sensor model."""
         models = dict.fromkeys(sensor.model for sensor in self.sensors)
-        site, renderer = self.traffic.site, renderer_of(self.traffic)
+        site, renderer = self.traffic.site, build_renderer(self.traffic)
         return {model: Still.of(renderer, site, self._views.viewpoints, model) for model in models}
 
     @cached_property

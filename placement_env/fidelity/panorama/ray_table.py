@@ -40,12 +40,12 @@ class Aim(NamedTuple):
     roll: float
 
 
-def aim_of(sensor: Sensor) -> Aim:
+def compute_aim(sensor: Sensor) -> Aim:
     """The aim of a sensor; one that looks straight down or up has its heading in what is up in its image.
 
     >>> from toolkit.geometry import look
     >>> from toolkit.sensors.models import DepthCamera
-    >>> np.round(aim_of(Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.25))), 6).tolist()
+    >>> np.round(compute_aim(Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.25))), 6).tolist()
     [1.0, 0.25, 0.0]
     """
     turn = sensor.world_SE3_body[:3, :3]
@@ -82,14 +82,14 @@ class RayTable:
         np.add.accumulate(counts, axis=0, out=counts)
         self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
         np.add.accumulate(counts, axis=1, out=self._sums[1:, 1:])
-        column, row = cells_at(azimuth, elevation)
+        column, row = find_cells(azimuth, elevation)
         cell, rays = np.unique(column * CELL_ROWS + row, return_counts=True)
         self.cells = Cells(cell, rays.astype(np.float32))
 
     def counts(self, rectangles: Rectangles, heading: Places, more: Places) -> tuple[Int64[np.ndarray, " m"], Counts]:
         """Rectangles that hold rays, and their number. heading: of the sensor (places of azimuth), more: by how much it
         is tilted more than this table (places of elevation); one number, or one for each rectangle."""
-        left, right, low, high = rectangles.seen_from(heading, more)
+        left, right, low, high = rectangles.list_places(heading, more)
         begin = np.rint(left).astype(np.int32)
         width = np.rint(right).astype(np.int32) - begin
         begin %= AZIMUTHS
@@ -156,7 +156,7 @@ class Rectangles:
     def _columns(self) -> tuple[Float32[np.ndarray, " n"], ...]:
         return self.left, self.right, self.low, self.high, self.cos, self.sin, self.tan
 
-    def seen_from(self, heading: Places, more: Places) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def list_places(self, heading: Places, more: Places) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Left, right, low and high from the heading on, as a sensor has them that is tilted more: to the first order
         of that little tilt, of which the middle decides for the whole rectangle."""
         left, right = self.left - heading, self.right - heading
@@ -175,7 +175,7 @@ def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
     return RayTable(model, tilt, roll)
 
 
-def cells_at(azimuth: Angles, elevation: Angles) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
+def find_cells(azimuth: Angles, elevation: Angles) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
     """Column and row of the cells of directions."""
     column = np.floor((azimuth + np.pi) * (CELL_COLUMNS / (2 * np.pi))).astype(np.int64) % CELL_COLUMNS
     return column, np.clip(np.searchsorted(CELL_EDGES, elevation, side="right") - 1, 0, CELL_ROWS - 1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_env.fidelity.occlusion import worth
-from placement_env.fidelity.panorama.ray_table import CELL_COLUMNS, CELL_ROWS, Cells, cell_elevations, cells_at
+from placement_env.fidelity.panorama.ray_table import CELL_COLUMNS, CELL_ROWS, Cells, cell_elevations, find_cells
 from toolkit.arrays import Float32, Float64, Int32, UInt8
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import NEAR, SensorModel
@@ -59,7 +59,7 @@ class Still:
         elevation: Float32[np.ndarray, " n"],
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Chances of what stands in directions (rad)."""
-        column, row = cells_at(azimuth, elevation)
+        column, row = find_cells(azimuth, elevation)
         cell = (viewpoint.astype(np.int64) * CELL_COLUMNS + column) * CELL_ROWS + row
         sent, far = (flat.take(cell) / CHANCE_STEPS for flat in (self.sent.ravel(), self.far.ravel()))
         return sent, far

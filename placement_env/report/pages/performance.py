@@ -20,10 +20,10 @@ from placement_env.report.pages.wording import (
     ap_text,
     count_text,
     figure_cell,
+    format_cells,
     interval_text,
     iou_cell,
     join_names,
-    judged_cells,
     number,
     percent,
     price_column,
@@ -135,7 +135,7 @@ def _breakdown(name: str, rows: Sequence[BreakdownRow]) -> tuple[ReportBlock, ..
     )
     alt = f"AP with intervals by {name}: " + "; ".join(f"{each}: {ap_text(j)}" for each, j in judged)
     columns = (Column(name.capitalize(), number=False), *JUDGED_COLUMNS, Column("points per vehicle"))
-    cells = [(text_cell(row.name), *judged_cells(row.judged), figure_cell(row.mean_points, 0)) for row in rows]
+    cells = [(text_cell(row.name), *format_cells(row.judged), figure_cell(row.mean_points, 0)) for row in rows]
     return (
         Drawing(interval_bars(judged, f"AP by {name}"), caption, alt),
         *table(f"AP and share of vehicles found, by {name}", columns, cells),
@@ -175,7 +175,7 @@ def _class_ap(plan: Plan) -> tuple[ReportBlock, ...]:
     text = f"The class detected worst is {low.label}: {ap_text(low.judged)} at IoU {iou_text(low.iou)}."
     columns = (Column("Class", number=False), Column("IoU"), Column("weight"), *JUDGED_COLUMNS)
     rows = [
-        (text_cell(row.label), iou_cell(row.iou), figure_cell(row.weight), *judged_cells(row.judged))
+        (text_cell(row.label), iou_cell(row.iou), figure_cell(row.weight), *format_cells(row.judged))
         for row in plan.class_ap
     ]
     return (Paragraph(text), *table("AP of each class with the chosen set", columns, rows))
@@ -189,7 +189,7 @@ def schemes_section(plan: Plan) -> Section:
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "No other fusion scheme was judged.")
     columns = (Column("Scheme", number=False), Column("IoU"), *JUDGED_COLUMNS, Column("per sensor", "kbit"))
     rows = [
-        (text_cell(e.scheme), iou_cell(e.iou), *judged_cells(e.judged), figure_cell(e.kbit_per_sensor))
+        (text_cell(e.scheme), iou_cell(e.iou), *format_cells(e.judged), figure_cell(e.kbit_per_sensor))
         for e in plan.schemes
     ]
     alt = "AP with intervals of the fusion schemes: " + "; ".join(
@@ -294,7 +294,7 @@ def failures_section(plan: Plan) -> Section:
     )
     columns = (Column("Failed", number=False), *JUDGED_COLUMNS, Column("lost", "AP"))
     rows = [
-        (text_cell(join_names(each.failed)), *judged_cells(each.judged), figure_cell(intact.ap - each.judged.ap, 3))
+        (text_cell(join_names(each.failed)), *format_cells(each.judged), figure_cell(intact.ap - each.judged.ap, 3))
         for each in plan.failures
     ]
     left = "; ".join(f"without {join_names(each.failed)}: {ap_text(each.judged)}" for each in plan.failures)
@@ -321,7 +321,7 @@ def order_section(plan: Plan) -> Section:
     )
     columns = (Column("Step"), Column("Sensor", number=False), price_column("spent", plan.currency), *JUDGED_COLUMNS)
     rows = [
-        (figure_cell(float(i), 0), text_cell(each.sensor), figure_cell(each.price, 2), *judged_cells(each.judged))
+        (figure_cell(float(i), 0), text_cell(each.sensor), figure_cell(each.price, 2), *format_cells(each.judged))
         for i, each in enumerate(plan.order, 1)
     ]
     alt = "AP after each sensor built: " + "; ".join(f"{each.sensor}: {ap_text(each.judged)}" for each in plan.order)

@@ -28,8 +28,8 @@ from placement_env.report.pages.wording import (
     ap_text,
     count_text,
     figure_cell,
+    format_cells,
     join_names,
-    judged_cells,
     number,
     percent,
     price_column,
@@ -196,7 +196,7 @@ def _option_table(plan: Plan, options: Sequence[PlanOption]) -> tuple[tuple[Colu
             (
                 text_cell(join_names(option.sensors) + mark),
                 figure_cell(option.predicted, 3),
-                *judged_cells(option.counted),
+                *format_cells(option.counted),
                 figure_cell(option.kbit_per_sensor),
                 figure_cell(option.price, 2),
             )

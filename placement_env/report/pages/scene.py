@@ -32,8 +32,8 @@ from toolkit.viewing.scene import (
     rgb,
     roof_crosses,
     scene_html,
+    set_view,
     spikes,
-    start_at,
     thin_evenly,
     viser_server,
 )
@@ -82,7 +82,7 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
         _add_clouds(api, moments, len(plan.sensors))
         layers += _add_boxes(api, moments)
         xmin, ymin, xmax, ymax = site.area.tolist()
-        start_at(server, *overview((xmin, ymin, xmax, ymax)))
+        set_view(server, *overview((xmin, ymin, xmax, ymax)))
         html = scene_html(server)
     frames = tuple(_frame_nodes(f, len(plan.sensors)) for f in range(len(moments)))
     return Scene(html, tuple(layers), frames)
@@ -92,7 +92,7 @@ def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
     add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
-        add_mesh(api, f"/site/{layer}", draped(site, polygons, lift=lift), colour)
+        add_mesh(api, f"/site/{layer}", drape(site, polygons, lift=lift), colour)
     solids: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         solids.setdefault(solid.kind, []).append(extrude(solid.footprint, solid.base, solid.top))
@@ -194,10 +194,10 @@ HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a rectangle
 def ground_mesh(site: Site) -> Mesh:
     """Ground in and around the area, open at ponds."""
     ponds = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
-    return draped(site, [shapely.box(*_extent(site))], lift=0.0, without=ponds)
+    return drape(site, [shapely.box(*_extent(site))], lift=0.0, without=ponds)
 
 
-def draped(
+def drape(
     site: Site, shapes: Sequence[shapely.Polygon], *, lift: float, without: Sequence[shapely.Polygon] = ()
 ) -> Mesh:
     """Drape polygons over the ground near the area, `lift` metres above it."""

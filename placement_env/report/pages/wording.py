@@ -119,7 +119,7 @@ def interval_text(judged: Judgement) -> str:
     return f"{number(judged.low)}–{number(judged.high)}"
 
 
-def judged_cells(judged: Judgement | None) -> tuple[Cell, ...]:
+def format_cells(judged: Judgement | None) -> tuple[Cell, ...]:
     """Cells of `JUDGED_COLUMNS`; dashes without anything to detect."""
     if judged is None:
         return (Cell(NONE), Cell("no vehicle"), Cell(NONE), Cell("0", 0.0), Cell(NONE))

@@ -21,7 +21,7 @@ from placement_env.handover.mounted import bill_of_materials, link_loads, mounte
 from placement_env.objective import Objective
 from placement_env.report.content import BuildStep, FailureCase, Plan, PlanOption, SchemeFigures, SensorWorth
 from placement_env.report.planning import breakdown, sentences
-from placement_env.report.planning.choosing import Choice, judged_front, near_optimal
+from placement_env.report.planning.choosing import Choice, find_front_options, near_optimal
 from placement_env.report.planning.judging import Judge, Report
 from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.portfolio.entrants import Entrants
@@ -87,7 +87,7 @@ def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
         sensors=sensors,
         considered=best_first(choice.options),
         near_optimal=near,
-        front=judged_front(choice.options),
+        front=find_front_options(choice.options),
         schemes=chosen.schemes(),
         by_zone=breakdown.by_zone(scored, site, seed),
         by_range=breakdown.by_range(scored, [candidates.sensors[c] for c in members], seed),

@@ -19,7 +19,7 @@ from placement_env.fidelity.detector import IOUS
 from placement_env.objective import Objective
 from placement_env.report.content import Judgement, PlanOption, overlap
 from placement_env.report.planning.judging import Judge, SetJudgement
-from placement_env.search.exact.exhaustive import undominated
+from placement_env.search.exact.exhaustive import find_front
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.portfolio import contest
 from toolkit.arrays import Bool
@@ -97,11 +97,11 @@ def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOpti
     return tuple(option for option, _ in sorted(near, key=lambda each: (each[0].price, -each[1].ap)))
 
 
-def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
+def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
     """Judged sets that no other beats in AP, kbit per sensor and price at once, by price, then AP."""
     judged = [(option, option.counted) for option in options if option.counted is not None]
     figures = np.array([(-j.ap, o.kbit_per_sensor, o.price) for o, j in judged]).reshape(-1, 3)
-    kept = [judged[i] for i in undominated(figures)]
+    kept = [judged[i] for i in find_front(figures)]
     return tuple(option for option, _ in sorted(kept, key=lambda pair: (pair[0].price, pair[1].ap)))
 
 

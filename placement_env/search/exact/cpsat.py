@@ -76,7 +76,7 @@ def search(
     progress = Progress(objective, budget, seconds, evaluations)
     visibility = visibility.of_classes(objective.classes.labels)
     seen, mount, may_stand = visibility.points >= least, objective.candidates.mount, objective.allowed([])
-    worth, units = worth_of(visibility.labels, objective.classes)
+    worth, units = compute_worth(visibility.labels, objective.classes)
     left = SECONDS if seconds is None else seconds
     cover = cover_most(
         seen,
@@ -139,7 +139,7 @@ def cover_most(
 
     seen: which candidate sees which object; may_stand: candidates that may be built, all if None; seconds: in all;
     effort: see `search`; prices: what they cost together, None for no matter what; worth: of each object to each of k
-    parties, the least of whose sums counts (`worth_of`), None for how many objects there are.
+    parties, the least of whose sums counts (`compute_worth`), None for how many objects there are.
     The solver starts from greedy's set, so the answer covers no less.
 
     >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), np.array([0, 0, 1]), 2).chosen
@@ -155,7 +155,7 @@ def cover_most(
     each = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
     objects, weights = _merged_worth(seen[kept], there.apart, views, each)
     start = greedy_cover(objects, weights.sum(axis=0), there.mount, budget, views, poles=there, prices=cost)
-    bound = min(bound_at(objects, row, there.apart, budget, views=views, chosen=start) for row in weights)
+    bound = min(prove_bound(objects, row, there.apart, budget, views=views, chosen=start) for row in weights)
     model, built = _model(objects, weights, there, budget, views=views, start=start, bound=bound)
     if cost is not None:
         model.add(cost.expression(model, built) <= cost.most)
@@ -171,7 +171,7 @@ def cover_most(
     return Cover(chosen, covered, max(bound, covered), bound <= covered, weights.shape[1], *times)
 
 
-def worth_of(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[Int64[np.ndarray, "k O"] | None, int]:
+def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[Int64[np.ndarray, "k O"] | None, int]:
     """Worth of covering each object, in whole parts of the sum that is given too: None for as many as there are
     objects, where one class counts. The parts of a class go to its objects in equal shares; for the mean of classes by
     their weights, for the worst a row for each class, all of the same sum."""
@@ -276,7 +276,7 @@ def greedy_cover(
     return chosen
 
 
-def bound_at(
+def prove_bound(
     seen: Bool[np.ndarray, "C m"],
     weight: Int64[np.ndarray, " m"],
     mount: Int64[np.ndarray, " C"],

@@ -60,7 +60,7 @@ def every_set(size: int, budget: int) -> Bool[np.ndarray, "n C"]:
 
 def front(objective: Objective, subsets: Bool[np.ndarray, "n C"], figures: Figures) -> tuple[Score, ...]:
     """The sets that none of the others beats in AP, kbit and price at once, by price, then kbit."""
-    keep = undominated(costs(figures))
+    keep = find_front(costs(figures))
     keep = keep[np.lexsort((figures.kbit[keep], figures.price[keep]))]
     return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in keep)
 
@@ -70,10 +70,10 @@ def costs(figures: Figures) -> Float64[np.ndarray, "n 3"]:
     return np.stack([-figures.ap, figures.kbit, figures.price], axis=1)
 
 
-def undominated(points: Float[np.ndarray, "n m"]) -> np.ndarray:
+def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
     """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the first is kept.
 
-    >>> undominated(np.array([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]))
+    >>> find_front(np.array([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]))
     array([0, 1])
     """
     order = np.lexsort((np.arange(len(points)), *points.T[::-1]))  # what comes first is never beaten by what follows

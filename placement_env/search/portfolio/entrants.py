@@ -245,4 +245,4 @@ def _front(objective: Objective, sets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarr
         return sets[:0]
     coverage = Coverage(seen, objective.scheme, codec=objective.codec, classes=objective.classes)
     figures = (objective.scores(sets).reward, by_entropy.scores(sets).ap, coverage(sets).ap)
-    return sets[exhaustive.undominated(-np.stack(figures, axis=1))]
+    return sets[exhaustive.find_front(-np.stack(figures, axis=1))]

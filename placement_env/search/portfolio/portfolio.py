@@ -74,7 +74,7 @@ class Judging:
         if setting is None:
             if objective.preparation is None:
                 raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site)")
-            setting = objective.setting.scored_with(self.by)
+            setting = objective.setting.with_fidelity(self.by)
         run = objective.run
         race, final = (
             build_evaluator(

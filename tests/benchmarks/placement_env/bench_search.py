@@ -57,7 +57,7 @@ def main() -> None:
 
     from placement_env.candidates.pool import paper_candidates, pool
     from placement_env.objective import Objective
-    from placement_env.search.verification import rescored
+    from placement_env.search.verification import score_result
     from placement_env.setting import Setting
     from toolkit.runtime.run import Run
     from toolkit.sites.files import load_site
@@ -83,7 +83,7 @@ def main() -> None:
         if method in SEEING and asked.fidelity == "table":
             continue
         found = run(method, objective, asked)
-        ap = rescored(judge, found).ap if asked.verify else np.nan
+        ap = score_result(judge, found).ap if asked.verify else np.nan
         print(
             f"{method:18s} {found.best.reward:8.4f} {optimum - found.best.reward:8.4f} {ap:12.4f} "
             f"{found.evaluations:9d} {found.seconds:7.1f}  {found.certificate.kind}, {found.certificate.measure}",

@@ -9,7 +9,7 @@ from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.hits.hit_model import shipped_model
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.surrogate import Surrogate
-from placement_env.fidelity.table import SHIPPED, TableFidelity, digest_of, load_table
+from placement_env.fidelity.table import SHIPPED, TableFidelity, hash_site, load_table
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.setting import Setting
@@ -89,7 +89,7 @@ def test_shipped_tables_serve_the_same_figures(name, scheme):
 @pytest.mark.parametrize("name", FILES)
 def test_shipped_tables_are_of_the_built_in_sites(name):
     site = load_site(name)
-    assert load_table(name).origin.place == digest_of(site, site.sensors)
+    assert load_table(name).origin.place == hash_site(site, site.sensors)
     assert Objective(Setting(name, fidelity="table")).score([0]).ap > 0
 
 

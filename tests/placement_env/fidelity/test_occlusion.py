@@ -8,7 +8,7 @@ import pytest
 from placement_env.fidelity.occlusion import look_at
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.seeing import see
-from placement_env.fidelity.traffic import renderer_of, scored
+from placement_env.fidelity.traffic import build_renderer, scored
 from toolkit.boxes import count_points
 from toolkit.frame import unproject
 from toolkit.points import is_beyond, is_inside
@@ -76,7 +76,7 @@ def test_without_noise_sent_is_counted(small_traffic, small_candidates):
 
 
 def test_it_counts_what_visibility_keeps(small_traffic, small_candidates, seen):
-    looked = look_at(small_traffic, renderer_of(small_traffic), small_candidates.sensors[1:3])
+    looked = look_at(small_traffic, build_renderer(small_traffic), small_candidates.sensors[1:3])
     assert np.array_equal(looked.points, seen.points[1:3])
     assert np.array_equal(looked.sent, seen.sent[1:3])
     assert np.array_equal(looked.far, seen.far[1:3])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.hits.hit_model import shipped_model
-from placement_env.fidelity.surrogate import Surrogate, expected_ap
+from placement_env.fidelity.surrogate import Surrogate, compute_expected_ap
 from placement_env.objective import Objective
 from placement_env.setting import Setting
 from toolkit.detection.link.range_images import RangeImages
@@ -44,7 +44,7 @@ def test_hits_and_ap_against_plain_python(visibility, hit_model):
 def test_expected_ap_is_that_of_many_draws():
     """Certain and impossible objects, each of which a false alarm outranks: the AP of that very list."""
     hit = np.array([1, 1, 0, 1, 0, 0, 1, 0], np.float32)
-    ap, recall = expected_ap(hit[None], 1.0)
+    ap, recall = compute_expected_ap(hit[None], 1.0)
     exact = precision_recall(np.arange(8, 0, -1.0), hit > 0, 8)
     raw = sum(exact.precision[i] / 8 for i in np.flatnonzero(hit))
     assert ap[0] == pytest.approx(raw)
@@ -115,7 +115,9 @@ def test_a_van_is_found_less_surely_than_a_car_with_as_many_points(made_visibili
     )
     found = Surrogate(seen, "early", model)(np.array([[True]]))
     assert found.recall[0] == pytest.approx((van / 4 + car) / 2, rel=1e-5)
-    assert found.ap[0] == pytest.approx(expected_ap(np.array([[car, van / 4]]), model.false_alarms)[0][0], rel=1e-5)
+    assert found.ap[0] == pytest.approx(
+        compute_expected_ap(np.array([[car, van / 4]]), model.false_alarms)[0][0], rel=1e-5
+    )
     ((_, of_size, _, _),) = Surrogate(seen, "early", model).evidence()
     assert of_size.tolist() == [0.25, 1.0]
 

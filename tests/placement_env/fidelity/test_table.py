@@ -11,7 +11,7 @@ from placement_env.fidelity.table import (
     Table,
     TableFidelity,
     best_sets,
-    digest_of,
+    hash_site,
     load_table,
     make_table,
     save_table,
@@ -88,7 +88,7 @@ def made(tmp_path_factory):
 
 def test_a_table_holds_what_detection_gives_and_says_where_from(made):
     table, path, told, _ = made
-    place = digest_of(Street().site, Street().sensors)
+    place = hash_site(Street().site, Street().sensors)
     assert table.origin == Origin("street", ("s0", "s1", "s2"), place, 3, 15, "street", "guess", 4, "abc")
     assert told == [(k, 9) for k in range(1, 10)]
     for i, scheme in enumerate(SCHEMES):

@@ -12,10 +12,10 @@ from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalog
 from placement_env.handover.mounted import (
     MaterialItem,
     bill_of_materials,
+    format_sensors,
     link_loads,
     mounted_sensors,
     mounted_site,
-    planned_sensors,
     unused_mounts,
 )
 from toolkit.geometry import pose
@@ -49,7 +49,7 @@ def chosen(candidates) -> list[int]:
 
 
 def test_a_set_as_it_is_mounted(candidates, chosen):
-    north, east = planned_sensors(SITE, candidates, chosen, **KBIT)
+    north, east = format_sensors(SITE, candidates, chosen, **KBIT)
     assert (north.name, north.pole, north.model) == ("north_4.0m_h270_t15_camera", "north", "depth-camera")
     assert (east.name, east.pole, east.model) == ("e-1_4.0m_h180_t15_lidar", "e/1", "spinning-lidar")
     assert (north.x, north.y, north.z, north.height) == (0.0, 12.0, 4.5, 4.0)
@@ -65,12 +65,12 @@ def test_a_set_as_it_is_mounted(candidates, chosen):
 
 
 def test_names_and_prices_of_a_catalogue(candidates, chosen):
-    priced = planned_sensors(SITE, candidates, chosen, **KBIT, model_names=["Acme", "Spin"], model_prices=[1.5, 2.0])
+    priced = format_sensors(SITE, candidates, chosen, **KBIT, model_names=["Acme", "Spin"], model_prices=[1.5, 2.0])
     assert [(s.model, s.model_price) for s in priced] == [("Acme", 1.5), ("Spin", 2.0)]
 
 
 def test_nowhere_on_earth(candidates, chosen):
-    north, _ = planned_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
+    north, _ = format_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
     assert (north.longitude, north.latitude) == (None, None)
     assert north.bearing_deg == pytest.approx(90.0)
 
@@ -78,7 +78,7 @@ def test_nowhere_on_earth(candidates, chosen):
 def test_sensors_that_were_moved(candidates, chosen):
     first, second = (candidates.sensors[c] for c in chosen)
     moved = (aim_sensor(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)), second)
-    north, east = planned_sensors(SITE, candidates, chosen, moved, **KBIT)
+    north, east = format_sensors(SITE, candidates, chosen, moved, **KBIT)
     assert (north.name, north.pole, north.height) == ("north_6.25m_h275.5_t7.0_camera", "north", 6.25)
     assert (north.bearing_deg, north.tilt_deg) == pytest.approx((84.5, 7.0))
     assert (east.name, east.height) == ("e-1_4.0m_h180_t15_lidar", 4.0)  # it stayed where it was
@@ -89,7 +89,7 @@ def test_sensors_that_were_moved(candidates, chosen):
 
 def test_a_sensor_may_roam_to_another_mount(candidates, chosen):
     moved = (aim_sensor(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
-    (there,) = planned_sensors(SITE, candidates, chosen[:1], moved, kbit=[1.0], peak_kbit=[1.0])
+    (there,) = format_sensors(SITE, candidates, chosen[:1], moved, kbit=[1.0], peak_kbit=[1.0])
     assert (there.pole, there.name) == ("e/1", "e-1_5.00m_h0.0_t0.0_camera")
     assert [mount.name for mount in unused_mounts(candidates, chosen[:1], moved)] == ["north"]
 
@@ -132,21 +132,21 @@ def test_the_own_sensors_of_a_site_bring_no_mount_twice():
 )
 def test_numbers_that_differ(wrong, message, candidates, chosen):
     with pytest.raises(ValueError, match=message):
-        planned_sensors(SITE, candidates, chosen, **KBIT | wrong)
+        format_sensors(SITE, candidates, chosen, **KBIT | wrong)
     with pytest.raises(ValueError, match="moved must hold the 2 chosen sensors, got 1"):
-        planned_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
+        format_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
 
 
 def test_an_empty_set():
     none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
     empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
-    assert planned_sensors(SITE, empty, [], kbit=[], peak_kbit=[]) == ()
+    assert format_sensors(SITE, empty, [], kbit=[], peak_kbit=[]) == ()
 
 
 def test_a_mount_is_paid_with_the_first_sensor_on_it(candidates, chosen):
     names = [sensor.name for sensor in candidates.sensors]
     both = [chosen[0], names.index("north_4.0m_h180_t15_camera")]
-    sensors = planned_sensors(SITE, candidates, both, **KBIT)
+    sensors = format_sensors(SITE, candidates, both, **KBIT)
     assert [(each.pole, each.pole_price) for each in sensors] == [("north", 0.5), ("north", 0.0)]
     poles = [item for item in bill_of_materials(sensors) if item.item == "pole"]
     assert [(item.count, item.price) for item in poles] == [(1, 0.5)]

@@ -12,7 +12,7 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.search import greedy
-from placement_env.search.verification import ap_at_profiles, neighbours, rescored, verified
+from placement_env.search.verification import ap_at_profiles, neighbours, score_result, verified
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.sites.files import load_site
@@ -82,7 +82,7 @@ def test_entrants_race_and_the_best_are_ranked_on_all_frames(dear):
 
 def test_found_is_scored_as_it_stands(dear):
     found = greedy.search(dear, 2)
-    assert rescored(dear, found).ap == found.best.ap
+    assert score_result(dear, found).ap == found.best.ap
 
 
 def test_raced_greedy_is_greedy_for_a_part_of_the_frames(dear):

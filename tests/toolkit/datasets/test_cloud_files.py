@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from toolkit.clouds import attributes, from_attributes, from_points, positions, save, sensor_numbers
 from toolkit.datasets.cloud_files import (
     fuse_files,
+    load_poses,
     match_poses,
     parse_pose,
-    poses_of,
     quaternion_pose,
     read_points,
     read_poses,
@@ -131,9 +131,9 @@ def test_one_pose_file_for_all_or_one_each(tmp_path):
     for name, content in (("a", [POSES[0]]), ("b", [POSES[1]]), ("all", POSES)):
         (tmp_path / f"{name}.json").write_text(json.dumps([p.tolist() for p in content]))
     for files in (["a.json", "b.json"], ["all.json"]):
-        np.testing.assert_allclose(poses_of(clouds, [tmp_path / file for file in files]), POSES)
+        np.testing.assert_allclose(load_poses(clouds, [tmp_path / file for file in files]), POSES)
     with pytest.raises(ValueError, match="2 files of one pose each"):
-        poses_of(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
+        load_poses(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
 
 
 @pytest.mark.parametrize(

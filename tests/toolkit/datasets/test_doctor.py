@@ -32,7 +32,7 @@ def image(sensor, centre):
 def rows(centres):
     """As published, a frame each."""
     boxes = [np.array([[x, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]]) for x in centres]
-    return [published.rows_of(Objects(b, np.zeros(1, int), np.arange(1)), SITE.map_SE3_site) for b in boxes]
+    return [published.format_objects(Objects(b, np.zeros(1, int), np.arange(1)), SITE.map_SE3_site) for b in boxes]
 
 
 CENTRES = [-4.0, -3.0, 3.0, 9.0, 9.0, 2.0]

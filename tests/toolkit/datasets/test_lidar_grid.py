@@ -8,10 +8,10 @@ from toolkit.datasets.lidar_grid import (
     OUTSIDE_GRID,
     SHARED_CELL,
     LidarGrid,
-    angles_of,
+    compute_angles,
     find_grid,
-    image_of,
     nearest_row,
+    rasterize_cloud,
 )
 from toolkit.frame import SensorCloud
 from toolkit.geometry import pose, transform
@@ -45,7 +45,7 @@ def turning(columns=360, noise=0.0, seed=0, lost=0.3, phase=0.5, **given):
 
 
 def test_angles():
-    elevation, azimuth, distance = angles_of(np.array([[0.0, 3.0, 4.0], [-2.0, 0.0, 0.0]]))
+    elevation, azimuth, distance = compute_angles(np.array([[0.0, 3.0, 4.0], [-2.0, 0.0, 0.0]]))
     np.testing.assert_allclose(elevation, [np.arctan2(4, 3), 0])
     np.testing.assert_allclose(azimuth, [np.pi / 2, np.pi])
     np.testing.assert_allclose(distance, [5, 2])
@@ -155,7 +155,7 @@ def test_an_image_and_back():
     place = pose(5.0, 6.0, 7.0, yaw=1.0)
     world = SensorCloud("l", transform(place, points[order].astype(np.float64)).astype(np.float32), place, "world")
     for cloud in (SensorCloud("l", points[order], np.eye(4)), world):
-        made = image_of(cloud, LidarGrid(MODEL))
+        made = rasterize_cloud(cloud, LidarGrid(MODEL))
         np.testing.assert_allclose(made.measurement, image, atol=1e-5)
         assert made.shown.all()
         assert made.left_out == {}
@@ -167,7 +167,7 @@ def test_the_range_is_exact_and_the_direction_within_half_a_cell():
     rng = np.random.default_rng(1)
     azimuth = rng.uniform(-np.pi, np.pi, 30)
     points = np.stack([20 * np.cos(azimuth), 20 * np.sin(azimuth), np.zeros(30)], axis=1).astype(np.float32)
-    made = image_of(SensorCloud("l", points, np.eye(4)), LidarGrid(MODEL))
+    made = rasterize_cloud(SensorCloud("l", points, np.eye(4)), LidarGrid(MODEL))
     np.testing.assert_allclose(np.linalg.norm(made.points, axis=1), 20, rtol=1e-6)
     assert np.linalg.norm(points[made.shown] - made.points, axis=1).max() <= 20 * np.pi / 36
     assert made.shown.sum() + sum(made.left_out.values()) == 30
@@ -175,7 +175,7 @@ def test_the_range_is_exact_and_the_direction_within_half_a_cell():
 
 def test_of_points_in_a_cell_the_nearest_is_shown_and_the_others_are_counted():
     cloud = SensorCloud("l", along((1, 5, 30.0), (1, 5, 12.0), (1, 5, 20.0), (2, 5, 9.0)), np.eye(4))
-    made = image_of(cloud, LidarGrid(MODEL))
+    made = rasterize_cloud(cloud, LidarGrid(MODEL))
     assert made.shown.tolist() == [False, True, False, True]
     assert made.left_out == {SHARED_CELL: 2}
     assert made.measurement[1, 5] == pytest.approx(12.0)
@@ -187,7 +187,7 @@ def test_points_outside_are_counted():
     far = along((0, 0, 500.0), (3, 1, 10.0))
     high = np.array([[10 * np.cos(0.31), 0, 10 * np.sin(0.31)]], np.float32)  # 0.11 above the row, 0.1 to the next
     low = np.array([[10 * np.cos(0.5), 0, -10 * np.sin(0.5)]], np.float32)  # 0.2 below the row, 0.3 to the next
-    made = image_of(SensorCloud("l", np.concatenate([far, high, low]), np.eye(4)), LidarGrid(MODEL))
+    made = rasterize_cloud(SensorCloud("l", np.concatenate([far, high, low]), np.eye(4)), LidarGrid(MODEL))
     assert made.inside.tolist() == [False, True, False, True]
     assert made.left_out == {OUTSIDE_GRID: 2}
     assert made.cells.max() < 4 * 36
@@ -196,7 +196,7 @@ def test_points_outside_are_counted():
 def test_a_sector_ends():
     azimuth = 3.0 + np.array([-0.52, -0.48, 0.0, 0.48, 0.52])  # on across the seam
     points = 10 * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(5)], axis=1)
-    made = image_of(SensorCloud("l", points.astype(np.float32), np.eye(4)), LidarGrid(SECTOR))
+    made = rasterize_cloud(SensorCloud("l", points.astype(np.float32), np.eye(4)), LidarGrid(SECTOR))
     assert made.inside.tolist() == [False, True, True, True, False]
     assert made.cells[1:4].tolist() == [10, 15, 19]
 
@@ -204,15 +204,17 @@ def test_a_sector_ends():
 def test_rings_say_the_row_whatever_the_elevation():
     grid = LidarGrid(MODEL, rings=(7, 3, 9, 1))
     points = along((0, 4, 10.0), (0, 5, 10.0), (0, 6, 10.0))
-    made = image_of(SensorCloud("l", points, np.eye(4), ring=np.array([9, 1, 8])), grid)
+    made = rasterize_cloud(SensorCloud("l", points, np.eye(4), ring=np.array([9, 1, 8])), grid)
     assert made.inside.tolist() == [True, True, False]
     assert made.cells[:2].tolist() == [2 * 36 + 4, 3 * 36 + 5]
-    assert image_of(SensorCloud("l", points, np.eye(4)), grid).cells.tolist() == [4, 5, 6]
+    assert rasterize_cloud(SensorCloud("l", points, np.eye(4)), grid).cells.tolist() == [4, 5, 6]
 
 
 def test_a_cloud_without_points_is_an_empty_image():
-    made = image_of(SensorCloud("l", np.zeros((0, 3), np.float32), np.eye(4)), LidarGrid(MODEL))
+    made = rasterize_cloud(SensorCloud("l", np.zeros((0, 3), np.float32), np.eye(4)), LidarGrid(MODEL))
     assert not made.measurement.any()
     assert made.points.shape == (0, 3)
     one = LidarGrid(RowLidar((0.0,), columns=4))
-    assert image_of(SensorCloud("l", np.array([[5.0, 0, 3]], np.float32), np.eye(4)), one).inside.tolist() == [True]
+    assert rasterize_cloud(SensorCloud("l", np.array([[5.0, 0, 3]], np.float32), np.eye(4)), one).inside.tolist() == [
+        True
+    ]

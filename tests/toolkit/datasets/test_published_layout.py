@@ -18,7 +18,7 @@ def test_extrinsic_and_back(map_SE3_site, heading, tilt, position):
     site_SE3_sensor = look(position, heading, tilt)
     there = published.extrinsic(site_SE3_sensor, map_SE3_site)
     assert np.isclose(np.linalg.det(there), 1)
-    assert np.allclose(published.pose_of(there, map_SE3_site), site_SE3_sensor, atol=1e-9)
+    assert np.allclose(published.parse_extrinsic(there, map_SE3_site), site_SE3_sensor, atol=1e-9)
 
 
 @settings(max_examples=50, deadline=None)
@@ -26,7 +26,7 @@ def test_extrinsic_and_back(map_SE3_site, heading, tilt, position):
 def test_objects_and_back(map_SE3_site, places):
     boxes = np.array([[x, y, z, 4.0, 2.0, 1.5, yaw] for x, y, z, yaw in places]).reshape(-1, 7)
     objects = Objects(boxes, np.arange(len(boxes)), np.arange(len(boxes)) + 7)
-    back = published.objects_of(published.rows_of(objects, map_SE3_site), map_SE3_site, objects.ids)
+    back = published.parse_rows(published.format_objects(objects, map_SE3_site), map_SE3_site, objects.ids)
     assert np.allclose(back.boxes[:, :6], boxes[:, :6], atol=1e-9)
     assert np.allclose(np.exp(1j * back.boxes[:, 6]), np.exp(1j * boxes[:, 6]))
     assert back.labels.tolist() == objects.labels.tolist()
@@ -43,13 +43,15 @@ def test_a_camera_in_carla_coordinates():
 
 
 def test_a_box_in_carla_coordinates():
-    rows = published.rows_of(Objects(np.array([[1, 2, 0.75, 4, 2, 1.5, np.deg2rad(30)]]), np.array([1])), np.eye(4))
+    rows = published.format_objects(
+        Objects(np.array([[1, 2, 0.75, 4, 2, 1.5, np.deg2rad(30)]]), np.array([1])), np.eye(4)
+    )
     assert np.allclose(rows, [[1, -2, 0.75, 0, 0, -30, 2, 1, 0.75, 1]])
 
 
 def test_the_principal_point_need_not_be_central():
     camera = DepthCamera(width=320, height=200, fov=1.2, centre=(150.0, 99.5))
-    back = published.camera_of(published.intrinsic(camera), 200, 320)
+    back = published.parse_intrinsic(published.intrinsic(camera), 200, 320)
     assert back.centre == (150.0, 99.5)
     assert back.fov == pytest.approx(1.2)
 
@@ -66,7 +68,7 @@ def test_the_principal_point_need_not_be_central():
 )
 def test_extrinsics_refused(matrix, says):
     with pytest.raises(ValueError, match=says):
-        published.pose_of(matrix, np.eye(4), "cameras/d0/extrinsic")
+        published.parse_extrinsic(matrix, np.eye(4), "cameras/d0/extrinsic")
 
 
 @pytest.mark.parametrize(
@@ -74,7 +76,7 @@ def test_extrinsics_refused(matrix, says):
 )
 def test_intrinsics_refused(matrix):
     with pytest.raises(ValueError, match=r"cameras/d0/intrinsic must be"):
-        published.camera_of(matrix, 300, 400, "cameras/d0/intrinsic")
+        published.parse_intrinsic(matrix, 300, 400, "cameras/d0/intrinsic")
 
 
 @pytest.mark.parametrize(
@@ -89,19 +91,19 @@ def test_intrinsics_refused(matrix):
 )
 def test_objects_refused(rows, says):
     with pytest.raises(ValueError, match=says):
-        published.objects_of(np.array(rows), np.eye(4))
+        published.parse_rows(np.array(rows), np.eye(4))
 
 
 @pytest.mark.parametrize("rows", [np.zeros((0, 10)), np.zeros(0)])
 def test_no_objects(rows):
-    assert len(published.objects_of(rows, np.eye(4))) == 0
+    assert len(published.parse_rows(rows, np.eye(4))) == 0
 
 
 def test_what_returned_nothing_survives_the_image():
     camera = DepthCamera(width=8, height=6)
     depth = np.zeros(camera.shape, np.float32)
     depth[0] = [1.5, 999.0, np.inf, np.nan]
-    image = published.stored_image(depth, camera)
+    image = published.expand_image(depth, camera)
     assert image.shape == (6, 8)
     assert image[0].tolist() == [1.5, 0, 999, 0, 1000, 0, 1000, 0]
     assert published.measured(image, 2)[0].tolist() == [1.5, 999, 0, 0]

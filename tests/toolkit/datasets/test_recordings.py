@@ -14,8 +14,8 @@ from toolkit.datasets.recordings import (
     Layout,
     Part,
     find_layout,
+    load_plugins,
     open_recording,
-    plugged_layouts,
     read,
     write_recording,
 )
@@ -256,9 +256,9 @@ def test_layouts_plug_in(monkeypatch):
             return Layout("mine", "tests_own_layout", "mine")
 
     monkeypatch.setattr(recordings, "entry_points", lambda group: [Point()] if group == "coview.layouts" else [])
-    plugged_layouts.cache_clear()
+    load_plugins.cache_clear()
     assert find_layout("mine").reader == "mine"
     monkeypatch.undo()
-    plugged_layouts.cache_clear()
+    load_plugins.cache_clear()
     with pytest.raises(ValueError, match="there is no layout 'mine'"):
         find_layout("mine")

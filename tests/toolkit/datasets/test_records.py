@@ -8,16 +8,16 @@ from toolkit.datasets.records import (
     Listing,
     as_number,
     boxes_record,
-    cloud_of,
-    detections_in,
+    build_cloud,
     entry,
     heading,
     labelled,
     named_damage,
     no_labels,
     numbers,
-    objects_in,
     one_cloud,
+    parse_detections,
+    parse_objects,
     read_cloud,
     read_entries,
     rigid,
@@ -157,7 +157,7 @@ def test_kinds(name, label):
 
 def cloud(points, **columns):
     problems = {}
-    return cloud_of({"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems), problems
+    return build_cloud({"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems), problems
 
 
 def test_points_that_are_none_are_counted_apart():
@@ -169,7 +169,7 @@ def test_points_that_are_none_are_counted_apart():
 
 def test_the_origin_of_a_world_frame_is_a_point():
     problems = {}
-    made = cloud_of({"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world")
+    made = build_cloud({"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world")
     assert len(made.points) == 1
     assert problems == {}
 
@@ -233,7 +233,7 @@ def test_objects_there_and_back(tmp_path):
     (each,) = read_entries(tmp_path / "a.json").values()
     assert each["time"] == 0.5
     assert each["objects"][0]["yaw_deg"] == pytest.approx(28.6478898)
-    found = objects_in(tmp_path / "a.json", each, {})
+    found = parse_objects(tmp_path / "a.json", each, {})
     np.testing.assert_allclose(found.objects.boxes, BOX_BOXES_FILE, atol=1e-12)
     assert found.objects.ids.tolist() == [7]
     assert found.counts.tolist() == [9]
@@ -245,7 +245,7 @@ def test_detections_there_and_back(tmp_path):
     content = json.loads((tmp_path / "a.json").read_text())
     assert content["detector"] == "general"
     assert content["samples"][0]["time"] is None
-    back = detections_in(tmp_path / "a.json", read_entries(tmp_path / "a.json")["x"])
+    back = parse_detections(tmp_path / "a.json", read_entries(tmp_path / "a.json")["x"])
     np.testing.assert_allclose(back.boxes, BOX_BOXES_FILE, atol=1e-12)
     assert (back.scores.tolist(), back.labels.tolist()) == ([0.75], [3])
 
@@ -269,4 +269,4 @@ def test_damage_names_the_file(tmp_path, content, names):
 def test_detections_that_cannot_be(change):
     row = boxes_record("x", 0.0, Detections(BOX_BOXES_FILE, np.array([0.5])))["objects"][0] | change
     with pytest.raises(ValueError, match=r"a.json is no file of boxes"):
-        detections_in("a.json", {"objects": [row]})
+        parse_detections("a.json", {"objects": [row]})

@@ -5,13 +5,13 @@ import pytest
 
 from toolkit.detection.breakdown import (
     by_centre,
+    compute_mean,
     format_rows,
     group_rows,
     kitti_ap,
-    mean_of,
-    measured_truth,
     nuscenes_ap,
     repeated,
+    select_truth,
 )
 from toolkit.detection.metrics import precision_recall
 from toolkit.frame import Frame, Rectangle, SensorCloud
@@ -69,8 +69,8 @@ def test_frames_without_anything():
     assert (len(empty.scores), empty.truths) == (0, 0)
     alarm = by_centre([found_at([0.0], [0.5])], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
     assert alarm.hits.tolist() == [False]
-    assert np.isnan(mean_of([]))
-    assert mean_of([1.0, 2.0]) == 1.5
+    assert np.isnan(compute_mean([]))
+    assert compute_mean([1.0, 2.0]) == 1.5
 
 
 # x of cars, and how many points lie in each: the last is out of the area, the fourth has none
@@ -90,7 +90,7 @@ def frame(places=PLACES, complete=None):
 
 
 def judged(seen, found_at, scores):
-    return measured_truth(seen, AREA).judge(Detections(boxes(found_at), np.array(scores)))
+    return select_truth(seen, AREA).judge(Detections(boxes(found_at), np.array(scores)))
 
 
 def row(rows, protocol, measure, among="all"):
@@ -154,7 +154,7 @@ def test_where_labels_are_not_complete_nothing_counts():
 
 def test_ranges_are_from_the_middle_and_the_area_is_about_it():
     found = Detections(boxes((70.0,)), np.array([0.9]))
-    each = measured_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
+    each = select_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
     assert each.counted.tolist() == [False, False, False, False, True]
     assert each.truth_range[-1] == 2
     assert len(each.found) == 1

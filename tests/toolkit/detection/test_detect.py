@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.records import detections_in, read_entries
+from toolkit.datasets.records import parse_detections, read_entries
 from toolkit.detection.detect import Detected, describe_summary, detect_frames, file_name, summarise, write_detections
-from toolkit.detection.place import Place, Stand, level_frames, middle_of
+from toolkit.detection.place import Place, Stand, find_middle, level_frames
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Detections, Objects
@@ -96,7 +96,7 @@ def test_some_sensors_only():
     sample = Frame.of_clouds("0", clouds, Objects.empty())
     list(detect_frames([sample.seen_by(["b"])], detector, Place("none", area=(-1.0, -1.0, 1.0, 1.0))))
     assert detector.seen[0].tolist() == [[10, 1, 1]] * 2
-    assert middle_of(sample).tolist() == [4, 0]
+    assert find_middle(sample).tolist() == [4, 0]
 
 
 def test_an_unknown_levelling():
@@ -169,7 +169,7 @@ def test_boxes_in_one_file(found, tmp_path):
     assert list(write_detections(iter(found), tmp_path / "b.json", weights="general")) == found
     entries = read_entries(tmp_path / "b.json")
     assert list(entries) == ["a/0", "a/1"]
-    np.testing.assert_allclose(detections_in("b.json", entries["a/0"]).boxes, BOX, atol=1e-12)
+    np.testing.assert_allclose(parse_detections("b.json", entries["a/0"]).boxes, BOX, atol=1e-12)
     assert json.loads((tmp_path / "b.json").read_text())["weights"] == "general"
 
 

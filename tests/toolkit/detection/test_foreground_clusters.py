@@ -8,7 +8,7 @@ from toolkit.calibration.scenes import Scenes
 from toolkit.detection import foreground_clusters as clusters
 from toolkit.detection.detect import detect_frames
 from toolkit.detection.foreground_clusters import cluster_points, foreground_clusters, learn_cluster_detector
-from toolkit.detection.place import Place, middle_of
+from toolkit.detection.place import Place, find_middle
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import LABELS, Objects
@@ -96,7 +96,7 @@ def test_both_measurements_of_a_pixel_are_in_the_background():
 
 def test_a_detector_that_learnt_no_label_has_boxes(every):
     scenes = Scenes(every)
-    x, y = middle_of(every[0])
+    x, y = find_middle(every[0])
     place = Place("plane", True, (x - 20, y - 20, x + 20, y + 20))
     detector = learn_cluster_detector(scenes, every[0], place)
     found = list(detect_frames(every, detector, place))

@@ -22,11 +22,11 @@ from toolkit.detection.label_doctor import (
     boxes_through,
     degrees_of_turns,
     diagnose_labels,
+    find_movers,
+    find_shift,
     fits,
-    fits_in,
-    movers_in,
-    shift_of,
-    undone_in,
+    measure_fits,
+    undo_mistake,
 )
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
@@ -41,29 +41,31 @@ def face(x, count=40, z=(0.5, 1.5)):
 
 
 def test_points_on_a_face_fit_and_those_within_or_around_do_not():
-    assert fits_in(face(8.0), BOX).tolist() == [1.0]
-    assert fits_in(face(10.0)[np.abs(face(10.0)[:, 1]) < 0.5], BOX).tolist() == [0.0]  # in the hollow of the vehicle
-    assert fits_in(face(7.6), BOX).tolist() == [0.0]  # in the shell, beside the box
-    assert fits_in(np.concatenate([face(8.0), face(7.6)]), BOX).tolist() == [0.5]
-    assert fits_in(np.concatenate([face(8.0), face(7.0)]), BOX).tolist() == [1.0]  # beyond the shell
+    assert measure_fits(face(8.0), BOX).tolist() == [1.0]
+    assert measure_fits(face(10.0)[np.abs(face(10.0)[:, 1]) < 0.5], BOX).tolist() == [
+        0.0
+    ]  # in the hollow of the vehicle
+    assert measure_fits(face(7.6), BOX).tolist() == [0.0]  # in the shell, beside the box
+    assert measure_fits(np.concatenate([face(8.0), face(7.6)]), BOX).tolist() == [0.5]
+    assert measure_fits(np.concatenate([face(8.0), face(7.0)]), BOX).tolist() == [1.0]  # beyond the shell
 
 
 def test_a_face_may_stand_out_by_the_slack():
-    assert fits_in(face(7.91), BOX).tolist() == [1.0]
-    assert fits_in(face(7.89), BOX).tolist() == [0.0]
+    assert measure_fits(face(7.91), BOX).tolist() == [1.0]
+    assert measure_fits(face(7.89), BOX).tolist() == [0.0]
 
 
 def test_a_box_of_few_points_says_nothing():
-    assert fits_in(face(8.0, LEAST_ON_BOX), BOX).tolist() == [1.0]
-    assert fits_in(face(8.0, LEAST_ON_BOX - 1), BOX).tolist() == [0.0]
+    assert measure_fits(face(8.0, LEAST_ON_BOX), BOX).tolist() == [1.0]
+    assert measure_fits(face(8.0, LEAST_ON_BOX - 1), BOX).tolist() == [0.0]
 
 
 def test_a_box_is_turned():
     turned = BOX.copy()
     turned[0, 6] = np.pi / 2  # 1 m ahead and behind, 2 m aside
     wall = face(9.0)
-    assert fits_in(wall, turned).tolist() == [1.0]
-    assert fits_in(wall[np.abs(wall[:, 1]) < 0.5], BOX).tolist() == [0.0]
+    assert measure_fits(wall, turned).tolist() == [1.0]
+    assert measure_fits(wall[np.abs(wall[:, 1]) < 0.5], BOX).tolist() == [0.0]
 
 
 @pytest.mark.parametrize(
@@ -134,9 +136,11 @@ def test_a_mistake_made_in_a_map_is_undone_there():
     in_map = boxes_through(BOX_LABEL_MISTAKES, invert(world_SE3_map))
     mirrored = LABEL_MISTAKES[0].undo(in_map)
     assert np.abs(boxes_through(mirrored, world_SE3_map)[0, :2]).max() > 1000
-    back = undone_in(LABEL_MISTAKES[0], boxes_through(mirrored, world_SE3_map), invert(world_SE3_map))
+    back = undo_mistake(LABEL_MISTAKES[0], boxes_through(mirrored, world_SE3_map), invert(world_SE3_map))
     np.testing.assert_allclose(back, BOX_LABEL_MISTAKES, atol=1e-9)
-    np.testing.assert_array_equal(undone_in(YAW_SIGN, BOX_LABEL_MISTAKES, np.eye(4)), YAW_SIGN.undo(BOX_LABEL_MISTAKES))
+    np.testing.assert_array_equal(
+        undo_mistake(YAW_SIGN, BOX_LABEL_MISTAKES, np.eye(4)), YAW_SIGN.undo(BOX_LABEL_MISTAKES)
+    )
 
 
 @pytest.mark.parametrize("yaw", np.linspace(-1.5, 1.5, 7))
@@ -180,27 +184,27 @@ def seen(samples):
 
 
 def test_what_moves_and_how_fast():
-    boxes, velocities, ids = movers_in(driving(), 1)
+    boxes, velocities, ids = find_movers(driving(), 1)
     assert ids.tolist() == [0, 1, 2, 3, 4, 5]
     np.testing.assert_allclose(velocities, SPEED * np.column_stack([np.cos(HEADINGS), np.sin(HEADINGS)]), atol=1e-9)
     assert len(boxes) == 6
-    assert len(movers_in(driving(ids=False), 1).boxes) == 0
-    assert len(movers_in(driving(1), 0).boxes) == 0
-    assert len(movers_in(driving(seconds=1e-6), 0).boxes) == 6
+    assert len(find_movers(driving(ids=False), 1).boxes) == 0
+    assert len(find_movers(driving(1), 0).boxes) == 0
+    assert len(find_movers(driving(seconds=1e-6), 0).boxes) == 6
     still = [replace(each, time=time) for each, time in zip(driving(2), (0.0, 100.0), strict=True)]
-    assert len(movers_in(still, 0).boxes) == 0
+    assert len(find_movers(still, 0).boxes) == 0
 
 
 def test_velocities_are_of_the_map():
     """A vehicle that drives as fast as what it looks at: in its frame nothing moves, in the map everything does."""
     one, two = driving(2)
     moved = replace(two, objects=one.objects, map_SE3_world=pose(1.0, 0.0, 0.0))
-    np.testing.assert_allclose(movers_in([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9)
+    np.testing.assert_allclose(find_movers([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9)
 
 
 @pytest.mark.parametrize(("late", "behind"), [(1, True), (-1, False), (2, True)])
 def test_labels_of_another_time_along_their_tracks(late, behind):
-    shift = shift_of(seen(driving(late=late)))
+    shift = find_shift(seen(driving(late=late)))
     assert shift is not None
     assert (shift.amount, shift.behind) == (f"{0.1 * abs(late):g} s", behind)
     assert shift.after.mean() == 1.0
@@ -212,16 +216,16 @@ def test_labels_of_another_time_along_their_tracks(late, behind):
 )
 @pytest.mark.parametrize("place", [None, pose(600.0, 1600.0, 0.0, yaw=0.7)])
 def test_labels_of_another_time_without_times_and_tracks(late, amount, behind, place):
-    shift = shift_of(seen(driving(6, late, ids=False, place=place)))
+    shift = find_shift(seen(driving(6, late, ids=False, place=place)))
     assert shift is not None
     assert (shift.amount, shift.behind) == (amount, behind)
 
 
 @pytest.mark.parametrize("ids", [True, False])
 def test_nothing_is_said_of_labels_of_the_same_time(ids):
-    assert shift_of(seen(driving(ids=ids))) is None
-    assert shift_of(seen(driving(1, ids=ids))) is None
-    assert shift_of([]) is None
+    assert find_shift(seen(driving(ids=ids))) is None
+    assert find_shift(seen(driving(1, ids=ids))) is None
+    assert find_shift([]) is None
 
 
 def wrong(samples):

@@ -66,8 +66,8 @@ def test_far_points_are_counted_by_the_radius_of_the_site():
         with pytest.raises(ValueError, match="hybrid_radius"):
             own.sent_points(COUNTS)
     distance = np.array([[5.0, 20.0, 20.5]], np.float32)
-    assert Hybrid().pooled_beside(distance, 20.0).tolist() == [[False, False, True]]
-    assert Hybrid(4.0).pooled_beside(distance, 20.0).all()
+    assert Hybrid().mask_pooled(distance, 20.0).tolist() == [[False, False, True]]
+    assert Hybrid(4.0).mask_pooled(distance, 20.0).all()
 
 
 @pytest.mark.parametrize("radius", [-1.0, np.nan])
@@ -100,7 +100,7 @@ def test_points_in_the_crop_are_sent_and_no_boxes():
     assert Early().sent_points(COUNTS) is COUNTS.sent
     assert (Early().sends_points, Early().sends_boxes) == (True, False)
     scheme: Scheme = Early()
-    assert scheme.pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None
+    assert scheme.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
 
 
 def test_every_sensor_detects_and_sends_its_boxes():
@@ -120,7 +120,7 @@ def test_boxes_are_sent_and_no_points():
     assert not Late().sent_points(COUNTS).any()
     assert (Late().sends_points, Late().sends_boxes) == (False, True)
     scheme: Scheme = Late()
-    assert scheme.pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None
+    assert scheme.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
 
 
 @pytest.mark.parametrize("name", SCHEMES)

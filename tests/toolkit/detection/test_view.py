@@ -97,8 +97,8 @@ def test_a_step_is_ready_after_the_last_of_its_inputs(watched):
     last = max(cloud.ms for cloud in clouds)
     boxes = view.detect(clouds)
     assert 0 < last < boxes.ms
-    assert view.suppressed([boxes, view.detect([clouds[0]])]).ms > boxes.ms
-    assert view.suppressed([]).ms >= 0
+    assert view.suppress([boxes, view.detect([clouds[0]])]).ms > boxes.ms
+    assert view.suppress([]).ms >= 0
 
 
 def test_of_boxes_that_overlap_the_surest_stays():
@@ -181,11 +181,11 @@ def test_what_links_remember_goes_from_view_to_view(watched):
     memory = {}
     for expected in ([1], [1, 1]):
         view = watched(memory=memory)[0]
-        kept = view.remembered(0, "link", list)
+        kept = view.remember(0, "link", list)
         kept.append(1)
         assert kept == expected
-        assert view.remembered(1, "link", list) == []
-    assert watched()[0].remembered(0, "link", list) == []
+        assert view.remember(1, "link", list) == []
+    assert watched()[0].remember(0, "link", list) == []
 
 
 def test_what_is_transmitted_by_a_name_is_so_once(watched):

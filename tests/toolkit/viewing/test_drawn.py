@@ -15,8 +15,8 @@ from toolkit.viewing.drawn import (
     DrawnCloud,
     DrawnSample,
     Scales,
-    colourings_of,
-    newest_of,
+    find_newest,
+    list_colourings,
     shades,
     sort_outcomes,
     thinned,
@@ -182,10 +182,10 @@ def test_thinning_keeps_columns_beside_their_points(samples):
 
 def test_colourings_are_those_that_something_is_known_for(samples):
     first, second = Drawing().draw_all(samples)
-    assert colourings_of([first]) == ("sensor", "height", "intensity", "age")
+    assert list_colourings([first]) == ("sensor", "height", "intensity", "age")
     bare = replace(second, clouds=second.clouds[1:])
-    assert colourings_of([bare]) == ("sensor", "height")
-    assert colourings_of([bare, first])[2:] == ("intensity", "age")
+    assert list_colourings([bare]) == ("sensor", "height")
+    assert list_colourings([bare, first])[2:] == ("intensity", "age")
 
 
 def test_progress_counts_samples(samples):
@@ -223,13 +223,13 @@ def test_points_without_what_is_asked_are_grey(colouring):
 
 def test_scales_span_nearly_all_points():
     sample = DrawnSample("s", 0.0, (CLOUD, BARE), {}, {})
-    assert newest_of(sample) == 0.1
+    assert find_newest(sample) == 0.1
     scales = Scales.of(sample)
     assert scales.height == pytest.approx(tuple(np.percentile([0, 1, 2, 9] * 2, (2, 98))))
     assert scales.intensity == pytest.approx((1.06, 3.94))
     assert scales.age == pytest.approx(tuple(np.percentile([0.1, 0, 0.05, 0.08], (2, 98))))
     assert Scales.of(DrawnSample("none", 0.0, (), {}, {})) == Scales()
-    assert newest_of(DrawnSample("bare", 0.0, (BARE,), {}, {})) == 0.0
+    assert find_newest(DrawnSample("bare", 0.0, (BARE,), {}, {})) == 0.0
 
 
 def test_a_scale_without_length_has_colours_still():

@@ -10,9 +10,9 @@ from toolkit.viewing.recording_scene import (
     add_grid,
     add_groups,
     add_sample,
+    find_view_area,
+    list_sensors,
     nodes_of_kind,
-    sensors_of,
-    viewed_area,
 )
 from toolkit.viewing.scene import rgb, viser_server
 
@@ -29,13 +29,13 @@ def api():
 
 
 def style(drawn, most=1000, colourings=COLOURINGS):
-    return SceneStyle(sensors_of(drawn), colourings, Scales.of(drawn[0]), most)
+    return SceneStyle(list_sensors(drawn), colourings, Scales.of(drawn[0]), most)
 
 
 def test_sensors_keep_their_numbers(drawn):
-    assert sensors_of(drawn) == ("north", "south")
-    assert sensors_of(drawn[::-1]) == ("north", "south")
-    assert sensors_of([]) == ()
+    assert list_sensors(drawn) == ("north", "south")
+    assert list_sensors(drawn[::-1]) == ("north", "south")
+    assert list_sensors([]) == ()
 
 
 def test_groups_come_before_what_is_in_them(api, drawn):
@@ -101,8 +101,8 @@ def test_the_grid_lies_on_the_area(api):
 
 
 def test_the_first_view_has_most_points_and_the_sensors(drawn):
-    assert viewed_area(drawn[0]) == (-30.0, -30.0, 30.0, 30.0)
-    assert viewed_area(drawn[1]) == (-30.0, -30.0, 50.0, 40.0)
+    assert find_view_area(drawn[0]) == (-30.0, -30.0, 30.0, 30.0)
+    assert find_view_area(drawn[1]) == (-30.0, -30.0, 50.0, 40.0)
     boxes = DrawnSample("boxes", 0.0, (), drawn[0].truth, {})
-    assert viewed_area(boxes) == (-10.0, -20.0, 20.0, 10.0)
-    assert viewed_area(DrawnSample("nothing", 0.0, (), {}, {})) == (-10.0, -10.0, 10.0, 10.0)
+    assert find_view_area(boxes) == (-10.0, -20.0, 20.0, 10.0)
+    assert find_view_area(DrawnSample("nothing", 0.0, (), {}, {})) == (-10.0, -10.0, 10.0, 10.0)

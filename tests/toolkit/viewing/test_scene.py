@@ -18,8 +18,8 @@ from toolkit.viewing.scene import (
     scene_html,
     scene_script,
     script_data,
+    set_view,
     spikes,
-    start_at,
     thin_evenly,
     viser_server,
 )
@@ -37,7 +37,7 @@ def test_the_server_is_for_this_machine_alone_and_ends(capsys):
         assert add_lines(server.scene, "/none", np.zeros((0, 2, 3)), "#112233", width=1.0, visible=True) is None
         lines = add_lines(server.scene, "/line", np.ones((1, 2, 3)), "#112233", width=3.0, visible=False)
         assert (lines.name, lines.visible, lines.points.shape) == ("/line", False, (1, 2, 3))
-        start_at(server, (0.0, -10.0, 5.0), (1.0, 2.0, 3.0))
+        set_view(server, (0.0, -10.0, 5.0), (1.0, 2.0, 3.0))
         np.testing.assert_array_equal(server.initial_camera.look_at, [1, 2, 3])
         html = scene_html(server)
     assert html.index("scene: {ready: true}") < html.index("</head>")

@@ -19,8 +19,8 @@ from toolkit.arrays import Float64, Int64
 from toolkit.boxes import corners
 from toolkit.clouds import PointCloud, crop, from_points, fuse, points_per_box
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
-from toolkit.datasets.layouts.nuscenes import quaternion_of
-from toolkit.datasets.records import Listing, cloud_of, intensity_of, labelled, named_damage, no_labels
+from toolkit.datasets.layouts.nuscenes import compute_quaternion
+from toolkit.datasets.records import Listing, build_cloud, get_intensity, labelled, named_damage, no_labels
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
@@ -140,7 +140,7 @@ def _sample(log: Path, name: str) -> Frame:
         lasers = table["laser_number"]
         recorded = name_attributes(table)
         clouds = tuple(
-            cloud_of(
+            build_cloud(
                 {key: column[np.isin(lasers, own)] for key, column in recorded.items()},
                 lidar, calibration[lidar], problems, frame="world",
             )
@@ -205,7 +205,7 @@ def _sweep(lidars: dict[str, SensorCloud]) -> dict[str, np.ndarray]:
     times = [np.zeros(len(cloud.points)) if cloud.time is None else cloud.time for cloud in clouds]
     return {
         **dict(zip("xyz", points.T.astype(np.float32), strict=True)),
-        "intensity": np.concatenate([np.zeros(0, np.float32), *map(intensity_of, clouds)]),
+        "intensity": np.concatenate([np.zeros(0, np.float32), *map(get_intensity, clouds)]),
         "laser_number": np.repeat([LASERS[name].start for name in lidars], sizes).astype(np.uint8),
         "offset_ns": np.round(np.concatenate([np.zeros(0), *times]) * 1e9).astype(np.int32),
     }
@@ -227,7 +227,7 @@ def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
 
 
 def _pose_columns(placed: list[np.ndarray]) -> dict[str, list[float]]:
-    rows = np.array([[*quaternion_of(each), *each[:3, 3]] for each in placed]).reshape(-1, 7)
+    rows = np.array([[*compute_quaternion(each), *each[:3, 3]] for each in placed]).reshape(-1, 7)
     names = ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
     return {name: column.tolist() for name, column in zip(names, rows.T, strict=True)}
 

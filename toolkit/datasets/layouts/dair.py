@@ -30,8 +30,8 @@ from toolkit.datasets.records import (
     count_full_turns,
     entry,
     heading,
-    json_of,
     labelled,
+    load_json,
     named_damage,
     one_cloud,
     read_cloud,
@@ -79,7 +79,7 @@ def _pairs(root: Path) -> Listing:
     index = root / "cooperative" / "data_info.json"
     with named_damage(index, "list of pairs"):
         pairs = {_stem(each, "infrastructure_pointcloud_path", "infrastructure_frame"): each
-                 for each in records(json_of(index))}  # fmt: skip
+                 for each in records(load_json(index))}  # fmt: skip
     return Listing(tuple(pairs), lambda name: _pair(root, name, pairs[name]))
 
 
@@ -110,7 +110,7 @@ def _pair(root: Path, name: str, pair: dict[str, Any]) -> Frame:
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
     """The pose of a calibration file, made rigid; offset: added to x and y, the file's own relative_error if None."""
     with named_damage(path, "calibration"):
-        content = json_of(path)
+        content = load_json(path)
         inner = content.get("transform", content)
         matrix = rigid(entry(inner, "rotation"), entry(inner, "translation"))
         matrix[:2, 3] += offset or _offset(content.get("relative_error")) or (0.0, 0.0)
@@ -135,7 +135,7 @@ def read_annotations(
     ids: list[Any] = []
     if path is not None:
         with named_damage(path, "list of labels"):
-            for k, each in enumerate(records(json_of(path))):
+            for k, each in enumerate(records(load_json(path))):
                 size = xyz(each, "3d_dimensions", "lwh")
                 boxes.append([*xyz(each, "3d_location"), *size, as_number(entry(each, "rotation"), "rotation")])
                 names.append(str(entry(each, "type")))

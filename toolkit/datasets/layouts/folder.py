@@ -23,7 +23,7 @@ from toolkit.datasets.records import (
     Listing,
     boxes_record,
     no_labels,
-    objects_in,
+    parse_objects,
     read_cloud,
     read_entries,
     write_boxes,
@@ -59,8 +59,8 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         clouds = tuple(
             read_cloud(file, sensor, _pose(placed, sensor, file), problems) for sensor, file in names[name].items()
         )
-        found = objects_in(labels, entries[name], problems) if name in entries else no_labels()
-        return Frame.of_clouds(name, clouds, *found, time=epoch_of(name), problems=problems)
+        found = parse_objects(labels, entries[name], problems) if name in entries else no_labels()
+        return Frame.of_clouds(name, clouds, *found, time=parse_epoch(name), problems=problems)
 
     return Listing(tuple(names), load)
 
@@ -108,10 +108,10 @@ def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
     return np.eye(4)
 
 
-def epoch_of(name: str) -> float:
+def parse_epoch(name: str) -> float:
     """Seconds since 1970 that a name says, NaN where it says none.
 
-    >>> round(epoch_of("1646667310.044"), 6), round(epoch_of("1646667310044000000"), 6)
+    >>> round(parse_epoch("1646667310.044"), 6), round(parse_epoch("1646667310044000000"), 6)
     (1646667310.044, 1646667310.044)
     """
     try:

@@ -25,15 +25,15 @@ from toolkit.datasets.records import (
     Listing,
     as_number,
     count_full_turns,
-    intensity_of,
+    get_intensity,
     labelled,
+    load_text,
     named_damage,
     no_labels,
     numbers,
     read_cloud,
     rigid,
     rigid_matrix,
-    text_of,
 )
 from toolkit.frame import Frame, ImageWedge, Region
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
@@ -68,9 +68,9 @@ def _sample(folder: Path, name: str) -> Frame:
     if not labels.is_file():
         return Frame.of_clouds(name, (cloud,), *no_labels(), problems=problems)
     with named_damage(calib, "calibration"):
-        calibration = _calibration(text_of(calib))
+        calibration = _calibration(load_text(calib))
     with named_damage(labels, "list of labels"):
-        rows = [line.split() for line in text_of(labels).splitlines() if line.strip()]
+        rows = [line.split() for line in load_text(labels).splitlines() if line.strip()]
         values = np.array([_values(row) for row in rows]).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
         boxes = _boxes(values[real], invert(calibration.camera_SE3_lidar))
@@ -135,7 +135,7 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> int:
     written = 0
     for written, sample in enumerate(samples, 1):
         name, place = f"{written - 1:06d}", folder / "training"
-        points = [np.column_stack([cloud.in_world(), intensity_of(cloud)]) for cloud in sample.clouds]
+        points = [np.column_stack([cloud.in_world(), get_intensity(cloud)]) for cloud in sample.clouds]
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
         camera_SE3_lidar = invert(BODY_SE3_CAMERA)
         wedge, projection = _camera(sample.complete, camera_SE3_lidar)

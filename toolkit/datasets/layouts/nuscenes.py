@@ -27,10 +27,10 @@ from toolkit.datasets.records import (
     Listing,
     as_number,
     entry,
+    get_intensity,
     heading,
-    intensity_of,
-    json_of,
     labelled,
+    load_json,
     named_damage,
     numbers,
     read_cloud,
@@ -86,7 +86,7 @@ def nuscenes(path: Path) -> Listing:
 
 def _table(file: Path) -> Table:
     with named_damage(file, "table"):
-        return {str(entry(row, "token")): row for row in records(json_of(file))}
+        return {str(entry(row, "token")): row for row in records(load_json(file))}
 
 
 def _channel(tables: dict[str, Table], row: dict[str, Any]) -> tuple[str, str]:
@@ -167,7 +167,7 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
             key = f"{token}_{channel}"
             file = f"samples/{channel}/{token}.pcd.bin"
             points = transform(invert(cloud.world_SE3_sensor), cloud.in_world())
-            rows = np.column_stack([points, intensity_of(cloud), np.zeros(len(points))]).astype("<f4")
+            rows = np.column_stack([points, get_intensity(cloud), np.zeros(len(points))]).astype("<f4")
             write_bytes(folder / file, rows.tobytes())
             tables["sensor"].append({"token": key, "channel": channel, "modality": "lidar"})
             tables["calibrated_sensor"].append({"token": key, "sensor_token": key, "camera_intrinsic": [],
@@ -209,13 +209,13 @@ def _annotations(sample: Frame, instances: list[str], token: str, written: int) 
 
 
 def _written(placed: np.ndarray) -> dict[str, list[float]]:
-    return {"translation": placed[:3, 3].tolist(), "rotation": quaternion_of(placed).tolist()}
+    return {"translation": placed[:3, 3].tolist(), "rotation": compute_quaternion(placed).tolist()}
 
 
-def quaternion_of(placed: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4"]:
+def compute_quaternion(placed: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4"]:
     """The unit quaternion w x y z of a pose's rotation, w not negative.
 
-    >>> quaternion_of(np.diag([-1.0, -1.0, 1.0, 1.0])).tolist()
+    >>> compute_quaternion(np.diag([-1.0, -1.0, 1.0, 1.0])).tolist()
     [0.0, 0.0, 0.0, 1.0]
     """
     r = placed[:3, :3]

@@ -27,8 +27,8 @@ from toolkit.datasets.records import (
     Listing,
     as_number,
     entry,
-    json_of,
     labelled,
+    load_json,
     named_damage,
     numbers,
     read_cloud,
@@ -53,7 +53,7 @@ def openlabel(path: Path) -> Listing:
     frames: dict[str, tuple[Path, str]] = {}
     for file in files:
         with named_damage(file, "OpenLABEL file"):
-            keys = list(entry(json_of(file), "openlabel", "frames"))
+            keys = list(entry(load_json(file), "openlabel", "frames"))
         stem = file.relative_to(root).with_suffix("").as_posix()
         frames |= {stem if len(keys) == 1 else f"{stem}#{key}": (file, key) for key in keys}
     return Listing(tuple(frames), lambda name: _sample(name, *frames[name], clouds))
@@ -62,7 +62,7 @@ def openlabel(path: Path) -> Listing:
 def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
     problems: dict[str, int] = {}
     with named_damage(file, "OpenLABEL file"):
-        content = entry(json_of(file), "openlabel")
+        content = entry(load_json(file), "openlabel")
         frame = entry(content, "frames", key)
         properties = frame.get("frame_properties", {})
         time = properties.get("timestamp")

@@ -29,12 +29,12 @@ from toolkit.datasets.records import (
     entry,
     heading,
     labelled,
+    load_text,
     named_damage,
     numbers,
     read_cloud,
     rigid,
     rigid_matrix,
-    text_of,
     write_cloud,
 )
 from toolkit.frame import Frame, SensorCloud
@@ -100,7 +100,7 @@ def _yaml(file: Path) -> dict[str, Any]:
     import yaml
 
     try:
-        content = yaml.load(text_of(file), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = yaml.load(load_text(file), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())[:160]) from None
     if not isinstance(content, dict):

@@ -24,8 +24,8 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets.cloud_files import quaternion_pose
-from toolkit.datasets.layouts.nuscenes import quaternion_of
-from toolkit.datasets.records import add_problem, cloud_of, intensity_of
+from toolkit.datasets.layouts.nuscenes import compute_quaternion
+from toolkit.datasets.records import add_problem, build_cloud, get_intensity
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import Objects
@@ -88,8 +88,10 @@ class Bag:
             ):
                 frame = str(message.header.frame_id).lstrip("/")
                 add_problem(problems, NO_TF, int(bool(self.frames) and frame not in self.frames))
-                attributes = name_attributes(columns_of(message))
-                clouds.append(cloud_of(attributes, topic.strip("/"), pose_at(self.frames, frame, stamp), problems))
+                attributes = name_attributes(parse_columns(message))
+                clouds.append(
+                    build_cloud(attributes, topic.strip("/"), find_frame_pose(self.frames, frame, stamp), problems)
+                )
         return Frame.of_clouds(
             f"{number:06d}", tuple(clouds), Objects.empty(), time=stamps[0] * 1e-9, problems=problems
         )
@@ -144,7 +146,7 @@ def _frames(path: Path) -> dict[str, _Moving]:
     return frames | {root: _Moving("", np.zeros(1, np.int64), np.eye(4)[None]) for root in roots}
 
 
-def pose_at(frames: Mapping[str, _Moving], frame: str, time: int) -> Float64[np.ndarray, "4 4"]:
+def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Float64[np.ndarray, "4 4"]:
     """Where a frame is at a time (ns), in the root of its tree. Raises ValueError where tf runs in a circle."""
     pose = np.eye(4)
     for _ in range(MOST_LINKS):
@@ -160,7 +162,7 @@ def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share:
     >>> between(np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0]), 0.5)[1, 0].round(6).item()
     1.0
     """
-    first, last = quaternion_of(a), quaternion_of(b)
+    first, last = compute_quaternion(a), compute_quaternion(b)
     if first @ last < 0:
         last = -last
     angle = float(np.arccos(np.clip(first @ last, -1, 1)))
@@ -171,7 +173,7 @@ def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share:
     return quaternion_pose(turned, a[:3, 3] + share * (b[:3, 3] - a[:3, 3]))
 
 
-def columns_of(message: Any) -> dict[str, np.ndarray]:
+def parse_columns(message: Any) -> dict[str, np.ndarray]:
     """The fields of a PointCloud2, a row per point. Raises ValueError where they do not fit its bytes."""
     order = ">" if message.is_bigendian else "<"
     count, step = int(message.width) * int(message.height), int(message.point_step)
@@ -295,7 +297,7 @@ def _transforms(store: Any, sample: Frame, stamp: int) -> Any:
     types, each = store.types, []
     for cloud in sample.clouds:
         pose = cloud.world_SE3_sensor
-        w, x, y, z = quaternion_of(pose).tolist()
+        w, x, y, z = compute_quaternion(pose).tolist()
         transform = types["geometry_msgs/msg/Transform"](
             translation=types["geometry_msgs/msg/Vector3"](*pose[:3, 3].tolist()),
             rotation=types["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w),
@@ -308,7 +310,7 @@ def _transforms(store: Any, sample: Frame, stamp: int) -> Any:
 def _message(store: Any, cloud: SensorCloud, stamp: int) -> Any:
     types = store.types
     points = transform(invert(cloud.world_SE3_sensor), cloud.in_world())
-    table = np.column_stack([points, intensity_of(cloud)]).astype("<f4")
+    table = np.column_stack([points, get_intensity(cloud)]).astype("<f4")
     field = types["sensor_msgs/msg/PointField"]
     fields = [
         field(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate(("x", "y", "z", "intensity"))

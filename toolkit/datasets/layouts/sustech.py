@@ -22,8 +22,8 @@ from toolkit.datasets.records import (
     ENDINGS,
     Listing,
     entry,
-    json_of,
     labelled,
+    load_json,
     named_damage,
     one_cloud,
     read_cloud,
@@ -55,7 +55,7 @@ def _sample(folder: Path, name: str, file: Path) -> Frame:
     ids: list[Any] = []
     if labels.is_file():
         with named_damage(labels, "list of labels"):
-            for each in records(json_of(labels)):
+            for each in records(load_json(labels)):
                 psr = entry(each, "psr")
                 boxes.append([*xyz(psr, "position"), *xyz(psr, "scale"), xyz(psr, "rotation")[2]])
                 names.append(str(entry(each, "obj_type")))

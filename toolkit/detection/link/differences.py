@@ -395,7 +395,7 @@ class ForegroundDifferences(SendsForeground):
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
         """Restored cloud of a sensor, and the bits of its message."""
         captured, scene = view.captured(sensor), view.scene(sensor)
-        sender, reader = view.remembered(sensor, self.digest, lambda: self._begun(view, sensor))
+        sender, reader = view.remember(sensor, self.digest, lambda: self._begun(view, sensor))
         out = standing_out(captured, scene, self.sigmas)
         message = sender.write(captured.sending(out.pixels), out.missing)
         return restore_points(captured, scene, reader.read(message))[0], 8 * len(message)

@@ -70,7 +70,7 @@ class SendsForeground:
         """
         sent = [self._transmit(view, sensor) for sensor in sensors]
         centre = view.detect([each.arrived for each in sent])
-        return make_fused(view.suppressed([centre]), [each.bits for each in sent])
+        return make_fused(view.suppress([centre]), [each.bits for each in sent])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return the points on objects that count.
@@ -79,7 +79,7 @@ class SendsForeground:
         """
         return counts.on_objects
 
-    def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
+    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
         """Return None: no boxes are sent."""
 
     def _transmit(self, view: View, sensor: int) -> SentCloud:

@@ -7,7 +7,7 @@ from coview.studies.paper.detections import FrameRun, FrameTruth, StoredDetectio
 from coview.studies.paper.figures import curve_runs
 from coview.studies.paper.tables import region_runs, scheme_runs
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS
-from placement_env.fidelity.table import Origin, Table, digest_of
+from placement_env.fidelity.table import Origin, Table, hash_site
 from placement_env.subsets import all_subsets
 from toolkit.sites.files import load_site
 
@@ -60,7 +60,7 @@ def make_exact_table(site="tjunction", detector="made up", frames=12):
     ap = subsets @ sensor_shares(len(place.sensors))
     figures = np.stack([ap, 0.9 * ap, 0.95 * ap], axis=1)[:, :, None] * [0.9, 0.8, 0.4]
     names = tuple(sensor.name for sensor in place.sensors)
-    origin = Origin(site, names, digest_of(place, place.sensors), frames, 50, "made up", detector, 0, "")
+    origin = Origin(site, names, hash_site(place, place.sensors), frames, 50, "made up", detector, 0, "")
     return Table(origin, figures.clip(0, 1), figures.clip(0, 1), figures[:, :, 0] * 100)
 
 

@@ -9,12 +9,12 @@ import pytest
 from coview.studies.paper.detections import (
     SchemeRun,
     StoredDetections,
+    compute_published_ap,
     count_hits,
     detect_runs,
     in_view_of_all,
     kbit_per_sensor,
     ms_per_frame,
-    published_ap,
     score_run,
     visible_share,
 )
@@ -114,7 +114,7 @@ def test_published_ap_is_that_of_the_protocol(whole):
     there = [truth[has_centre_inside(truth.boxes, street.site.area)] for truth in truths]
     found = [Detections(each.boxes, each.scores) for each in whole.runs[run]]
     for iou, at in evaluate(found, there, iou_thresholds=(0.7, 0.8), protocol="published").items():
-        assert published_ap(whole, run, iou) == pytest.approx(at.ap)
+        assert compute_published_ap(whole, run, iou) == pytest.approx(at.ap)
 
 
 def test_truth_is_what_is_scored_and_its_points(whole):
@@ -276,7 +276,7 @@ def test_pinned(stored):
     ours, one = score_run(stored, ALL), score_run(stored, SchemeRun("early", (4,)))
     assert (ours.ap, ours.recall, ours.hit_iou) == pytest.approx((0.942694, 1.0, 0.875427), abs=1e-6)
     assert (one.ap, one.recall, *one.interval) == pytest.approx((0.324744, 0.446809, 0.199134, 0.472934), abs=1e-6)
-    assert published_ap(stored, ALL) == pytest.approx(0.949172, abs=1e-6)
+    assert compute_published_ap(stored, ALL) == pytest.approx(0.949172, abs=1e-6)
     assert score_run(stored, ALL, 0.9).ap == pytest.approx(0.187133, abs=1e-6)
 
 
@@ -315,7 +315,7 @@ def test_frames_without_vehicles_count_their_false_alarms_but_not_as_published(s
     runs = (*stored.runs[ALL][:empty], alarm, *stored.runs[ALL][empty + 1 :])
     worse = replace(stored, runs={ALL: runs})
     assert score_run(worse, ALL).ap < score_run(stored, ALL).ap
-    assert published_ap(worse, ALL) == published_ap(stored, ALL)
+    assert compute_published_ap(worse, ALL) == compute_published_ap(stored, ALL)
 
 
 def test_costs(stored):
@@ -342,5 +342,5 @@ def test_without_vehicles_figures_are_undefined(stored):
     runs = {ALL: (stored.runs[ALL][empty],)}
     nothing = StoredDetections(stored.site, stored.sensors, (stored.truths[empty],), runs, "", "")
     ours = score_run(nothing, ALL)
-    assert np.isnan([ours.ap, ours.recall, *ours.interval, ours.hit_iou, published_ap(nothing, ALL)]).all()
+    assert np.isnan([ours.ap, ours.recall, *ours.interval, ours.hit_iou, compute_published_ap(nothing, ALL)]).all()
     assert np.isnan(visible_share(nothing, (0,)))

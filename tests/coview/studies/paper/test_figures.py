@@ -15,9 +15,9 @@ from coview.studies.paper.figures import (
     density_experiment,
     density_needed,
     fit_log,
+    interpolate_precision,
     iou_experiment,
     max_recall,
-    precision_from,
     steps,
 )
 from placement_env.analysis.intervals import ratio_interval
@@ -29,7 +29,7 @@ NOTHING = Curve(np.zeros(0), np.zeros(0), np.zeros(0))
 
 def test_precision_and_recall():
     assert (max_recall(CURVE), max_recall(NOTHING)) == (0.96, 0.0)
-    assert [precision_from(CURVE, at) for at in (0.0, 0.5, 0.95, 0.97)] == [1.0, 0.95, 0.95, 0.0]
+    assert [interpolate_precision(CURVE, at) for at in (0.0, 0.5, 0.95, 0.97)] == [1.0, 0.95, 0.95, 0.0]
 
 
 def test_points_of_a_curve_in_its_file():
@@ -50,7 +50,7 @@ def test_curve_rows(stored):
     assert (one.paper, one.relation) == (0.30, "is")
     everyone = rows["precision at recall 0.95", "0,1,2,3,4,5"]
     assert (everyone.relation, everyone.paper) == ("more than", 0.95)
-    assert everyone.ours == precision_from(count_hits(stored, curve_runs("tjunction")[0]).curve, 0.95)
+    assert everyone.ours == interpolate_precision(count_hits(stored, curve_runs("tjunction")[0]).curve, 0.95)
     assert visible_share(stored, (4,)) > 0.3
     assert one.reason == ""
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hits.hit_domain import HitDomain, domain_of
+from placement_env.fidelity.hits.hit_domain import HitDomain, build_domain
 
 DOMAIN = HitDomain(50.0, 100.0, ("DepthCamera",), 2, 30, 9)
 NEAR = np.full((2, 50), 30.0, np.float32)
@@ -12,11 +12,11 @@ NEAR = np.full((2, 50), 30.0, np.float32)
 def test_a_domain_is_what_99_percent_of_what_was_seen_lies_in():
     points = [np.array([[0.0, 10.0, 20.0]]), np.array([[30.0], [0.0]])]
     distance = [np.array([[99.0, 10.0, 20.0]]), np.array([[30.0], [99.0]])]
-    found = domain_of(points, distance, ["b", "a", "b"], 7)
+    found = build_domain(points, distance, ["b", "a", "b"], 7)
     assert (found.farthest, found.most_points) == (29.8, 29.8)
     assert (found.sensors, found.sites, found.objects, found.sets) == (("a", "b"), 2, 4, 7)
     with pytest.raises(ValueError, match="no sensor has a point on any object"):
-        domain_of([np.zeros((2, 3))], [np.ones((2, 3))], [], 1)
+        build_domain([np.zeros((2, 3))], [np.ones((2, 3))], [], 1)
 
 
 def test_what_lies_inside_is_not_mentioned():

@@ -8,7 +8,7 @@ from placement_env.fidelity.panorama.looking import Sight, Views, alone, look_th
 from placement_env.fidelity.panorama.panoramas import look_round
 from placement_env.fidelity.panorama.ray_table import PER_STEEP, PER_TURN
 from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.traffic import renderer_of
+from placement_env.fidelity.traffic import build_renderer
 from toolkit.geometry import look, pose
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
@@ -29,7 +29,7 @@ def hung(model, tilts, roll=0.0):
 
 def agreement(traffic, sensors, labels=(VEHICLE,)):
     """Share of what is seen at all that agrees, and both counts of points."""
-    exact, found = look_at(traffic, renderer_of(traffic), sensors, labels), look_round(traffic, sensors, labels)
+    exact, found = look_at(traffic, build_renderer(traffic), sensors, labels), look_round(traffic, sensors, labels)
     both = np.maximum(exact.points, found.points) > 0
     off = np.abs(found.points - exact.points)
     return (off <= np.maximum(0.03 * exact.points, 8))[both].mean(), exact, found

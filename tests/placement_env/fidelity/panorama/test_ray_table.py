@@ -14,9 +14,9 @@ from placement_env.fidelity.panorama.ray_table import (
     PER_TURN,
     RayTable,
     Rectangles,
-    aim_of,
     cell_elevations,
-    cells_at,
+    compute_aim,
+    find_cells,
     ray_table,
 )
 from toolkit.geometry import look, pose
@@ -98,16 +98,16 @@ def test_rays_of_cells():
     azimuth, elevation = angles(CAMERA, 0.0, 0.3)
     cells = RayTable(CAMERA, 0.3, 0.0).cells
     assert cells.rays.sum() == np.prod(CAMERA.shape)
-    column, row = cells_at(azimuth, elevation)
+    column, row = find_cells(azimuth, elevation)
     np.testing.assert_array_equal(cells.places, np.unique(column * (len(CELL_EDGES) - 1) + row))
     np.testing.assert_array_equal(cells.rays, np.unique(column * (len(CELL_EDGES) - 1) + row, return_counts=True)[1])
     middle = CELL_COLUMNS // 2
-    assert cells_at(np.array([0.001, -np.pi, np.pi]), np.array([-np.pi / 2, 0.0, np.pi / 2]))[0].tolist() == [
+    assert find_cells(np.array([0.001, -np.pi, np.pi]), np.array([-np.pi / 2, 0.0, np.pi / 2]))[0].tolist() == [
         middle,
         0,
         0,
     ]
-    rows = cells_at(np.zeros(3), np.array([-np.pi / 2, cell_elevations()[200], np.pi / 2]))[1]
+    rows = find_cells(np.zeros(3), np.array([-np.pi / 2, cell_elevations()[200], np.pi / 2]))[1]
     assert rows.tolist() == [0, 200, len(CELL_EDGES) - 2]
 
 
@@ -121,7 +121,7 @@ def test_many_rays_are_counted_in_wider_numbers():
 @pytest.mark.parametrize(("heading", "tilt", "roll"), [(0.5, 0.2, 0.0), (-3.0, -0.1, 0.4), (2.0, np.pi / 2, 0.0)])
 def test_an_aim_is_that_of_the_pose(model, heading, tilt, roll):
     at = pose(1.0, 2.0, 5.0, yaw=heading, pitch=tilt, roll=roll)
-    aim = aim_of(Sensor("s", model, at @ model.body_SE3_sensor))
+    aim = compute_aim(Sensor("s", model, at @ model.body_SE3_sensor))
     again = pose(1.0, 2.0, 5.0, yaw=aim.heading, pitch=aim.tilt, roll=aim.roll)
     np.testing.assert_allclose(again, at, atol=1e-6)
     if tilt < 1.5:
@@ -131,4 +131,4 @@ def test_an_aim_is_that_of_the_pose(model, heading, tilt, roll):
 def test_a_table_is_made_once():
     assert ray_table(CAMERA, 0.3, 0.0) is ray_table(DepthCamera(width=120, height=90), 0.3, 0.0)
     assert module.ray_table.cache_parameters()["maxsize"] == 96
-    assert aim_of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.0))).tilt == pytest.approx(0.0)
+    assert compute_aim(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.0))).tilt == pytest.approx(0.0)

@@ -6,7 +6,7 @@ import pytest
 from placement_env.fidelity.occlusion import look_at
 from placement_env.fidelity.panorama.looking import Views, alone
 from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.traffic import Traffic, renderer_of
+from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.sensors.models import DepthCamera, SpinningLidar
@@ -28,9 +28,9 @@ def empty(small_traffic):
     Sensor("lidar", LIDAR, pose(3.0, 9.0, 3.5, yaw=2.0)),
 ], ids=lambda sensor: sensor.name)  # fmt: skip
 def test_it_is_what_rays_see(empty, sensor):
-    exact = look_at(empty, renderer_of(empty), [sensor])
+    exact = look_at(empty, build_renderer(empty), [sensor])
     views = Views.of([sensor])
-    still = Still.of(renderer_of(empty), empty.site, views.viewpoints, sensor.model)
+    still = Still.of(build_renderer(empty), empty.site, views.viewpoints, sensor.model)
     sent, far = alone(views, {sensor.model: still})
     assert exact.sent[0, 0] > 150
     assert sent[0] == pytest.approx(exact.sent[0, 0], rel=0.05)
@@ -39,7 +39,7 @@ def test_it_is_what_rays_see(empty, sensor):
 
 def test_behind_strips_it_is_that_of_the_direction(empty):
     eyes = np.array([AT, (0.0, -10.0, 4.0)])
-    still = Still.of(renderer_of(empty), empty.site, eyes, LIDAR)
+    still = Still.of(build_renderer(empty), empty.site, eyes, LIDAR)
     azimuth, elevation = np.meshgrid(np.arange(240) * np.deg2rad(1.5) - np.pi + 0.01, np.deg2rad([-60.2, -20.05, 40.3]))
     azimuth, elevation = (each.ravel().astype(np.float32) for each in (azimuth, elevation))
     v = np.ones(720, np.int32)

@@ -18,7 +18,7 @@ from placement_env.report.pages.scene import (
     NO_RETURN,
     Layer,
     build_scene,
-    draped,
+    drape,
     ground_mesh,
     seen_cells,
     view_edges,
@@ -103,7 +103,7 @@ def test_ground_reaches_around_the_area_and_leaves_ponds_open():
 
 
 def test_draped_shapes_follow_the_relief():
-    mesh = draped(FIELD, [shapely.box(0, 0, 10, 5), shapely.box(5, 0, 10, 8)], lift=0.1)
+    mesh = drape(FIELD, [shapely.box(0, 0, 10, 5), shapely.box(5, 0, 10, 8)], lift=0.1)
     assert area(mesh) == pytest.approx(65)
     np.testing.assert_allclose(mesh.vertices[:, 2], FIELD.ground(mesh.vertices[:, :2]) + 0.1)
 

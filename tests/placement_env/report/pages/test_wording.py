@@ -8,9 +8,9 @@ from placement_env.report.pages.wording import (
     JUDGED_COLUMNS,
     ap_text,
     figure_cell,
+    format_cells,
     interval_text,
     join_names,
-    judged_cells,
     number,
     percent,
     price_text,
@@ -49,8 +49,8 @@ def test_prices():
 def test_ap_stands_with_interval_and_vehicles():
     assert ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
     assert interval_text(JUDGED) == "0.910–0.980"
-    assert [cell.text for cell in judged_cells(JUDGED)] == ["0.950", "0.910–0.980", "96.5", "1,412", "60"]
-    assert [cell.text for cell in judged_cells(None)] == ["–", "no vehicle", "–", "0", "–"]
+    assert [cell.text for cell in format_cells(JUDGED)] == ["0.950", "0.910–0.980", "96.5", "1,412", "60"]
+    assert [cell.text for cell in format_cells(None)] == ["–", "no vehicle", "–", "0", "–"]
     assert len(JUDGED_COLUMNS) == 5
 
 

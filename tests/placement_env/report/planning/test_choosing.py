@@ -8,7 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import Judgement, PlanOption
-from placement_env.report.planning.choosing import choose, choose_set, judged_front, near_optimal
+from placement_env.report.planning.choosing import choose, choose_set, find_front_options, near_optimal
 from placement_env.report.planning.judging import Judge
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.runtime.run import Run
@@ -72,7 +72,7 @@ def test_the_front_is_of_ap_kbit_and_price():
         option(0.7, 0.6, 0.8, price=2.0, kbit=10.0),
         option(0.7, 0.6, 0.8, price=2.0, kbit=150.0),
     )
-    assert judged_front((best, beaten, lean, cheap, option(1.0, 1.0, 1.0, judged=False))) == (cheap, lean, best)
+    assert find_front_options((best, beaten, lean, cheap, option(1.0, 1.0, 1.0, judged=False))) == (cheap, lean, best)
 
 
 def test_sets_of_each_size_race_and_the_best_are_judged(street):
@@ -109,7 +109,7 @@ def test_sets_are_compared_by_what_is_left_when_sensors_fail(street):
     tough = replace(option(0.9, 0.8, 1.0, price=2.0), left=option(0.7, 0.6, 0.8).judged)
     assert choose((frail, tough), None) == (1, "best")
     assert choose((frail, tough), 0.5) == (1, "interval")
-    assert judged_front((frail, tough)) == (frail, tough)
+    assert find_front_options((frail, tough)) == (frail, tough)
     assert near_optimal((frail, tough), 1) == ()
     judge = Judge((street.detected,), Cases(failing=1))
     sets = np.array([[1, 1, 0, 0], [1, 1, 0, 1]], bool)

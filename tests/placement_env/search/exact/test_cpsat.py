@@ -64,7 +64,7 @@ def test_bound_holds_wherever_it_is_taken(seed, views):
     seen, mount = rng.random((12, 30)) < 0.3, np.repeat(np.arange(4), 3)
     weight = np.ones(30, np.int64)
     for chosen in ([], [0], [0, 4], cpsat.greedy_cover(seen, weight, mount, 3, views)):
-        assert cpsat.bound_at(seen, weight, mount, 3, views=views, chosen=chosen) >= most(seen, mount, 3, views)
+        assert cpsat.prove_bound(seen, weight, mount, 3, views=views, chosen=chosen) >= most(seen, mount, 3, views)
 
 
 def test_merging_keeps_every_object():

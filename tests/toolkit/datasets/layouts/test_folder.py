@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.layouts.folder import epoch_of, folder
+from toolkit.datasets.layouts.folder import folder, parse_epoch
 from toolkit.geometry import pose
 
 
@@ -100,9 +100,9 @@ def test_one_file_is_a_recording_too(tmp_path):
     [("1646667310.044", 1646667310.044), ("1646667310044", 1646667310.044), ("1646667310044000000", 1646667310.044)],
 )
 def test_names_that_are_times(name, time):
-    assert epoch_of(name) == pytest.approx(time)
+    assert parse_epoch(name) == pytest.approx(time)
 
 
 @pytest.mark.parametrize("name", ["000017", "17", "a", "1e30", "nan"])
 def test_names_that_are_none(name):
-    assert np.isnan(epoch_of(name))
+    assert np.isnan(parse_epoch(name))

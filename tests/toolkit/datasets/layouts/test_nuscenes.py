@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.cloud_files import quaternion_pose
-from toolkit.datasets.layouts.nuscenes import nuscenes, quaternion_of, write_nuscenes
+from toolkit.datasets.layouts.nuscenes import compute_quaternion, nuscenes, write_nuscenes
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
@@ -84,7 +84,7 @@ def test_damage_names_the_table(tmp_path, table, change, names):
 def test_quaternions_of_poses(angles):
     yaw, pitch, roll = angles
     placed = pose(yaw=yaw, pitch=pitch, roll=roll)
-    unit = quaternion_of(placed)
+    unit = compute_quaternion(placed)
     assert unit[0] >= 0
     np.testing.assert_allclose(quaternion_pose(unit, np.zeros(3)), placed, atol=1e-12)
 

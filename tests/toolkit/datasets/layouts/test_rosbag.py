@@ -4,7 +4,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from toolkit.datasets.layouts.rosbag import CLOUD, TF, between, pose_at, rosbag, write_rosbag
+from toolkit.datasets.layouts.rosbag import CLOUD, TF, between, find_frame_pose, rosbag, write_rosbag
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Objects
@@ -142,7 +142,7 @@ def test_a_pose_between_two():
     np.testing.assert_allclose(transform(half, np.array([[1.0, 0, 0]])), [[1.0, 0, 0]], atol=1e-9)
     np.testing.assert_allclose(between(a, b, 0.0), a, atol=1e-12)
     np.testing.assert_allclose(between(a, a, 0.3), a, atol=1e-12)
-    assert pose_at({}, "anything", 0).tolist() == np.eye(4).tolist()
+    assert find_frame_pose({}, "anything", 0).tolist() == np.eye(4).tolist()
 
 
 pytest.importorskip("rosbags")
