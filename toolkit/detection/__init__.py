@@ -1,1 +1,4 @@
-"""Detection by several sensors: fusion schemes, the clustering detector, metrics, evaluation."""
+"""Detection by several sensors.
+
+Fusion schemes, the clustering detector, metrics and evaluation.
+"""

@@ -1,9 +1,9 @@
-"""Background: the space that an empty site fills, and detectors that know it.
+"""Background of an empty site, and detectors that know it.
 
-A point in or beside a voxel of the empty site shows the site; any other shows somebody, seen by any sensor anywhere. A
-part of the site that a detector takes for a road user stands there in every frame: a bush, a container, a gap in a
-hedge. Most points of a road user are not where the empty site has its own, so a detection that holds hardly any other
-points is left out. This costs recall only for objects that stood there while the site was learnt and never left.
+A point in or beside a voxel of the empty site shows the site. Any other point shows a road user, whichever sensor sees
+it. Some parts of a site look like road users to a detector: a bush, a container, a gap in a hedge. They stand there in
+every frame. Most points of a road user lie where the empty site has none, so a detection with hardly any such points is
+dropped. This costs recall only for objects that stood there while the site was learnt and never left.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MOST_VOXELS = 1 << 28
 
 @dataclass(frozen=True)
 class Background:
-    """Voxels of the empty site and the height of its ground.
+    """Voxels of the empty site and its ground height.
 
     origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), including one layer
     round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
@@ -41,7 +41,10 @@ class Background:
 
     @staticmethod
     def learn(points: Float[np.ndarray, "n 3"], voxel: float = VOXEL, cell: float = 1.0) -> Background:
-        """Learn from points of the empty site, ideally several noisy sweeps."""
+        """Learn from points of the empty site.
+
+        Several noisy sweeps are best.
+        """
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
         if not np.isfinite(points).all() or np.prod(np.ptp(points, axis=0) / voxel + 5.0) > MOST_VOXELS:
@@ -57,7 +60,7 @@ class Background:
         return Background(origin, voxel, occupied, cell, _ground(points, origin, cell))
 
     def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Mark points in or beside a voxel of the empty site."""
+        """Mark points in or beside an empty-site voxel."""
         index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
         return self.occupied[tuple(index.astype(np.int64).T)]  # the outermost layer is never occupied
 
@@ -127,7 +130,10 @@ class KnownBackground:
 
     @property
     def __name__(self) -> str:
-        """Name in results: the detector's kind, and that it knows its background."""
+        """Name in results.
+
+        It gives the detector's kind and says that the background is known.
+        """
         return f"{detector_origin(self.detector)['detector']}+background"
 
     @property
@@ -137,17 +143,26 @@ class KnownBackground:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of detector and background; AttributeError if the detector has no digest."""
+        """SHA-256 of detector and background.
+
+        Raises AttributeError if the detector has no digest.
+        """
         own = self.detector.digest  # type: ignore[attr-defined]
         return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
 
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
-        """Detect in points (n, 3); points that are not finite do not count."""
+        """Detect in points (n, 3).
+
+        Points that are not finite do not count.
+        """
         found = self.detector(points)
         return found[self.somebody(found, points)]
 
     def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in many unions of the same clouds, at once if the detector can."""
+        """Detect in several unions of the same clouds.
+
+        All at once if the detector can.
+        """
         if isinstance(self.detector, UnionDetector):
             found = self.detector.unions(clouds, unions)
         else:
@@ -160,7 +175,10 @@ class KnownBackground:
         return [each[rows] for each, rows in zip(found, somebody, strict=True)]
 
     def somebody(self, found: Detections, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, " n"]:
-        """Mark detections with enough points, and at least one, that are not background."""
+        """Mark detections that are not background.
+
+        They have enough points, and at least one, outside the background.
+        """
         return self._filled(found, points, self._new(points)) if len(found) else np.zeros(0, bool)
 
     def _new(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:

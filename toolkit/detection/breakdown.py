@@ -1,11 +1,15 @@
-"""Average precision as KITTI and nuScenes count it, beside ours (`toolkit.detection.metrics`).
+"""Average precision as KITTI and nuScenes count it.
 
-KITTI (2019 on): AP is the mean, over the recalls 1/40, 2/40, ... 1, of the best precision at that recall or above; IoU
-0.7 for cars, 0.5 for pedestrians and cyclists. Its levels of difficulty need heights in an image and are not used here.
+It is reported beside ours (`toolkit.detection.metrics`).
 
-nuScenes: a detection is true if a truth of its frame that no surer one took has its centre nearer than a threshold, on
-the ground plane, whatever the sizes: 0.5, 1, 2 and 4 m. AP is the area of the curve above precision 0.1 and beyond
-recall 0.1, taken at 101 recalls and divided by 0.9; the figure is the mean over the four thresholds.
+KITTI (2019 on): AP is the mean, over the recalls 1/40, 2/40, ... 1, of the best precision at that recall or above. IoU
+is 0.7 for cars, 0.5 for pedestrians and cyclists. Its levels of difficulty need heights in an image and are not used
+here.
+
+nuScenes: a detection is true if its centre is nearer than a threshold, on the ground plane, to a truth of its frame
+that no surer detection took. Sizes do not matter. The thresholds are 0.5, 1, 2 and 4 m. AP is the area of the curve
+above precision 0.1 and beyond recall 0.1, taken at 101 recalls and divided by 0.9. The figure is the mean over the four
+thresholds.
 """
 
 from __future__ import annotations
@@ -31,7 +35,10 @@ LEAST_RECALL = LEAST_PRECISION = 0.1
 
 
 class Matched(NamedTuple):
-    """Pooled detections of a class: scores, whether each hit (none that does not count), and how many to find."""
+    """Pooled detections of a class.
+
+    Their scores, whether each hit, and the number of truths to find. Detections that do not count are left out.
+    """
 
     scores: np.ndarray
     hits: np.ndarray
@@ -44,7 +51,9 @@ class Matched(NamedTuple):
 
 
 def kitti_ap(curve: Curve) -> float:
-    """AP at 40 recalls; NaN where nothing is to be found.
+    """AP at 40 recalls.
+
+    NaN where nothing is to be found.
 
     >>> kitti_ap(precision_recall(np.array([0.9, 0.8]), np.array([True, False]), truths=2))
     0.5
@@ -57,7 +66,9 @@ def kitti_ap(curve: Curve) -> float:
 
 
 def nuscenes_ap(curve: Curve) -> float:
-    """The area above the least precision and beyond the least recall, 1 for a perfect detector.
+    """Area above the least precision and beyond the least recall.
+
+    It is 1 for a perfect detector.
 
     >>> round(nuscenes_ap(precision_recall(np.array([0.9]), np.array([True]), truths=1)), 9)
     1.0
@@ -79,8 +90,10 @@ def by_centre(
     distance: float,
     label: int,
 ) -> Matched:
-    """Detections of a class against truths by the distance (m) of their centres on the ground; a detection that hits
-    only what is not counted does not count."""
+    """Match detections of a class by distance of centres.
+
+    Distances (m) to truths are measured on the ground. A detection that hits only uncounted objects does not count.
+    """
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
     for found, there, mask in zip(detections, truths, counted, strict=True):
         found, rows = found[found.labels == label], there.labels == label
@@ -94,7 +107,10 @@ def by_centre(
 def _nearest(
     found: Detections, boxes: np.ndarray, counted: np.ndarray, distance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which detections take a counted truth, and which have none but lie on one that is not counted."""
+    """Mark detections that take a counted truth.
+
+    Also mark those that take none but lie on an uncounted one.
+    """
     hit, ignored = np.zeros(len(found), bool), np.zeros(len(found), bool)
     away = np.linalg.norm(found.boxes[:, None, :2] - boxes[None, :, :2], axis=2)
     free = np.where(counted, away, np.inf)
@@ -145,7 +161,7 @@ class GroupRow:
 
 @dataclass(frozen=True, eq=False)
 class FrameTruth:
-    """What is there in one frame, and what of it counts.
+    """Objects of one frame, and those that count.
 
     objects: all that are there; counted: mask of those to be found; points: on each of them; corners: of the detection
     area (xmin ymin xmax ymax, m, world); middle: of the area; complete: where labels are, None where they are anywhere.
@@ -159,13 +175,19 @@ class FrameTruth:
     complete: Region | None = None
 
     def keep(self, found: Detections) -> Detections:
-        """Return the detections that count: where labels may be incomplete, those in the area and where they are."""
+        """Return the detections that count.
+
+        Where labels may be incomplete, these are the ones in the area and where labels are complete.
+        """
         if self.complete is None:
             return found
         return found[has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes)]
 
     def judge(self, found: Detections) -> Judged:
-        """Return detections and truths with their ranges from the middle of the area."""
+        """Return detections and truths with their ranges.
+
+        Ranges are measured from the middle of the area.
+        """
         boxes, found = self.objects.boxes, self.keep(found)
         ranges = np.linalg.norm(boxes[:, :2] - self.middle, axis=1)
         return Judged(
@@ -175,7 +197,10 @@ class FrameTruth:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One frame to be scored: detections that count, objects, which of these count, points on them, and ranges (m)."""
+    """One frame to be scored.
+
+    Detections that count, objects, mask of the objects that count, points on them, and ranges (m).
+    """
 
     found: Detections
     truths: Objects
@@ -186,9 +211,10 @@ class Judged:
 
 
 def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
-    """Return what counts by the rule for recorded labels: in the area, where labels are complete, with a point on it.
+    """Return the objects that count for recorded labels.
 
-    Other labelled objects are neither misses nor, where a detection lies on one, false alarms.
+    They lie in the area, where labels are complete, and have a point on them. Other labelled objects are not misses,
+    and a detection on one is not a false alarm.
     """
     boxes = frame.objects.boxes
     points = count_points(frame.points(), boxes)
@@ -198,12 +224,15 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
 
 
 def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | None = None) -> list[GroupRow]:
-    """Return all rows of a class, even without an object to find; ious: None for those usual for it."""
+    """Return all rows of a class.
+
+    A class without an object to find has rows too. ious: None for the usual ones of the class.
+    """
     return list(_class_rows(samples, label, ious or IOUS[label]))
 
 
 def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
-    """Which labels are of an object that an earlier one is of.
+    """Mark labels of an object that is labelled already.
 
     >>> car = [5, 0, 0.75, 4, 2, 1.5, 0]
     >>> repeated(Objects(np.array([car, [5.01, *car[1:]], [5, 3, *car[2:]]]))).tolist()
@@ -214,7 +243,10 @@ def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
 
 
 def _ranges(found: Detections, boxes: np.ndarray, ranges: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Range of each detection: of the object it overlaps most, else its own."""
+    """Range of each detection.
+
+    It is that of the object it overlaps most, else its own.
+    """
     own = np.linalg.norm(found.boxes[:, :2] - middle, axis=1)
     if not len(found) or not len(boxes):
         return own
@@ -290,7 +322,10 @@ def _span(low: float, high: float, unit: str) -> str:
 
 
 def format_rows(rows: Sequence[GroupRow]) -> str:
-    """Rows as tables, one per class and protocol: a line for each group of objects, a column for each measure."""
+    """Format rows as tables, one per class and protocol.
+
+    Each group of objects has a line, each measure a column.
+    """
     tables = []
     for label in LABELS:
         for protocol in dict.fromkeys(row.protocol for row in rows if row.label == label):

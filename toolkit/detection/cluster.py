@@ -39,11 +39,11 @@ OVERLAP = 0.1  # IoU above which the worse of two cars is dropped
 
 @dataclass(frozen=True)
 class ClusterDetector:
-    """Detector of all classes that needs only points of the empty site.
+    """Detector of all classes, learnt from the empty site.
 
-    Points are in the world frame. cell: edge of the cells that are clustered (m); reach: greatest distance between
-    neighbouring cells of a cluster, tried from the first to the last while the cluster is too large for a car (m);
-    fewest: points of a cluster.
+    It needs nothing but points of the empty site. Points are in the world frame. cell: edge of the cells that are
+    clustered (m); reach: greatest distance between neighbouring cells of a cluster, tried from the first to the last
+    while the cluster is too large for a car (m); fewest: points of a cluster.
     """
 
     background: Background
@@ -53,16 +53,20 @@ class ClusterDetector:
 
     @staticmethod
     def learn(background_points: Float[np.ndarray, "n 3"] | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
-        """Learn from clouds (n, 3) of the empty site, world frame.
+        """Learn from clouds (n, 3) of the empty site.
 
-        Crop them as the points to detect in; several sweeps of the same sensors show their noise.
+        The clouds are in the world frame. Crop them like the points to detect in. Several sweeps of the same sensors
+        show their noise.
         """
         clouds = [background_points] if isinstance(background_points, np.ndarray) else list(background_points)
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
 
     @staticmethod
     def of(recording: CoopDataset) -> ClusterDetector:
-        """Learn the empty site of a recording, from four noisy sweeps of its sensors."""
+        """Learn the empty site of a recording.
+
+        Four noisy sweeps of its sensors are used.
+        """
         return ClusterDetector.learn(empty_sweeps(recording))
 
     @property
@@ -76,7 +80,10 @@ class ClusterDetector:
         return self.background.digest_settings(repr((self.cell, self.reach, self.fewest)).encode())
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detect in points (n, 3), world frame; points that are not finite are left out."""
+        """Detect in points (n, 3), world frame.
+
+        Points that are not finite are left out.
+        """
         points = points[np.isfinite(points).all(axis=1)]
         is_background = self.background.holds(points)
         clusters = self._clusters(points[~is_background].astype(np.float64), self.reach)
@@ -140,7 +147,10 @@ class _Rectangle(NamedTuple):
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
     def turn(self) -> _Rectangle:
-        """Swap its axes: the second becomes the first, and the reversed first the second."""
+        """Swap the axes.
+
+        The second becomes the first, and the reversed first becomes the second.
+        """
         second_first = np.array([1, 0])
         low, high = self.low[second_first] * [1, -1], self.high[second_first] * [1, -1]
         (low[1], high[1]), at_low, at_high = (high[1], low[1]), self.at_low[second_first], self.at_high[second_first]
@@ -153,7 +163,10 @@ class _Rectangle(NamedTuple):
 
 
 def _dbscan(points: np.ndarray, cell: float, reach: float) -> Int64[np.ndarray, " n"]:
-    """Cluster number of each point, by DBSCAN of its cells seen from above."""
+    """Cluster number of each point.
+
+    DBSCAN runs on the points' cells seen from above.
+    """
     index = ((points[:, :2] - points[:, :2].min(axis=0)) / cell).astype(np.int64)
     keys, which = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
     centres = np.column_stack([(keys >> 32) * cell, (keys & 0xFFFFFFFF) * cell, np.zeros(len(keys))])

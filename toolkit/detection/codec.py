@@ -1,10 +1,10 @@
-"""`Codec`: messages of points and boxes, their arrival, and their bits.
+"""`Codec`: messages of points and boxes, and their bits.
 
-A codec of your own is a class with the members of `Codec`; it is passed as an object, `codec=MyCodec()`, and nothing
-else needs to know of it. `PAPER` is the paper's counting (section IV-A): a point costs 3 float32, a box 8 (its 7
-numbers and a score), and nothing is lost on the way.
+A codec of your own is a class with the members of `Codec`. Pass it as an object, `codec=MyCodec()`; nothing else needs
+to know about it. `PAPER` counts as the paper does (section IV-A): a point costs 3 float32, a box 8 (its 7 numbers and a
+score), and nothing is lost on the way.
 
-A codec may code images in place of points: one that is an `ImageCodec` too gets the image behind the points, wherever
+A codec may code images in place of points. One that is also an `ImageCodec` gets the image behind the points wherever
 it is known, and the centre makes points of the image that arrives.
 """
 
@@ -46,7 +46,10 @@ class Codec(Protocol):
         ...
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Encode the points of one sensor in one frame (m, world frame)."""
+        """Encode the points of one sensor in one frame.
+
+        Points are in the world frame (m).
+        """
         ...
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
@@ -62,10 +65,10 @@ class Codec(Protocol):
         ...
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Amount:
-        """Expected bits of messages that hold these points and boxes together.
+        """Expected bits of messages with these points and boxes.
 
-        Numbers, or arrays of one shape. For fidelities that count points without seeing them; an estimate if the size
-        depends on content.
+        Takes numbers, or arrays of one shape. It serves fidelities that count points without seeing them. It is an
+        estimate if the size depends on content.
         """
         ...
 
@@ -98,7 +101,9 @@ class ImageCodec(Protocol):
 
 @dataclass(frozen=True)
 class PaperCodec:
-    """Codec with a fixed number of bits for each point and box; nothing is lost.
+    """Codec with fixed bits for each point and box.
+
+    Nothing is lost. Raises ValueError for a cost that is not finite or below 0.
 
     Raises ValueError for a cost that is not finite or below 0.
 

@@ -1,4 +1,7 @@
-"""A detector in the frames of a recording, and its detections as files: boxes.json, OpenLABEL, KITTI's label_2."""
+"""Detection in a recording's frames, saved to files.
+
+Formats: boxes.json, OpenLABEL and KITTI's label_2.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,10 @@ from toolkit.sites.site import Site
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """Detections in one frame, world frame, and where it stands; detect_ms: time that detecting took."""
+    """Detections in one frame, world frame.
+
+    Also where the frame stands. detect_ms: time that detecting took.
+    """
 
     frame: Frame
     detections: Detections
@@ -35,10 +41,10 @@ class Detected:
 def detect_frames(
     frames: Iterable[Frame], detector: Detector, place: Place = Place(), site: Site | None = None
 ) -> Iterator[Detected]:
-    """Yield what a detector finds in all points of each frame together, on level ground.
+    """Yield the detections in all points of each frame.
 
-    detector: sees points counted from the middle of the area; site: where the frames are, if that is known. A frame
-    without points has no detections.
+    The points of all sensors are taken together, on level ground. detector: sees points counted from the middle of the
+    area; site: where the frames are, if that is known. A frame without points has no detections.
     """
     for frame, stand in place.stands(frames, site):
         points = stand.lift(frame.points())
@@ -53,9 +59,10 @@ Format = Literal["boxes", "openlabel", "kitti"]
 def write_detections(
     found: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: Any
 ) -> Iterator[Detected]:
-    """Write detections as they come, and hand them on: boxes to one file at the end, the others to a file each.
+    """Write detections as they arrive, and pass them on.
 
-    out: the file of boxes, or a folder; more: further entries of the file of boxes.
+    Boxes go to one file at the end, other formats to one file per frame. out: the file of boxes, or a folder; more:
+    further entries of the file of boxes.
     """
     out, entries = Path(out), []
     for each in found:
@@ -73,7 +80,9 @@ def write_detections(
 
 
 def file_name(name: str) -> str:
-    """Name of a frame without letters that no file name has.
+    """Name of a frame, safe for a file.
+
+    Letters that no file name may have are replaced.
 
     >>> file_name("106-105/seq-1/00000")
     '106-105_seq-1_00000'
@@ -82,7 +91,10 @@ def file_name(name: str) -> str:
 
 
 def summarise(found: Iterable[Detected]) -> dict[str, Any]:
-    """Numbers of frames and detections, of what was left out in reading, and median milliseconds."""
+    """Count frames, detections and what reading left out.
+
+    The median milliseconds are given too.
+    """
     samples = detections = 0
     problems: dict[str, int] = {}
     levelling, detecting = [], []

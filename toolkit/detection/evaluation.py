@@ -1,7 +1,8 @@
-"""Score fusion schemes and sensor sets on a recording with a detector: the first table of the paper, and more.
+"""Score fusion schemes and sensor sets on a recording.
 
-What a sensor sees and detects is computed once per frame and shared by all schemes and sets (`toolkit.detection.view`).
-Only the fused boxes of a frame are kept, so memory does not grow with what the sensors measure.
+This gives the first table of the paper, and more. What a sensor sees and detects is computed once per frame and shared
+by all schemes and sets (`toolkit.detection.view`). Only the fused boxes of a frame are kept, so memory does not grow
+with the size of the measurements.
 
 Three protocols say which objects are to be found:
 
@@ -11,12 +12,13 @@ Three protocols say which objects are to be found:
 - `measured`, the rule for recorded labels: those in the area, where labels are complete, with at least one point.
   An object labelled twice counts once; detections where labels are not complete do not count.
 
-Each class is scored by itself: a cyclist reported as a pedestrian is a false alarm of the one and a miss of the other.
-The detections are those that the detector reports, above its own threshold; `ClassFigures` says what that threshold is
-worth. With a breakdown, AP is also given by range, by points, and as KITTI and nuScenes count it
+Each class is scored separately: a cyclist reported as a pedestrian is a false alarm for pedestrians and a miss for
+cyclists. Detections are those that the detector reports, above its own threshold; `ClassFigures` says what that
+threshold is worth. With a breakdown, AP is also given by range, by points, and as KITTI and nuScenes count it
 (`toolkit.detection.breakdown`).
 
-Milliseconds are the median frame's, from measurements to fused boxes, sensors working side by side as in the paper.
+Milliseconds are those of the median frame, from measurements to fused boxes, with sensors working side by side as in
+the paper.
 """
 
 from __future__ import annotations
@@ -66,9 +68,11 @@ Scoring = Literal["exact", "published", "measured"]
 
 @dataclass(frozen=True)
 class Row:
-    """One scheme, sensor set (indices), class and IoU threshold: AP, and at the last detection recall and precision;
-    kbit per sensor and frame; milliseconds per frame; the PR curve; objects to find in all frames; false alarms per
-    frame."""
+    """Figures of one scheme, sensor set, class and IoU threshold.
+
+    Sensors are indices. AP, and recall and precision at the last detection; kbit per sensor and frame; milliseconds per
+    frame; the PR curve; objects to find in all frames; false alarms per frame.
+    """
 
     scheme: str
     sensors: tuple[int, ...]
@@ -84,7 +88,10 @@ class Row:
     false_alarms_per_frame: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """The row for JSON, without its curve; a figure that is undefined, such as AP without any truth, is None."""
+        """Return the row for JSON, without its curve.
+
+        An undefined figure is None, such as AP without any truth.
+        """
         names = (
             *("scheme", "sensors", "label", "iou", "ap", "recall", "precision", "truths", "false_alarms_per_frame"),
             *("kbit_per_sensor", "ms_per_frame"),
@@ -94,9 +101,12 @@ class Row:
 
 @dataclass(frozen=True)
 class ClassFigures:
-    """What the detector's own threshold is worth for one class, scheme and sensor set, where a detection is true from
-    the IoU `iou` on (`TRUE_IOU`): objects to find and detections that count in all `frames`; share that is found, share
-    that is true, false alarms per frame; and whether scores are shares of true detections."""
+    """Worth of the detector's own threshold for one class.
+
+    One scheme and sensor set. A detection is true from the IoU `iou` on (`TRUE_IOU`). Objects to find and detections
+    that count in all `frames`; share of objects found, share of detections that are true, false alarms per frame; and
+    whether scores are shares of true detections.
+    """
 
     scheme: str
     sensors: tuple[int, ...]
@@ -111,7 +121,10 @@ class ClassFigures:
     reliability: Reliability = field(repr=False, compare=False)
 
     def as_dict(self) -> dict[str, Any]:
-        """The figures for JSON, with the reliability diagram bin by bin; None for a figure that is undefined."""
+        """Return the figures for JSON.
+
+        The reliability diagram is given bin by bin. An undefined figure is None.
+        """
         diagram = self.reliability
         bins = {
             "score": [_defined(each) for each in diagram.score.tolist()],
@@ -193,7 +206,10 @@ class Evaluation(Sequence[Row]):
         return iter(self.rows)
 
     def text(self) -> str:
-        """Return tables: sensors as they were found, AP, links, worth of the threshold, and the breakdown."""
+        """Return all figures as tables.
+
+        Sensors as they were found, AP, links, worth of the threshold, and the breakdown.
+        """
         parts = ["\n".join(map(str, self.poses))] * bool(self.poses) + [format_table(self.rows)]
         if self.loads:
             parts.append(f"on a link at {self.loads[0].load.rate:g} Hz:\n{format_loads(self.loads)}")
@@ -204,7 +220,10 @@ class Evaluation(Sequence[Row]):
         return "\n\n".join(parts)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the provenance for JSON; None for a figure that is undefined."""
+        """Return all but the provenance for JSON.
+
+        An undefined figure is None.
+        """
         optional = {
             "loads": [load.as_dict() for load in self.loads],
             "breakdown": [row.as_dict() for row in self.breakdown],
@@ -230,7 +249,12 @@ def evaluate_recording(
     scenes: Scenes | None = None,
     run: Processes = Processes(),
 ) -> Evaluation:
-    """Score every scheme with every sensor set, every class of it at every IoU threshold, in this order.
+    """Score every scheme with every sensor set.
+
+    Each class is scored at each of its IoU thresholds, in this order. place: where the detector looks and on what
+    ground; reads: errors of the sensors and number of frames; scenes: empty ones, for schemes that need them, None to
+    learn them from this recording. Several workers share out the frames, unless a scheme's messages can only be read
+    after others.
 
     place: where the detector looks and on what ground; reads: errors of the sensors and number of frames; scenes: empty
     ones, for schemes that need them, None to learn them from this recording. With several workers the frames are
@@ -313,8 +337,11 @@ def sends_images(scheme: Scheme | None, codec: Codec) -> bool:
 
 
 def format_table(rows: Iterable[Row]) -> str:
-    """The rows as the paper's first table: a line per scheme and sensor set, a column of AP per IoU threshold; of
-    several classes one such table after another."""
+    """Format rows like the paper's first table.
+
+    Each scheme and sensor set has a line, each IoU threshold a column of AP. Several classes have one such table after
+    another.
+    """
     by_class: dict[str, list[Row]] = {}
     for row in rows:
         by_class.setdefault(row.label, []).append(row)
@@ -326,7 +353,10 @@ def format_table(rows: Iterable[Row]) -> str:
 
 
 def format_class_table(classes: Iterable[ClassFigures]) -> str:
-    """What the detector's threshold is worth: a line per class, scheme and sensor set."""
+    """Format the worth of the detector's threshold.
+
+    Each class, scheme and sensor set has a line.
+    """
     heads = ["class", "scheme", "sensors", "to find", "recall", "precision", "false/frame", "calibration error", "IoU"]
     table = [heads]
     for each in classes:
@@ -356,8 +386,10 @@ def _sensor_text(sensors: Sequence[int]) -> str:
 
 
 def curve_files(classes: Sequence[str], iou_thresholds: Sequence[float] | None = None) -> dict[str, tuple[str, float]]:
-    """Name of the picture of PR curves of each class and IoU threshold: pr_0.7.png for vehicles, pr_cyclist_0.5.png
-    for others."""
+    """Name the PR picture of each class and threshold.
+
+    For example pr_0.7.png for vehicles at IoU 0.7, pr_cyclist_0.5.png for cyclists at 0.5.
+    """
     return {
         f"pr_{'' if label == LABELS[VEHICLE] else label + '_'}{iou:g}.png": (label, iou)
         for label in classes
@@ -366,8 +398,11 @@ def curve_files(classes: Sequence[str], iou_thresholds: Sequence[float] | None =
 
 
 def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
-    """Write table.json, {"provenance": {...}, "rows": [...], "classes": [...]}, and the PR curves (`curve_files`), into
-    a folder made if missing: all, or where that fails (OSError) none."""
+    """Write table.json and the PR curves into a folder.
+
+    table.json is {"provenance": {...}, "rows": [...], "classes": [...]}; `curve_files` names the curves. A missing
+    folder is made. All files are written, or where that fails (OSError) none.
+    """
     with writing_together(folder) as unfinished:
         _write_evaluation(rows, unfinished)
 
@@ -390,7 +425,10 @@ def _write_evaluation(rows: Evaluation, folder: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Scored:
-    """One frame: what counts in it, what each scheme and sensor set gave, what was left out in reading it."""
+    """One scored frame.
+
+    The objects that count in it, the result of each scheme and sensor set, and what was left out in reading it.
+    """
 
     truth: FrameTruth
     fused: dict[tuple[str, tuple[int, ...]], Fused]
@@ -457,13 +495,19 @@ class _Job:
         return _Scored(self._truth(frame, stand), fused, frame.problems, stand.ms, stand.warning)
 
     def _present(self, frame: Frame, names: tuple[str, ...], chosen: tuple[int, ...]) -> list[int]:
-        """Positions in a frame of the sensors of a set; all of the frame's where the set is all."""
+        """Positions in a frame of the sensors of a set.
+
+        All of the frame's where the set is all.
+        """
         if None in self.asked.sensor_sets and len(chosen) == max(map(len, self.sets)):
             return list(range(len(frame.sensors)))
         return sorted(select_sensors(frame.sensors, names))
 
     def _together(self, frame: Frame, stand: Stand, names: tuple[str, ...], chosen: tuple[int, ...]) -> Fused:
-        """Detect in all points of a set of sensors at once, uncropped."""
+        """Detect in all points of a sensor set together.
+
+        Points are uncropped.
+        """
         points = stand.lift(frame.seen_by(self._present(frame, names, chosen)).points())
         start = perf_counter()
         found = detect_on_ground(self.detector, points, stand.area) if len(points) else Detections.empty()
@@ -481,7 +525,10 @@ class _Job:
 
 
 def _spread(job: _Job, total: int, run: Processes, progress: Callable[[int], None] | None) -> Iterator[_Scored]:
-    """Score all frames, in this process or shared out in stretches."""
+    """Score all frames.
+
+    They are scored in this process, or shared out in stretches.
+    """
     if run.alone:
         for done, each in enumerate(job.frames(range(total)), 1):
             if each.warning is not None and done == 1:
@@ -497,7 +544,7 @@ def _spread(job: _Job, total: int, run: Processes, progress: Callable[[int], Non
 
 @dataclass(frozen=True)
 class _Run:
-    """What one scheme and sensor set gave in all frames."""
+    """Results of one scheme and sensor set, all frames."""
 
     key: tuple[str, tuple[int, ...]]
     scored: Sequence[_Scored]
@@ -508,7 +555,10 @@ class _Run:
 
     @cached_property
     def bits(self) -> Int64[np.ndarray, "frames sensors"] | None:
-        """Bits of every sensor; None where frames have different sensors, or nothing is sent."""
+        """Bits of every sensor.
+
+        None where frames have different sensors, or nothing is sent.
+        """
         sizes = {len(each.bits) for each in self.fused}
         return np.array([each.bits for each in self.fused]) if len(sizes) == 1 and sizes != {0} else None
 
@@ -521,7 +571,10 @@ class _Run:
         return float(np.median([each.ms for each in self.fused]))
 
     def title(self, sets: int) -> str:
-        """Name of the scheme, with the sensors where there are several sets."""
+        """Name of the scheme.
+
+        The sensors are added where there are several sets.
+        """
         return self.key[0] if sets == 1 else f"{self.key[0]} {_sensor_text(self.key[1])}"
 
     def summary(self, scored: Sequence[_Scored], rate: float | None) -> dict[str, Any]:
@@ -556,7 +609,7 @@ def _class_figures(
 
 
 def _thresholds(given: Sequence[float] | None, label: str) -> tuple[float, ...]:
-    """Those given, or those usual for a class."""
+    """IoU thresholds given, or the usual ones of a class."""
     return tuple(dict.fromkeys(float(iou) for iou in (USUAL_IOUS[label_index(label)] if given is None else given)))
 
 

@@ -1,4 +1,7 @@
-"""Picture of one frame of a recording: detections of early fusion beside the truth."""
+"""Picture of one frame, detections beside the truth.
+
+Detections are those of early fusion.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Objects that stand out from the empty scenes of a recording of clouds: found without labels and without training.
+"""Objects that stand out from empty scenes.
 
-`foreground_clusters` gathers the points of a sample that stand out into objects by DBSCAN (M. Ester and others, 1996),
-as Open3D has it; `learn_cluster_detector` makes of the empty scenes a detector with boxes and classes
-(`toolkit.detection.cluster`), to be scored as any other.
+They are found in a recording of clouds without labels or training. `foreground_clusters` gathers the points of a frame
+that stand out into objects by DBSCAN (M. Ester and others, 1996), as implemented in Open3D. `learn_cluster_detector`
+turns the empty scenes into a detector with boxes and classes (`toolkit.detection.cluster`), scored like any other.
 """
 
 from __future__ import annotations
@@ -27,15 +27,18 @@ SWEEPS = 4  # of the empty scenes with their noise, that a background is learnt 
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """points: that stand out, world frame; sensor: number of the cloud of each; of: number of the object of each, from
-    0 on, -1 for none."""
+    """Points that stand out, gathered into objects.
+
+    points: those that stand out, world frame; sensor: number of the cloud of each; of: number of the object of each,
+    from 0 on, -1 for none.
+    """
 
     points: Float64[np.ndarray, "n 3"]
     sensor: Int64[np.ndarray, " n"]
     of: Int64[np.ndarray, " n"]
 
     def __len__(self) -> int:
-        """How many objects there are."""
+        """Number of objects."""
         return int(self.of.max(initial=-1)) + 1
 
     def __getitem__(self, number: int) -> Float64[np.ndarray, "m 3"]:
@@ -47,7 +50,10 @@ class Clusters:
 
 @dataclass(frozen=True)
 class AreaClusters:
-    """A cluster detector in the area (xmin ymin xmax ymax, m) whose empty scene it knows, below 4 m."""
+    """Cluster detector in an area with a known empty scene.
+
+    The area is xmin ymin xmax ymax (m), below 4 m.
+    """
 
     clusters: ClusterDetector
     area: tuple[float, float, float, float]
@@ -59,7 +65,7 @@ class AreaClusters:
 
     @property
     def digest(self) -> str:
-        """Of all that its detections depend on."""
+        """Digest of all that its detections depend on."""
         return f"{self.clusters.digest} {self.area}"
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
@@ -70,11 +76,12 @@ class AreaClusters:
 def foreground_clusters(
     sample: Frame, scenes: Scenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
 ) -> Clusters:
-    """The points of all clouds of a sample that stand out from the empty scenes of their sensors, in objects.
+    """Gather the points that stand out into objects.
 
-    reach: distance (m) within which points are neighbours; fewest: neighbours, itself among them, from which on a point
-    is inside an object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a
-    reach that is not above 0, fewer than one point, and a sensor without a scene.
+    Points are those of all clouds of a frame that stand out from the empty scenes of their sensors. reach: distance (m)
+    within which points are neighbours; fewest: neighbours, itself among them, from which on a point is inside an
+    object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a reach that
+    is not above 0, fewer than one point, and a sensor without a scene.
     """
     if not 0 < reach < np.inf or fewest < 1:
         raise ValueError(f"reach must be above 0 m and fewest at least 1, got {reach} and {fewest}")
@@ -93,7 +100,9 @@ def foreground_clusters(
 def cluster_points(
     points: Float64[np.ndarray, "n 3"], *, reach: float = CLUSTER_REACH, fewest: int = FEWEST
 ) -> Int64[np.ndarray, " n"]:
-    """The object of each point by DBSCAN, numbered from 0, -1 for none.
+    """Object of each point by DBSCAN.
+
+    Objects are numbered from 0, -1 for none.
 
     >>> cluster_points(np.array([[0.0, 0, 0], [0.1, 0, 0], [5, 0, 0], [9, 0, 0], [9, 0.1, 0]]), reach=0.5, fewest=2)
     array([ 0,  0, -1,  1,  1])
@@ -108,9 +117,10 @@ def cluster_points(
 
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(), *, seed: int = 0) -> AreaClusters:
-    """Return a detector of what stands out from the empty scenes of lidars that stand as in a frame.
+    """Return a detector learnt from empty scenes.
 
-    place: the one it will detect in. Raises ValueError where the empty scenes have no point in the area.
+    It detects what stands out from the empty scenes of lidars that stand as in a frame. place: the one it will detect
+    in. Raises ValueError where the empty scenes have no point in the area.
     """
     centre = find_middle(frame) if place.middle is None else place.middle
     rng = np.random.default_rng(seed)
@@ -126,8 +136,11 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(),
 
 
 def _sweep(scenes: Scenes, name: str, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
-    """What a sensor measures when nobody is there, its own frame: of every pixel one of its two measurements, as often
-    as it was met, with its spread."""
+    """Draw a sweep of a sensor in its empty scene.
+
+    Points are in the sensor's own frame. Each pixel takes one of its two measurements, as often as it was met, with its
+    spread.
+    """
     scene, model = scenes[name].scene, scenes.grid(name).model
     other = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)
     median = np.where(other, scene.second, scene.first).astype(np.float64)

@@ -1,13 +1,13 @@
-"""`ImportedDetector`: any Python detector by its import path, such as `my_package.my_module:detect`.
+"""`ImportedDetector`: any Python detector by its import path.
 
-The name stands for one of:
+For example `my_package.my_module:detect`. The name stands for one of:
 
     a detector           called with the points (n, 3) of a frame, world frame, m, it returns `Detections`
     a maker of one       it has a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or none at all, and
                          returns a detector for that place; a class counts, its instances being the detectors
 
-A detector may have an attribute `digest`, a text that changes with everything its detections depend on. Only then are
-they kept for another run.
+A detector may have an attribute `digest`, a text that changes with everything its detections depend on. Detections are
+kept for another run only with a digest.
 """
 
 from __future__ import annotations
@@ -88,7 +88,10 @@ class ImportedDetector:
 
 
 def _import_callable(name: str) -> Any:
-    """Import the object of that name; modules of the current folder are found last."""
+    """Import the object of that name.
+
+    Modules of the current folder are found last.
+    """
     module, colon, attribute = name.partition(":")
     if not (colon and module and attribute):
         raise ValueError(f"a detector to import must be named package.module:callable, got {name!r}")

@@ -1,4 +1,6 @@
-"""Label doctor: fit of boxes to the points of their cloud, and mistakes whose undoing fits better than by chance.
+"""Label doctor: label mistakes that points give away.
+
+Boxes should fit the points of their cloud. A mistake is reported if undoing it fits better than by chance.
 
 A correct box has points just within its faces, none in its middle and nothing close around it but ground. The fit of a
 box is the share of its points (those at least `CLEARANCE` above the ground) that lie there, of all within the box and
@@ -38,7 +40,7 @@ GROUND_POINTS = 20_000  # of a cloud, evenly taken, that its ground is looked fo
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A sample, its points that stand on the ground, and that ground.
+    """Frame, its points standing on the ground, and the ground.
 
     Without a ground: all its points and None.
     """
@@ -49,7 +51,7 @@ class Seen:
 
     @staticmethod
     def of(sample: Frame) -> Seen:
-        """A sample with its ground found."""
+        """Find the ground of a frame."""
         points = sample.points()
         try:
             ground = level(points[:: max(1, len(points) // GROUND_POINTS)], method="map")
@@ -59,18 +61,24 @@ class Seen:
         return Seen(sample, standing, ground)
 
     def heights(self, boxes: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, " _"]:
-        """Height (m) of the centres of boxes above the ground; empty without a ground."""
+        """Height (m) of box centres above the ground.
+
+        Empty without a ground.
+        """
         return np.zeros(0) if self.ground is None else boxes[:, 2] - self.ground.height(boxes[:, :2])
 
 
 def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of every box, (m, 7) of each sample, of all samples one after the other."""
+    """Fit of every box, frame after frame.
+
+    boxes: (m, 7) of each frame.
+    """
     parts = [measure_fits(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
     return np.concatenate([np.zeros(0), *parts])
 
 
 def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
-    """Fit of every box to points that stand on the ground."""
+    """Fit of boxes to points that stand on the ground."""
     wide = boxes + np.array([0, 0, SHELL / 2, 2 * SHELL, 2 * SHELL, SHELL, 0])
     inside = points_in_boxes(points, wide)
     fitting = np.zeros(len(boxes))
@@ -87,7 +95,9 @@ def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7
 
 
 def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
-    """Return True if boxes fit better, by at least `gain` and by more than chance explains.
+    """Return True if boxes fit better.
+
+    The gain is at least `gain` and more than chance explains.
 
     >>> better(np.full(9, 0.2), np.full(9, 0.8)), better(np.full(9, 0.8), np.full(9, 0.2))
     (True, False)
@@ -103,7 +113,10 @@ Change = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class LabelMistake:
-    """A mistake that boxes, (n, 7), may have, and its undoing; axes: True if it depends on the frame's axes."""
+    """Mistake that boxes (n, 7) may have, and its undoing.
+
+    axes: True if it depends on the frame's axes.
+    """
 
     name: str
     remedy: str
@@ -176,14 +189,19 @@ LABEL_MISTAKES = (
 def undo_mistake(
     mistake: LabelMistake, boxes: Float64[np.ndarray, "n 7"], frame_SE3_world: Float64[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "n 7"]:
-    """Undo a mistake that was made in another frame, whose z is up as well, for boxes of the world frame."""
+    """Undo a mistake that was made in another frame.
+
+    Boxes are in the world frame; z is up in the other frame as well.
+    """
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
     return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
 
 
 def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 7"]:
-    """Transform boxes to another frame, whose z is up as well.
+    """Transform boxes to another frame.
+
+    Its z is up as well.
 
     >>> boxes_through(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
     [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
@@ -194,9 +212,10 @@ def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray,
 
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
-    """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`.
+    """All headings that a wrong angle may stand for.
 
-    A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
+    Headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`. A file that stores sine
+    and cosine, or a quaternion, of a wrong angle has lost its full turns.
 
     >>> yaw = np.deg2rad(np.array([30.0]))
     >>> bool(np.any(np.abs(degrees_of_turns(np.array([30.0])) - yaw) < 1e-9))
@@ -209,7 +228,7 @@ def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n
 SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # s that labels may be late or early
 MOST_SAMPLES = 3  # that labels may be late or early where there are no times
 MOVING = 2.0  # m/s
-STANDING = 0.2  # m between samples: an object that moves less stands
+STANDING = 0.2  # m between frames: an object that moves less stands
 FASTEST = 60.0  # m/s: a faster track has jumped
 ALONG = 0.7  # cosine between heading and way: above this the two agree
 LEAST_TRACKS = 2  # that must head along their way only once a mistake is undone
@@ -228,7 +247,10 @@ class Shift(NamedTuple):
 
 
 def find_shift(some: Sequence[Seen]) -> Shift | None:
-    """Find the delay of labels; None without one, or if it cannot be told."""
+    """Find the delay of labels.
+
+    None without one, or if it cannot be told.
+    """
     return _delay_along_tracks(some) or _among_clouds(some)
 
 
@@ -250,9 +272,9 @@ def _delay_along_tracks(some: Sequence[Seen]) -> Shift | None:
 
 
 def _among_clouds(some: Sequence[Seen]) -> Shift | None:
-    """Find the number of samples by which labels are off, if they fit other clouds better.
+    """Find the number of frames by which labels are off.
 
-    Only labels count that are not in the same place in both samples.
+    They are off if they fit other clouds better. Only labels that are not in the same place in both frames count.
     """
     found: Shift | None = None
     for places in [sign * k for k in range(1, MOST_SAMPLES + 1) for sign in (1, -1)]:
@@ -269,7 +291,10 @@ def _among_clouds(some: Sequence[Seen]) -> Shift | None:
 
 
 def _not_there(labels: Frame, other: Frame) -> Bool[np.ndarray, " n"]:
-    """Which objects of a sample have none of another within `STANDING` of their places."""
+    """Mark objects of a frame without a counterpart in another.
+
+    A counterpart lies within `STANDING` of the object's place.
+    """
     from scipy.spatial import cKDTree
 
     here, there = _boxes_in(labels, other)[:, :3], other.objects.boxes[:, :3]
@@ -287,9 +312,10 @@ def _boxes_in(labels: Frame, cloud: Frame) -> np.ndarray:
 
 
 class Headed(NamedTuple):
-    """Moving boxes that head against their way, but not once a mistake is undone.
+    """Moving boxes that head against their way.
 
-    tracks: number of their tracks; against: number of boxes; of: number of all moving boxes.
+    They do not once a mistake is undone. tracks: number of their tracks; against: number of boxes; of: number of all
+    moving boxes.
     """
 
     tracks: int
@@ -298,8 +324,10 @@ class Headed(NamedTuple):
 
 
 def against_their_way(samples: Sequence[Frame], undo: Callable[[Frame, np.ndarray], np.ndarray]) -> Headed | None:
-    """Whether boxes that head against their way head along it once a mistake is undone, and hardly any other way
-    round; None where not."""
+    """Find moving boxes that only a mistake turns backwards.
+
+    They head along their way once it is undone, and hardly any box then heads the other way round. None otherwise.
+    """
     tracks: set[int] = set()
     mended = spoilt = total = 0
     for k, sample in enumerate(samples):
@@ -320,7 +348,10 @@ def _cosines(boxes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
 
 
 class Movers(NamedTuple):
-    """Moving boxes of a sample, their velocities (m/s), and their tracks."""
+    """Moving boxes of a frame.
+
+    Their velocities (m/s) and their tracks are given too.
+    """
 
     boxes: Float64[np.ndarray, "n 7"]
     velocities: Float64[np.ndarray, "n 2"]
@@ -328,7 +359,10 @@ class Movers(NamedTuple):
 
 
 def find_movers(samples: Sequence[Frame], k: int) -> Movers:
-    """What moves in sample k, by the nearest sample that has the track too and another time."""
+    """Find the moving boxes of frame k.
+
+    They are compared with the nearest frame that has the track too and another time.
+    """
     here = samples[k]
     boxes, velocities, ids = [], [], []
     for row, track in enumerate(here.objects.ids):
@@ -359,7 +393,10 @@ TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box fre
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Findings of the doctor; healthy: what to say where there is none."""
+    """Findings of the doctor.
+
+    healthy: what to say where there is none.
+    """
 
     findings: list[Finding]
     healthy: str = "nothing suspected"
@@ -387,7 +424,10 @@ def _holds_clouds(path: str | Path) -> bool:
 
 
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
-    """Return what looks wrong with the labels of consecutive frames; an empty list for healthy ones."""
+    """Return what looks wrong with labels of consecutive frames.
+
+    The list is empty for healthy labels.
+    """
     some = [Seen.of(sample) for sample in samples]
     findings = _find_full_turns(some)
     if findings:
@@ -430,7 +470,10 @@ def _best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
 
 
 def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Undone | None:
-    """Return the first explanation, or the freer one if that fits better by a margin."""
+    """Return the first explanation unless the freer fits better.
+
+    The freer one must win by a margin.
+    """
     if best is None or freer is None:
         return best or freer
     one, other = _means([best, freer])
@@ -438,7 +481,10 @@ def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Und
 
 
 def _means(attempts: Sequence[_Undone]) -> list[float]:
-    """Mean fit under each explanation, over the boxes that have a fit under any."""
+    """Mean fit under each explanation.
+
+    The mean is over the boxes that have a fit under any of them.
+    """
     known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[known].mean()) for attempt in attempts]
 
@@ -450,7 +496,10 @@ def _undo_mistake(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[
 
 
 def _undo_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
-    """Undo a mistake for each box in the frame of the sensor where it then fits best."""
+    """Undo a mistake in the frame of the best sensor.
+
+    For each box it is the sensor where it then fits best.
+    """
     boxes = []
     for each in some:
         frames = [invert(cloud.world_SE3_sensor) for cloud in each.sample.clouds] or [np.eye(4)]
@@ -459,7 +508,10 @@ def _undo_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
 
 
 def _turn_each(some: Sequence[Seen]) -> _Undone:
-    """Turn each box by the angle that fits best, of those that degrees taken for radians leave open."""
+    """Turn each box by the angle that fits best.
+
+    The angles are those that degrees taken for radians leave open.
+    """
     boxes = []
     for each in some:
         rows = each.sample.objects.boxes
@@ -493,7 +545,10 @@ def _find_full_turns(some: Sequence[Seen]) -> list[Finding]:
 
 
 def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
-    """Find centres of boxes that stand on the ground, or a whole height above it."""
+    """Find centres of boxes at the wrong height.
+
+    They stand on the ground, or a whole height above it.
+    """
     parts = [each.heights(own) / own[:, 5] for each, own in zip(some, boxes, strict=True) if each.ground is not None]
     shares = np.concatenate([np.zeros(0), *parts])
     if len(shares) < LEAST_BOXES or abs(np.median(shares) - 0.5) < SUNK:
@@ -506,7 +561,10 @@ def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
 
 
 def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
-    """Find boxes that move backwards unless yaw is counted the other way round."""
+    """Find boxes that move backwards.
+
+    They do unless yaw is counted the other way round.
+    """
     samples = [each.sample for each in some]
     for in_map in (False, True):
 
@@ -534,7 +592,10 @@ def _late(some: Sequence[Seen]) -> list[Finding]:
 
 
 def _misfits(some: Sequence[Seen], current: np.ndarray) -> list[Finding]:
-    """Find boxes that fit once each is turned, if nothing else explains their misfit."""
+    """Find boxes that fit once each is turned.
+
+    Only if nothing else explains their misfit.
+    """
     turned = _turn_each(some)
     if not better(current, turned.fits, TURNED_GAIN):
         return []

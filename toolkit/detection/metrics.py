@@ -1,4 +1,4 @@
-"""Average precision of detections against ground truth, over the frames of a dataset.
+"""Average precision of detections over a dataset's frames.
 
 Detection evaluation
 --------------------
@@ -54,11 +54,11 @@ MOSTLY = 0.5  # of a detection's footprint: with more on an object that is not s
 
 @dataclass(frozen=True)
 class Match:
-    """Outcome of the n detections of one frame against its m truths; rows are those of the input.
+    """Outcome of n detections of a frame against m truths.
 
-    truth: row of the truth that a detection hit, -1 for none; iou: its IoU with that truth, 0 for none; ignored:
-    detections that do not count (of another label, or on an object that is not scored); hit: truths that were hit;
-    scored: truths that count.
+    Rows are those of the input. truth: row of the truth that a detection hit, -1 for none; iou: its IoU with that
+    truth, 0 for none; ignored: detections that do not count (of another label, or on an object that is not scored);
+    hit: truths that were hit; scored: truths that count.
     """
 
     truth: Int64[np.ndarray, " n"]
@@ -69,7 +69,10 @@ class Match:
 
     @property
     def truth_iou(self) -> Float64[np.ndarray, " m"]:
-        """IoU of each truth with the detection that hit it, 0 where none did."""
+        """IoU of each truth with the detection that hit it.
+
+        0 where none did.
+        """
         iou = np.zeros(len(self.hit))
         iou[self.truth[self.truth >= 0]] = self.iou[self.truth >= 0]
         return iou
@@ -77,9 +80,9 @@ class Match:
 
 @dataclass(frozen=True)
 class Curve:
-    """Precision and recall if detections of at least `score` are believed.
+    """Precision and recall down to each score.
 
-    Scores descend, recall ascends.
+    Detections of at least `score` are believed. Scores descend, recall ascends.
     """
 
     precision: Float64[np.ndarray, " k"]
@@ -119,7 +122,10 @@ class Reliability:
 
     @property
     def error(self) -> float:
-        """Expected calibration error: mean distance of score and share, over all detections."""
+        """Expected calibration error.
+
+        Mean distance of score and share, over all detections.
+        """
         filled = self.count > 0
         gap = np.abs(self.score[filled] - self.true[filled])
         return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
@@ -148,7 +154,9 @@ def evaluate(
     label: str | int = "vehicle",
     counted: Iterable[ArrayLike] | None = None,
 ) -> dict[float, DetectionScore]:
-    """Score detections at each IoU threshold, as defined at the top of this module.
+    """Score detections at each IoU threshold.
+
+    The definition is at the top of this module.
 
     detections, truths: one of each per frame, any iterables, read once. counted: per frame a mask (m,) of the truths
     that are scored; the others are neither to be found nor false alarms. By default all are scored. Raises ValueError
@@ -184,7 +192,9 @@ def match(
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
 ) -> Match:
-    """Match the detections of one frame with its truths; arguments as in `evaluate`.
+    """Match the detections of one frame with its truths.
+
+    Arguments are as in `evaluate`.
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> match(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), 0.7).truth
@@ -229,7 +239,9 @@ def matches(
 
 
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int) -> Curve:
-    """Curve of n pooled detections, in any order, against a number of truths.
+    """Return the curve of n pooled detections.
+
+    They may be in any order. truths: the number to find.
 
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
     array([0.25, 0.25, 0.5 ])
@@ -250,7 +262,9 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, "
 
 
 def average_precision(curve: Curve) -> float:
-    """All-point interpolated AP (paper equations 4 and 5); NaN where recall is.
+    """Return the all-point interpolated AP.
+
+    Paper equations 4 and 5; NaN where recall is.
 
     >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=2))
     0.8333333333333333
@@ -275,9 +289,9 @@ def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarra
 
 
 def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Truth that each detection takes, or -1, if only the first to claim a truth may hit it.
+    """Return the truth that each detection takes, or -1.
 
-    Any overlap makes a claim.
+    Only the first detection to claim a truth may hit it. Any overlap makes a claim.
     """
     taken = np.full(len(iou), -1)
     if iou.shape[1]:
@@ -288,9 +302,10 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
 
 
 def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -> Float64[np.ndarray, "n m"]:
-    """IoU of (n, 7) and (m, 7) boxes by 50 × 50 points over each truth's footprint, edges included.
+    """Estimate IoU by points sampled in each truth's footprint.
 
-    For "3d" it is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes.
+    There are 50 × 50 points, edges included. Boxes are (n, 7) and (m, 7). For "3d" it is multiplied by (overlap of the
+    heights / greater height), which is not the IoU of the volumes.
     """
     a, b = check_boxes(detected, "detected"), check_boxes(truths, "truths")
     half = a[:, 3:5] / 2 + FACE_TOLERANCE
@@ -316,7 +331,10 @@ def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -
 
 
 class _Frame(NamedTuple):
-    """Participants in one frame: detections of the label, scored truths, objects that are not scored."""
+    """Participants in the scoring of one frame.
+
+    Detections of the label, scored truths, and objects that are not scored.
+    """
 
     boxes: np.ndarray
     scores: np.ndarray
@@ -327,12 +345,18 @@ class _Frame(NamedTuple):
 
 
 def keep_frames_with_truths(frames: Iterable[_Frame]) -> Iterator[_Frame]:
-    """Keep the frames with something to find; the false alarms of the others go with them."""
+    """Keep the frames with something to find.
+
+    The false alarms of the other frames go with them.
+    """
     return (frame for frame in frames if len(frame.truths))
 
 
 class _Overlaps(NamedTuple):
-    """Detections of a frame, best first, against its truths and the objects that are not scored."""
+    """Overlaps of a frame's detections, best first.
+
+    They are with its truths and with the objects that are not scored.
+    """
 
     order: np.ndarray  # (n,) rows of the detections, best first; all the others are in this order
     scores: np.ndarray  # (n,)
@@ -352,7 +376,10 @@ def _overlaps(frame: _Frame, metric: Overlap, protocol: Protocol) -> _Overlaps:
 
 
 def _resolve(overlaps: _Overlaps, threshold: float, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
-    """Truth that each detection hit, best first, or -1; and a mask of the ignored ones."""
+    """Truth that each detection hit, or -1, and ignored ones.
+
+    Detections are best first; the ignored ones are a mask.
+    """
     taken = (claim_then_test if protocol == "published" else greedy)(overlaps.iou, threshold)
     elsewhere = (overlaps.unscored_iou >= threshold) | (overlaps.unscored_share > MOSTLY)
     return taken, elsewhere & (taken < 0)

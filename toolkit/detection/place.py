@@ -1,9 +1,9 @@
-"""Where a detector looks: an area, and how points get onto its level ground, z = 0.
+"""Places: a detection area and its level ground.
 
-A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose origin is the lidar. A recording of a
-known site says where its ground is. Of any other the ground is found first (`toolkit.calibration.ground`), in every
-frame or, where the sensors stand still, once. Detectors work in float32 about an origin near by: points are counted
-from the middle of the area, and boxes are brought back into the frame's world.
+Points are put on level ground, z = 0. A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose
+origin is the lidar. A recording of a known site says where its ground is. For any other the ground is found first
+(`toolkit.calibration.ground`), in every frame or, where the sensors stand still, once. Detectors work in float32 about
+an origin near by: points are counted from the middle of the area, and boxes are brought back into the frame's world.
 """
 
 from __future__ import annotations
@@ -52,12 +52,18 @@ class Stand:
         return area + np.concatenate([self.middle, self.middle])
 
     def lift(self, points: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
-        """Return points, world frame, counted from the middle and on level ground."""
+        """Return points on level ground, counted from the middle.
+
+        points: world frame.
+        """
         near = points - [*self.middle, 0.0]
         return (near if self.ground is None or not len(near) else self.ground.points(near)).astype(np.float32)
 
     def lift_boxes(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Return boxes, world frame, counted from the middle and on level ground."""
+        """Return boxes on level ground, counted from the middle.
+
+        boxes: world frame.
+        """
         near = boxes - np.array([*self.middle, 0, 0, 0, 0, 0])
         return near if self.ground is None or not len(near) else self.ground.boxes(near)
 
@@ -71,11 +77,15 @@ class Stand:
 
 @dataclass(frozen=True)
 class Place:
-    """Where to detect, and on what ground. Raises ValueError for an area that encloses nothing."""
+    """Detection area and its ground.
+
+    Raises ValueError for an area that encloses nothing.
+    """
 
     level: Level | None = None
     """Put points on the ground by a map of heights or a plane; none where the ground is at z = 0 already. By default
-    none at a known site, whose slope counts, else map."""
+    none at a known site, whose slope counts, else map.
+    """
     still: bool = False
     """The sensors do not move: the ground is found once."""
     area: Corners | None = None
@@ -101,11 +111,17 @@ class Place:
         return (xmax - xmin) / 2, (ymax - ymin) / 2
 
     def at(self, site: Site | None) -> bool:
-        """True where detection is at the site itself: its area, slope and ground."""
+        """True where detection is at the site itself.
+
+        Its area, slope and ground are used then.
+        """
         return site is not None and self.level is None and self.area is None
 
     def stands(self, frames: Iterable[Frame], site: Site | None = None) -> Iterator[tuple[Frame, Stand]]:
-        """Yield every frame with its stand. A frame without ground stays as it is, with a warning."""
+        """Yield every frame with its stand.
+
+        A frame without ground stays as it is, with a warning.
+        """
         if site is not None and self.at(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
             return
@@ -133,7 +149,9 @@ def _ground(stand: Stand, frame: Frame, method: Level) -> tuple[Ground | None, s
 
 
 def find_middle(frame: Frame) -> Float64[np.ndarray, "2"]:
-    """Middle of the sensors' places, world frame, to the metre; the origin where there is no sensor.
+    """Find the middle of the sensors' places.
+
+    World frame, to the metre; the origin where there is no sensor.
 
     >>> find_middle(Frame((), (), Objects.empty())).tolist()
     [0.0, 0.0]
@@ -149,10 +167,10 @@ def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class LevelFrame:
-    """A frame as a network is trained on it: clouds and objects on level ground, counted from the middle of the area.
+    """Frame on level ground, ready to train a network.
 
-    sensors: names; clouds: points in the area, below 4 m; objects: in the area or close beside it; area: xmin ymin
-    xmax ymax (m), about the origin.
+    Coordinates are counted from the middle of the area. sensors: names; clouds: points in the area, below 4 m; objects:
+    in the area or close beside it; area: xmin ymin xmax ymax (m), about the origin.
     """
 
     sensors: tuple[str, ...]
@@ -162,10 +180,11 @@ class LevelFrame:
 
 
 def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
-    """Yield frames on level ground, without those that have no points, or no ground where it is looked for.
+    """Yield frames on level ground.
 
-    Where the labels of a set are not complete, in KITTI beside the camera's image, points are left out: nobody
-    labelled what is there, so it must not be learnt as background.
+    Frames that have no points are left out, and those without ground where it is looked for. Where the labels of a set
+    are not complete, in KITTI beside the camera's image, points are left out: nobody labelled what is there, so it must
+    not be learnt as background.
     """
     (x, y), method = place.half, place.level or "map"
     for frame, stand in Place(method, place.still, place.area).stands(frames):

@@ -1,8 +1,8 @@
-"""`Scheme`: the messages of each sensor of a set, and their fusion at the centre.
+"""`Scheme`: messages of each sensor, fused at the centre.
 
-A scheme of your own is a class with the members of `Scheme`, in a file of its own; it is passed as an object,
-`scheme=MyScheme()`, and nothing else needs to know of it. `fuse` works on the points themselves; the other members
-serve fidelities that only count points: they say how much is sent and how evidence adds up.
+A scheme of your own is a class with the members of `Scheme`, in a file of its own. Pass it as an object,
+`scheme=MyScheme()`; nothing else needs to know about it. `fuse` works on the points themselves. The other members serve
+fidelities that only count points: they say how much is sent and how evidence adds up.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from toolkit.objects import Detections
 
 @dataclass(frozen=True)
 class Fused:
-    """Detections of a frame at the fusion centre, and the bits of each sensor.
+    """Fused detections of a frame, and each sensor's bits.
 
     bits: in the order in which the sensors were named; ms: from measurement to fused boxes, with the sensors working
     side by side.
@@ -33,7 +33,10 @@ class Fused:
 
     @property
     def kbit_per_sensor(self) -> float:
-        """Mean over the sensors, 1 kbit = 1000 bit (paper section IV-A); 0 without sensors."""
+        """Mean kbit over the sensors.
+
+        1 kbit = 1000 bit (paper section IV-A); 0 without sensors.
+        """
         return float(self.bits.mean()) / 1000 if len(self.bits) else 0.0
 
 
@@ -44,7 +47,7 @@ def make_fused(boxes: Boxes, bits: Sequence[int]) -> Fused:
 
 @runtime_checkable
 class Counts(Protocol):
-    """Counts of the points that C candidates have in F frames.
+    """Counts of the points of C candidates in F frames.
 
     `placement_env.fidelity.visibility.Visibility` is one.
     """
@@ -93,7 +96,10 @@ class Scheme(Protocol):
         ...
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect together with a set of sensors (indices, ascending) in one frame."""
+        """Detect together with a set of sensors.
+
+        In one frame; sensors are indices, ascending.
+        """
         ...
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
@@ -101,24 +107,25 @@ class Scheme(Protocol):
         ...
 
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"] | None:
-        """Mark objects with points that reach the centre beside the sensor's own boxes.
+        """Mark objects whose points reach the centre.
 
-        None if the centre works with points alone or boxes alone. radius: the site's hybrid radius (m).
+        Points count beside the sensor's own boxes. None if the centre works with points alone or boxes alone. radius:
+        the site's hybrid radius (m).
         """
         ...
 
 
 @runtime_checkable
 class Chained(Protocol):
-    """Extra members of a `Scheme` with messages that depend on earlier ones.
+    """Extra members of a scheme with chained messages.
 
-    A lost message makes those that depend on it unreadable.
+    Messages depend on earlier ones. A lost message makes those that depend on it unreadable.
     """
 
     def dependencies(self, number: int, /) -> Sequence[int]:
-        """Numbers of the messages needed to read one of them, itself the last.
+        """Numbers of the messages needed to read one.
 
-        Messages of a sensor count from 0.
+        The message itself is the last. Messages of a sensor count from 0.
         """
         ...
 
@@ -146,9 +153,9 @@ def surrogate_name(scheme: Scheme) -> str:
 def estimate_bits(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
-    """Expected bits that each candidate sends in all frames, a whole number.
+    """Expected bits of each candidate in all frames.
 
-    boxes: detections of each candidate in all frames.
+    They are whole numbers. boxes: detections of each candidate in all frames.
     """
     codec = scheme_codec(scheme, codec)
     points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)

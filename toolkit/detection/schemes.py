@@ -74,7 +74,7 @@ class Late:
         return repr(self)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect in the points of each sensor and fuse the boxes."""
+        """Fuse boxes detected in each sensor's points."""
         sent = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
         return make_fused(view.suppress([each.arrived for each in sent]), [each.bits for each in sent])
 
@@ -110,7 +110,10 @@ class Hybrid:
         return repr(self)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Fuse boxes as in late fusion, with detections in the far points."""
+        """Fuse boxes, adding detections in the far points.
+
+        The boxes are fused as in late fusion.
+        """
         radius = self.find_radius(view.site)
 
         def far(points: Float32[np.ndarray, "n 3"], sensor: Sensor) -> Bool[np.ndarray, " n"]:
@@ -140,7 +143,10 @@ class Hybrid:
         return distance > (radius if self.radius is None else self.radius)
 
     def find_radius(self, site: Area) -> float:
-        """Radius at a site, or the paper's usual one for a bare area."""
+        """Radius at a site.
+
+        For a bare area it is the paper's usual one.
+        """
         if self.radius is not None:
             return self.radius
         return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS
@@ -153,9 +159,9 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY) -> dict[str, Scheme]:
-    """Return the schemes by name, with messages in steps of `step` (m).
+    """Return the schemes by name, with coded messages.
 
-    refers_to, key_every: of differences.
+    Messages are in steps of `step` (m). refers_to, key_every: of differences.
     """
     differences = ForegroundDifferences(step, refers_to, key_every)
     stepped: dict[str, Scheme] = {"foreground": Foreground(step), "differences": differences}
@@ -188,12 +194,12 @@ def fuse_frame(
     codec: Codec = PAPER,
     iou_threshold: float = NMS_IOU,
 ) -> Fused:
-    """Fuse the measurements of a frame by a scheme or its name.
+    """Fuse the measurements of a frame by a scheme.
 
-    sensors: indices or names, None for all; their order does not matter. site: a site, or its area xmin, ymin, xmax,
-    ymax (m); height: of the crop (m), else the site's own, else 4; codec: of the messages. The frame is taken as it is:
-    draw noise first with `toolkit.datasets.dataset.noisy`. Raises ValueError for a sensor that the frame does not have
-    or that is named twice.
+    The scheme may be given by its name. sensors: indices or names, None for all; their order does not matter. site: a
+    site, or its area xmin, ymin, xmax, ymax (m); height: of the crop (m), else the site's own, else 4; codec: of the
+    messages. The frame is taken as it is: draw noise first with `toolkit.datasets.dataset.noisy`. Raises ValueError for
+    a sensor that the frame does not have or that is named twice.
     """
     chosen = select_sensors(frame.sensors, sensors)
     view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)

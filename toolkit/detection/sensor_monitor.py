@@ -1,4 +1,6 @@
-"""`SensorMonitor`: faults of a sensor that the fusion centre notices from what it sends.
+"""`SensorMonitor`: sensor faults that the fusion centre notices.
+
+It judges by what the sensor sends.
 
     silent    the newest measurement is older than `silent_after`
     frozen    `REPEATS` messages have the same pixels with the same distances as the one before them: noise makes no two
@@ -88,11 +90,11 @@ class SensorMonitor:
         shown: Shown | None,
         covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None = None,
     ) -> Fault | None:
-        """Return the fault of the sensor at a time, None without one.
+        """Return the fault of the sensor at a time.
 
-        shown: newest data, None before the first; covered: returns the mask of the pixels where objects that others see
-        stand before its empty scene, called only if foreground has hardly a pixel. Raises ValueError for an image of
-        another size than the empty scene.
+        None without one. shown: newest data, None before the first; covered: returns the mask of the pixels where
+        objects that others see stand before its empty scene, called only if foreground has hardly a pixel. Raises
+        ValueError for an image of another size than the empty scene.
         """
         if shown is not None and shown.image.shape != self._scene.first.shape:
             size = self._scene.first.shape
@@ -137,7 +139,7 @@ class SensorMonitor:
 
 
 def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
-    """Mask of the pixels that measure farther than the empty scene."""
+    """Mask of pixels that measure beyond the empty scene."""
     last = np.fmax(scene.first, np.nan_to_num(scene.second))
     spread = np.where(np.nan_to_num(scene.second) > scene.first, scene.second_spread, scene.spread)
     solid = (scene.first > 0) & (np.isnan(scene.second) | (scene.second > 0))
@@ -147,7 +149,10 @@ def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bo
 def standing_before(
     scene: EmptyScene, sensor: Sensor, boxes: Float64[np.ndarray, "n 7"]
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Mask of the pixels in which a sensor must see one of these boxes, or something nearer, before its empty scene."""
+    """Mask of pixels in which these boxes must appear.
+
+    A sensor must see one of the boxes there, or something nearer, before its empty scene.
+    """
     nothing = np.float32(np.inf)
     behind = np.where(scene.first > 0, np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)), nothing)
     rays, hit = sensor.world_rays.astype(np.float64), np.zeros(behind.size, bool)

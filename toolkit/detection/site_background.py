@@ -1,4 +1,7 @@
-"""Background of a site's scenery, or of a recording behind all that moves."""
+"""Background of a site's scenery or of a recording.
+
+For a recording it is what lies behind all that moves.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +39,9 @@ def recording_background(recording: CoopDataset) -> Background:
 
 
 def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
-    """Yield cropped points of each sensor with nobody there, four times over with noise.
+    """Yield cropped points of each sensor, nobody there.
 
-    The ground is levelled.
+    Four times over, with noise. The ground is levelled.
     """
     empty, rng = empty_scene(recording), np.random.default_rng(0)
     for _ in range(_SWEEPS):
@@ -52,9 +55,10 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 
 def site_background(site: Site) -> Background:
-    """Return the background of everything that stands still at a site.
+    """Return the background of all that stands still.
 
-    In its area and up to its height, seen or unseen, with the ground levelled. The same site gives the same background.
+    It covers a site's area up to its height, seen or unseen, with the ground levelled. The same site gives the same
+    background.
     """
     crop, slope = Crop.of(site), site.relief.slope
     voxel, mesh = choose_voxel(crop), build_scenery(site)
@@ -75,14 +79,20 @@ def choose_voxel(crop: Crop) -> float:
 
 
 def _reaches_crop(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray, " m"]:
-    """Mark triangles that may reach into a crop; corners: with the ground levelled."""
+    """Mark triangles that may reach into a crop.
+
+    corners: with the ground levelled.
+    """
     lowest, highest = corners.min(axis=1), corners.max(axis=1)
     xmin, ymin, xmax, ymax = crop.area
     return np.asarray((highest >= [xmin, ymin, _FLOOR]).all(axis=1) & (lowest <= [xmax, ymax, crop.height]).all(axis=1))
 
 
 def _on_surfaces(mesh: Mesh, voxel: float) -> Iterator[Float[np.ndarray, "n 3"]]:
-    """Yield random points on all triangles of a mesh, `PER_VOXEL` per voxel side on average."""
+    """Yield random points on all triangles of a mesh.
+
+    `PER_VOXEL` per voxel side on average.
+    """
     rng = np.random.default_rng(0)
     corners = mesh.vertices[mesh.triangles]
     edges = corners[:, 1:] - corners[:, :1]

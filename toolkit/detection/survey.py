@@ -1,7 +1,8 @@
-"""Figures of a recording before any detector: objects, points on each of them, and what early fusion would send.
+"""Figures of a recording before any detector.
 
-They stand beside the paper's: 516 and 674 kbit per sensor (its first table), and the share of vehicles without a point
-for sensor sets of the T-junction (section IV-E: more than 60 % for 4, 30 % for 3 and 4, none for 0, 2 and 5).
+Objects, points on each of them, and the bits that early fusion would send. They stand beside the paper's: 516 and 674
+kbit per sensor (its first table), and the share of vehicles without a point for sensor sets of the T-junction (section
+IV-E: more than 60 % for 4, 30 % for 3 and 4, none for 0, 2 and 5).
 """
 
 from __future__ import annotations
@@ -26,12 +27,13 @@ from toolkit.sites.site import Site
 
 @dataclass(frozen=True)
 class Survey:
-    """Figures of a recording, in its site's area where that is known, else of all that is there.
+    """Figures of a recording, in its site's area if known.
 
-    objects_per_frame: mean by class; kbit_per_sensor: of all points, sensor by sensor; counts: points of each sensor on
-    each vehicle; by_class: the same of the objects of each class that was counted; points_per_cloud: mean of each
-    sensor, by name; agreeing: number of labelled cuboids that hold as many points as the set says, of those where it
-    says so, None where it does not; problems: number of labels and points left out in reading, by kind.
+    Otherwise they cover all that is there. objects_per_frame: mean by class; kbit_per_sensor: of all points, sensor by
+    sensor; counts: points of each sensor on each vehicle; by_class: the same of the objects of each class that was
+    counted; points_per_cloud: mean of each sensor, by name; agreeing: number of labelled cuboids that hold as many
+    points as the set says, of those where it says so, None where it does not; problems: number of labels and points
+    left out in reading, by kind.
     """
 
     frames: int
@@ -45,22 +47,34 @@ class Survey:
     problems: dict[str, int] = field(default_factory=dict)
 
     def points_on_vehicles(self, sensors: Sequence[int]) -> Int64[np.ndarray, " vehicles"]:
-        """Point density of each vehicle in the fused cloud of a sensor set (indices)."""
+        """Points on each vehicle in a fused cloud.
+
+        The cloud is that of a sensor set (indices).
+        """
         return self.counts[:, list(sensors)].sum(axis=1)
 
     def points_on_objects(self, label: str, sensors: Sequence[int]) -> Int64[np.ndarray, " objects"]:
-        """Point density of each object of a class. Raises ValueError for one that was not counted."""
+        """Points on each object of a class.
+
+        Raises ValueError for a class that was not counted.
+        """
         if label not in self.by_class:
             raise ValueError(f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}")
         return self.by_class[label][:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
-        """Share of vehicles, or objects of a class, on which a sensor set has no point; NaN without any."""
+        """Share of objects without a point of a sensor set.
+
+        Vehicles, or objects of a class; NaN without any.
+        """
         points = self.points_on_vehicles(sensors) if label is None else self.points_on_objects(label, sensors)
         return float((points == 0).mean()) if len(points) else float("nan")
 
     def as_dict(self, sensor_sets: Sequence[Sequence[int]]) -> dict[str, Any]:
-        """Return the figures for JSON, with the share of unseen vehicles of some sensor sets; None if undefined."""
+        """Return the figures for JSON.
+
+        The share of unseen vehicles is given for some sensor sets; None if undefined.
+        """
         return {
             "frames": self.frames,
             "objects_per_frame": self.objects_per_frame,
@@ -171,7 +185,10 @@ def survey(
 
 
 def _clouds(frame: Frame, site: Site | None) -> dict[str, np.ndarray]:
-    """Points of every sensor, world frame: in the area of a site, else all."""
+    """Points of every sensor, world frame.
+
+    In the area of a site, else all.
+    """
     if site is None:
         return {cloud.name: cloud.in_world() for cloud in frame.clouds}
     return dict(zip((sensor.name for sensor in frame.sensors), frame_points(frame, area=site), strict=True))
@@ -182,7 +199,10 @@ def _count(points: np.ndarray, boxes: np.ndarray, site: Site | None) -> np.ndarr
 
 
 def _agreement(frame: Frame) -> tuple[int, int]:
-    """Number of cuboids that hold as many points as the set says, and of those where it says so."""
+    """Count cuboids whose points agree with the set.
+
+    The first number agrees with the points that the set says; the second counts cuboids where it says so.
+    """
     agree = known = 0
     for boxes, own in ((frame.objects.boxes, frame.counts), (frame.others.boxes, frame.others.counts)):
         if own is not None:

@@ -1,7 +1,8 @@
-"""`View`: one frame as its sensors saw it, from which a fusion scheme takes clouds and detections, each computed once.
+"""`View`: one frame as its sensors saw it.
 
-All schemes and sensor sets that are scored on a frame share one view. Every value says when it is ready: milliseconds
-after the measurement, the sensors working side by side, so that a step begins when the last of its inputs is ready.
+A fusion scheme takes clouds and detections from it, each computed once. All schemes and sensor sets that are scored on
+a frame share one view. Every value says when it is ready, in milliseconds after the measurement. Sensors work side by
+side, so a step begins when the last of its inputs is ready.
 """
 
 from __future__ import annotations
@@ -34,8 +35,11 @@ Lift = Callable[[Float32[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of one sensor of a view. history: what was done to its cropped points since; clouds of one sensor and
-    frame with equal histories are equal. rows: which of its cropped points these are, None for all of them."""
+    """Points of one sensor of a view.
+
+    history: what was done to its cropped points since; clouds of one sensor and frame with equal histories are equal.
+    rows: which of its cropped points these are, None for all of them.
+    """
 
     sensor: int
     history: tuple[str, ...]
@@ -46,9 +50,12 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """The image that the points of one sensor were measured in. frame: of which it is number `index`; area, height: of
-    the crop; kept: the pixels of the points in the crop in the order of these, None to find them; lift: what was done
-    to points of the frame's world before they were cropped, such as putting them on level ground."""
+    """Image in which a sensor's points were measured.
+
+    frame: of which it is number `index`; area, height: of the crop; kept: the pixels of the points in the crop in the
+    order of these, None to find them; lift: what was done to points of the frame's world before they were cropped, such
+    as putting them on level ground.
+    """
 
     frame: Frame
     index: int
@@ -59,7 +66,7 @@ class Captured:
 
     @property
     def sensor(self) -> Sensor:
-        """Which one, where it is believed to be."""
+        """Sensor of the image, where it is believed to be."""
         return self.frame.sensors[self.index]
 
     @property
@@ -69,7 +76,10 @@ class Captured:
 
     @cached_property
     def pixels(self) -> Int64[np.ndarray, " n"]:
-        """Those of the points in the crop, in the order of these, counted row after row."""
+        """Pixels of the points in the crop.
+
+        In the order of these points, counted row after row.
+        """
         if self.kept is not None:
             return self.kept
         return find_crop_pixels(self.frame, self.index, area=self.area, height=self.height)
@@ -81,7 +91,10 @@ class Captured:
         return RangeImage(self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index)
 
     def points(self, image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "n 3"]:
-        """Where the pixels of an image of this sensor measure, world frame, those that return anything."""
+        """Points that an image of this sensor measures, world frame.
+
+        Only pixels that return anything have one.
+        """
         xyz, valid = unproject(self.sensor, image)
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
         if shift is not None:
@@ -99,14 +112,14 @@ class Boxes:
 
 
 class SentCloud(NamedTuple):
-    """Points that arrived at the fusion centre, and what sending them took."""
+    """Points that arrived at the centre, and their cost."""
 
     arrived: Cloud
     bits: int
 
 
 class SentBoxes(NamedTuple):
-    """Detections that arrived at the fusion centre, and what sending them took."""
+    """Detections that arrived at the centre, and their cost."""
 
     arrived: Boxes
     bits: int
@@ -146,7 +159,7 @@ class View:
         self._sent_boxes: dict[Boxes, SentBoxes] = {}
 
     def cloud(self, sensor: int) -> Cloud:
-        """What a sensor measured: its points in the site's area, world frame."""
+        """Points of a sensor in the site's area, world frame."""
         if (sensor, ()) not in self._clouds:
             points, ms = _timed(partial(self._measure, sensor))
             self._clouds[sensor, ()] = Cloud(sensor, (), points, ms)
@@ -155,7 +168,10 @@ class View:
     def part(
         self, cloud: Cloud, name: str, keep: Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
     ) -> Cloud:
-        """The points of a cloud that `keep` keeps; name: says all that this depends on."""
+        """Keep the points of a cloud that `keep` selects.
+
+        name: says all that this depends on.
+        """
         key = cloud.sensor, (*cloud.history, name)
         if key not in self._clouds:
             kept, ms = _timed(lambda: np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor])))
@@ -164,7 +180,10 @@ class View:
         return self._clouds[key]
 
     def captured(self, sensor: int) -> Captured:
-        """The image behind the points of a sensor. Raises ValueError where only points are known."""
+        """Image behind the points of a sensor.
+
+        Raises ValueError where only points are known.
+        """
         if self._capture is None:
             raise ValueError("this view has points alone, no images: choose a scheme and codec that work with points")
         if sensor not in self._captured:
@@ -172,13 +191,19 @@ class View:
         return self._captured[sensor]
 
     def scene(self, sensor: int) -> EmptyScene:
-        """The empty scene of a sensor. Raises ValueError where none is known."""
+        """Empty scene of a sensor.
+
+        Raises ValueError where none is known.
+        """
         if self._scene is None:
             raise ValueError("this view knows no empty scenes: pass some of toolkit.calibration.empty_scene")
         return self._scene(sensor)
 
     def remember(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
-        """What a link of a sensor keeps from frame to frame, made by `begin` in the first; name: of the link."""
+        """State that a sensor's link keeps between frames.
+
+        `begin` makes it in the first frame. name: of the link.
+        """
         if (sensor, name) not in self._memory:
             self._memory[sensor, name] = begin()
         kept: _Value = self._memory[sensor, name]
@@ -187,8 +212,11 @@ class View:
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> SentCloud:
-        """What the centre makes of an image of a sensor, and the bits that took; name: says all that this depends on
-        beside the measurement."""
+        """Send an image of a sensor to the centre.
+
+        Returns what the centre makes of it, and the bits that took. name: says all that this depends on beside the
+        measurement.
+        """
         if (sensor, name) not in self._transmitted:
             measured = self.cloud(sensor)
             (points, bits), ms = _timed(through)
@@ -196,7 +224,7 @@ class View:
         return self._transmitted[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
-        """What the detector says of the points of some clouds together."""
+        """Detect in the points of some clouds together."""
         key = (clouds[0].sensor, clouds[0].history) if len(clouds) == 1 else None
         if key in self._detected:
             return self._detected[key]
@@ -223,7 +251,10 @@ class View:
         return self._sent_boxes[boxes]
 
     def suppress(self, parts: Sequence[Boxes]) -> Boxes:
-        """The boxes of all parts, best first, less those that overlap a surer one of their label."""
+        """Merge the boxes of all parts, best first.
+
+        A box that overlaps a surer one of its label is dropped.
+        """
         merged, ms = _timed(lambda: suppress(Detections.merge(part.detections for part in parts), self.nms_iou))
         return Boxes(merged, _last(parts) + ms)
 
@@ -252,8 +283,10 @@ def frame_view(
     scene: Callable[[int], EmptyScene] | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """The view of a frame, cropped to a site or area and below a height (m), else the site's own; scene, memory: see
-    `View`."""
+    """Return the view of a frame, cropped to a site.
+
+    The crop is a site or area, below a height (m), else the site's own. scene, memory: see `View`.
+    """
 
     def measure(sensor: int) -> Float32[np.ndarray, "n 3"]:
         return frame_points(frame, [sensor], area=site, height=height)[0]
@@ -276,9 +309,10 @@ def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
 
 
 def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
-    """The detections, best first, less those whose BEV IoU with a surer one of the same label exceeds the threshold.
+    """Drop detections that overlap a surer one.
 
-    Equal scores are settled by the boxes' numbers, so that the order they come in makes no difference.
+    They come back best first. A detection goes if its BEV IoU with a surer one of the same label exceeds the threshold.
+    Equal scores are settled by the boxes' numbers, so the order of the input makes no difference.
     """
     ordered = detections[np.lexsort((detections.labels, *detections.boxes.T))]
     return ordered[nms(ordered.boxes, ordered.scores, iou_threshold, labels=ordered.labels)]
@@ -295,14 +329,20 @@ def _timed(call: Callable[[], _Value]) -> tuple[_Value, float]:
 
 
 class _Images:
-    """Clouds of a frame as images in the grids of their sensors, on level ground, each made once."""
+    """Images of a frame's clouds, each made once.
+
+    They are in the grids of their sensors, on level ground.
+    """
 
     def __init__(self, frame: Frame, stand: Stand, scenes: Scenes) -> None:
         self.frame, self.stand, self.scenes = frame, stand, scenes
         self._made = lru_cache(maxsize=None)(self._make)
 
     def measure(self, k: int) -> Float32[np.ndarray, "n 3"]:
-        """Points in the crop that the image shows, where they were measured."""
+        """Points in the crop that the image shows.
+
+        They lie where they were measured.
+        """
         return self._made(k)[0]
 
     def capture(self, k: int) -> Captured:
@@ -335,11 +375,12 @@ def stand_view(
     scenes: Scenes | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame where it stands: at its site, else counted from the middle, on level ground.
+    """Return the view of a frame where it stands.
 
-    With scenes, clouds are images too, so that schemes which send pixels work as on simulated frames: a sensor has the
-    points that its image shows, and what the centre makes of a message lies along the rays of its cells. Without them
-    the model of a sensor that measured a cloud does not matter. memory: of links, from frame to frame.
+    At its site, else counted from the middle, on level ground. With scenes, clouds are images too, so schemes that send
+    pixels work as on simulated frames: a sensor has the points that its image shows, and what the centre makes of a
+    message lies along the rays of its cells. Without them the model of a sensor that measured a cloud does not matter.
+    memory: of links, from frame to frame.
     """
     if isinstance(stand.area, Site):
         return frame_view(frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory)

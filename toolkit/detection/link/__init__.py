@@ -1,1 +1,4 @@
-"""Links from sensors to the fusion centre: messages as bytes, their delays and load."""
+"""Links from sensors to the fusion centre.
+
+Messages as bytes, their delays and load.
+"""

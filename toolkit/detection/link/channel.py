@@ -1,4 +1,6 @@
-"""Channels: delay, jitter, loss and rate of messages, and frames as they arrive.
+"""Channels: delay, jitter, loss and rate of messages.
+
+Frames are given as they arrive.
 
 Losses come singly or in bursts: the two states of Gilbert and Elliott, of which one loses every message and the other
 none (Gilbert: Capacity of a burst-noise channel, Bell System Technical Journal 39, 1960). With a share l lost in bursts
@@ -70,9 +72,9 @@ PERFECT = LinkChannel()
 
 
 class Line:
-    """Messages of one sensor through a channel, in the order of sending.
+    """Messages of one sensor through a channel.
 
-    seed: of all random draws.
+    In the order of sending. seed: of all random draws.
     """
 
     def __init__(self, channel: LinkChannel, seed: int | list[int]) -> None:
@@ -80,7 +82,10 @@ class Line:
         self._bad = bool(self._rng.random() < channel.loss)
 
     def arrival(self, time: float) -> float:
-        """Arrival of a message measured at a time (s); infinite if it is lost or not sent."""
+        """Arrival of a message measured at a time (s).
+
+        Infinite if it is lost or not sent.
+        """
         channel, number = self.channel, self._sent
         self._sent += 1
         jitter, change = self._rng.standard_normal() * channel.jitter, self._rng.random()
@@ -156,7 +161,10 @@ def _newest(
     now: float,
     needed: Callable[[int], Sequence[int]] | None,
 ) -> int | None:
-    """Number of the newest readable frame that is not too old."""
+    """Number of the newest readable frame.
+
+    Frames that are too old do not count.
+    """
     for k in range(len(arrivals) - 1, -1, -1):
         if now - history[k].time > STALE + 1e-9:
             return None
@@ -168,7 +176,10 @@ def _newest(
 def _put_together(
     history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
 ) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
-    """Combine these instants into a frame, with the apparent age of each measurement."""
+    """Combine these instants into a frame.
+
+    The apparent age of each measurement is given too.
+    """
     now = history[-1]
     sensors, measurements, shifts, ages = [], [], [], []
     for sensor, k in enumerate(newest):

@@ -1,4 +1,6 @@
-"""Differences: foreground messages that say what changed since an earlier one.
+"""Differences: foreground messages that send only changes.
+
+The changes are those since an earlier message.
 
 A whole image, an ordinary foreground message, comes at least every `key_every` messages; those between are differences.
 Each names the message that it refers to, and a checksum of the state that sender and reader share after it. A reader
@@ -90,7 +92,7 @@ class MissedReference(ValueError):
 
 
 class _Difference(NamedTuple):
-    """Content of a message, and the number of its still pixels."""
+    """Content of a message, and its number of still pixels."""
 
     content: bytes
     stands: int
@@ -134,7 +136,10 @@ class DifferenceSender:
         return write_message(header, content + encode_missing(missing))
 
     def _difference(self, image: RangeImage, steps: np.ndarray, sent: np.ndarray) -> _Difference | None:
-        """Difference of an image, None if it must be sent whole."""
+        """Difference of an image.
+
+        None if it must be sent whole.
+        """
         reference = self._reference
         if reference is None or not reference.number < image.number < self._key + self.key_every:
             return None
@@ -229,7 +234,10 @@ class Reference:
 
     @cached_property
     def checksum(self) -> int:
-        """CRC-32 of the state: equal if sender and reader share it."""
+        """CRC-32 of the state.
+
+        Equal if sender and reader share it.
+        """
         pixels = np.flatnonzero(self.images)
         parts = (np.array([self.number, self.step_mm]), pixels, self.fine.ravel()[pixels], self.images.ravel()[pixels])
         return zlib.crc32(np.concatenate(parts).astype("<i8").tobytes())
@@ -339,7 +347,10 @@ def _round_steps(fine: np.ndarray) -> np.ndarray:
 
 
 def _predictions(reference: Reference, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reference of pixels in whole steps, and 1 where it was rounded down, else -1."""
+    """Reference of pixels in whole steps, and rounding.
+
+    Rounding is 1 where it was rounded down, else -1.
+    """
     fine = reference.fine[pixels]
     whole = _round_steps(fine)
     return whole, np.where(fine >= _FINE * whole, 1, -1)
@@ -378,7 +389,9 @@ class ForegroundDifferences(SendsForeground):
         check_differences(self.refers_to, self.key_every)
 
     def dependencies(self, number: int, /) -> range:
-        """Numbers of the messages needed to read one, itself the last.
+        """Numbers of the messages needed to read one.
+
+        The message itself is the last.
 
         >>> ForegroundDifferences(key_every=10).dependencies(12)
         range(10, 13)
@@ -393,7 +406,7 @@ class ForegroundDifferences(SendsForeground):
         return [self._transmit(view, sensor).bits for sensor in sensors]
 
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
-        """Restored cloud of a sensor, and the bits of its message."""
+        """Restored cloud of a sensor, and its message's bits."""
         captured, scene = view.captured(sensor), view.scene(sensor)
         sender, reader = view.remember(sensor, self.digest, lambda: self._begun(view, sensor))
         out = standing_out(captured, scene, self.sigmas)

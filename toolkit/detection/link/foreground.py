@@ -1,4 +1,6 @@
-"""`Foreground`: sensors send only what stands out from their empty scene.
+"""`Foreground`: sensors send only what stands out.
+
+It stands out from their empty scene.
 
 The centre knows the empty scenes, draws them into all other pixels, and all points go through the detector together, as
 in early fusion. Sent pixels arrive within half a step. On the wire the missing pixels, if any, follow the measurements
@@ -42,7 +44,10 @@ from toolkit.sensors.sensor import Sensor, is_return
 
 
 class SendsForeground:
-    """Base of schemes that send foreground and detect once in all of it."""
+    """Base of schemes that detect once in all foreground.
+
+    Sensors send the foreground.
+    """
 
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
@@ -60,7 +65,10 @@ class SendsForeground:
 
     @property
     def codec(self) -> RangeImages:
-        """Codec that estimates the mean bits of so many pixels of a whole image."""
+        """Codec that estimates a foreground message's mean bits.
+
+        It works from the number of pixels of a whole image.
+        """
         return RangeImages(self.step)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
@@ -86,13 +94,13 @@ class SendsForeground:
         return view.transmit(sensor, self.digest, partial(self._through, view, sensor))
 
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
-        """Restored cloud of a sensor, and the bits of its message."""
+        """Restored cloud of a sensor, and its message's bits."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Foreground(SendsForeground):
-    """Early fusion of clouds with a background known to the centre.
+    """Early fusion with a background known to the centre.
 
     step: of measurements (m); sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError
     for a step that messages cannot express, and for sigmas not above 0.
@@ -108,7 +116,7 @@ class Foreground(SendsForeground):
             raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
 
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
-        """Restored cloud of a sensor, and the bits of its message."""
+        """Restored cloud of a sensor, and its message's bits."""
         captured, scene = view.captured(sensor), view.scene(sensor)
         out = standing_out(captured, scene, self.sigmas)
         message = encode_foreground(captured.sending(out.pixels), scene, out.missing, step=self.step)
@@ -135,7 +143,9 @@ def encode_foreground(
     *,
     step: float = 0.02,
 ) -> bytes:
-    """Encode all pixels of an image that return something, and the missing ones.
+    """Encode an image's foreground pixels and missing ones.
+
+    Foreground pixels are all that return something.
 
     Raises ValueError for the empty scene of another sensor, and for a missing pixel that returns something.
     """
@@ -197,7 +207,10 @@ def scene_header(scene: EmptyScene) -> dict[str, int]:
 
 
 def encode_missing(missing: Bool[np.ndarray, "rows columns"]) -> bytes:
-    """Encode missing pixels: a mask, or nothing if none is missing."""
+    """Encode missing pixels as a mask.
+
+    Nothing is written if none is missing.
+    """
     return encode_mask(missing) if missing.any() else b""
 
 
@@ -224,7 +237,10 @@ def draw_scene_around(
     sent: Bool[np.ndarray, "rows columns"],
     missing: Bool[np.ndarray, "rows columns"],
 ) -> Restored:
-    """Draw the empty scene into all pixels that are neither sent nor missing."""
+    """Draw the empty scene into all other pixels.
+
+    These are neither sent nor missing.
+    """
     measured = from_steps(steps, sent, header.step, scene.model)
     return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing)
 
@@ -232,7 +248,7 @@ def draw_scene_around(
 def restore_points(
     captured: Captured, scene: EmptyScene, restored: Restored | None
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
-    """Points of a sensor in its crop, and the sent ones among them.
+    """Points of a sensor in its crop, sent ones marked.
 
     restored: None if nothing arrived at all: then the empty scene is drawn; captured: for sensor and crop. The sent
     points come first.
@@ -255,7 +271,10 @@ LEAST_COMPANY = 3  # missing pixels, counting the pixel itself, unless all are m
 
 
 class DrawnScene(NamedTuple):
-    """Points of an empty scene in the crop (world frame), and their pixels row after row."""
+    """Points of an empty scene in the crop.
+
+    World frame; their pixels are counted row after row.
+    """
 
     points: Float32[np.ndarray, "n 3"]
     pixels: Int64[np.ndarray, " n"]
@@ -284,7 +303,10 @@ def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) 
 
 
 def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
-    """Points that the centre draws for a sensor that sends nothing; captured: for sensor and crop."""
+    """Draw the points of a sensor that sends nothing.
+
+    captured: for sensor and crop.
+    """
     return _draw(scene, captured.sensor, Crop.of(captured.area, captured.height), captured.lift)
 
 
@@ -300,7 +322,10 @@ def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> D
 
 
 def _keep_company(gone: Bool[np.ndarray, "rows columns"], expected: Bool[np.ndarray, "rows columns"]) -> np.ndarray:
-    """Mask of missing pixels with at least half of the expected pixels about them missing too."""
+    """Mask of missing pixels with missing neighbours.
+
+    At least half of the expected pixels about them are missing too.
+    """
     certain = gone & expected
     if not certain.any():
         return np.zeros_like(gone)
@@ -312,7 +337,7 @@ def _keep_company(gone: Bool[np.ndarray, "rows columns"], expected: Bool[np.ndar
 
 
 def _count_around(mask: Bool[np.ndarray, "rows columns"]) -> Int64[np.ndarray, "rows columns"]:
-    """Count pixels of a mask in the square about each pixel."""
+    """Count mask pixels in the square about each pixel."""
     side = 2 * COMPANY + 1
     sums = np.pad(np.pad(mask, COMPANY).astype(np.int64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]

@@ -1,4 +1,6 @@
-"""Lossless coding of whole numbers and of the pixels of range images.
+"""Lossless coding of whole numbers and range images.
+
+For images, it is their pixels that are coded.
 
 Numbers: a number below 8 is its own symbol; one of e > 3 bits has the symbol 8 + 2 (e - 4) + its second bit, and its
 lower e - 2 bits follow apart. On the wire:
@@ -102,7 +104,10 @@ def _read_bits(data: bytes, start: int, width: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _places(width: np.ndarray) -> np.ndarray:
-    """Place of every bit in its number, from the highest down."""
+    """Place of every bit in its number.
+
+    From the highest down.
+    """
     ends = np.cumsum(width)
     return np.repeat(ends, width) - 1 - np.arange(int(width.sum()))
 
@@ -131,7 +136,10 @@ def _inflate(data: bytes, count: int) -> np.ndarray:
 
 
 def _variable(number: int) -> bytes:
-    """Write 7 bits a byte, lowest first; the highest bit says that more follow."""
+    """Write a number as 7 bits a byte, lowest first.
+
+    The highest bit says that more follow.
+    """
     out = bytearray()
     while number > 127:
         out.append(number & 127 | 128)
@@ -194,9 +202,9 @@ def encode_mask(mask: Bool[np.ndarray, "rows columns"]) -> bytes:
 
 
 def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Bool[np.ndarray, "rows columns"], int]:
-    """Decode the mask that begins at `start`, and return its end.
+    """Decode the mask that begins at `start`.
 
-    Raises ValueError for bytes that `encode_mask` does not write.
+    Its end is returned too. Raises ValueError for bytes that `encode_mask` does not write.
     """
     rows, columns = shape
     if start >= len(content) or content[start] not in (_ALONG_ROWS, _LEFT_AND_UP):
@@ -231,9 +239,10 @@ def decode_values(
     mask: Bool[np.ndarray, "rows columns"],
     given: tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]] | None = None,
 ) -> tuple[Int64[np.ndarray, "rows columns"], int]:
-    """Decode steps of the pixels of a mask (0 elsewhere) that begin at `start`, and return their end.
+    """Decode steps of the pixels of a mask.
 
-    given: steps and mask of other known pixels. Raises ValueError for bytes that `encode_values` does not write.
+    They begin at `start`; steps are 0 elsewhere. Their end is returned too. given: steps and mask of other known
+    pixels. Raises ValueError for bytes that `encode_values` does not write.
     """
     residuals, end = unpack_integers(content, start, mask.size)
     if len(residuals) != mask.sum():
@@ -242,7 +251,9 @@ def decode_values(
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Map whole numbers to those from 0 on, small absolute values first.
+    """Map whole numbers to those from 0 on.
+
+    Small absolute values come first.
 
     >>> fold(np.array([0, -1, 1, -2]))
     array([0, 1, 2, 3])
@@ -276,7 +287,10 @@ def _distances(changes: np.ndarray) -> np.ndarray:
 
 
 def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
-    """Predict every pixel of the mask, as `_add_up` does one after another."""
+    """Predict every pixel of the mask.
+
+    `_add_up` does the same one after another.
+    """
     at, wide = _pad_places(mask)
     known = np.full((mask.shape[0] + 1) * wide, -1, np.int64)
     if given is not None:
@@ -332,9 +346,9 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
 
 
 def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Places of a mask's pixels in an image padded by a row before and a column on either side.
+    """Places of a mask's pixels in a padded image.
 
-    Returns its width too.
+    A row is added before, and a column on either side. Returns its width too.
     """
     pixels, columns = np.flatnonzero(mask), mask.shape[1]
     return pixels + 2 * (pixels // columns) + columns + 3, columns + 2

@@ -1,7 +1,9 @@
-"""Load of messages on a link: rate, packets, and share of usual capacities.
+"""Load of messages on a link.
+
+Rate, packets, and share of usual capacities.
 
 A packet carries at most 1400 bytes of a message, so that with the headers of IP and UDP it fits an Ethernet frame, and
-a message of up to that size arrives whole or not at all. Capacities are nominal, shared by all who send, and hold what
+a message of up to that size arrives whole or not at all. Capacities are nominal, shared by all senders, and hold what
 the standards' headers, gaps and collisions take as well, so that a share well below 1 is needed:
 
     802.11p      6 Mbit/s   the default rate of ITS-G5 and WAVE in a channel of 10 MHz (IEEE 802.11-2020, clause 17)
@@ -66,7 +68,9 @@ def count_packets(bits: Int64[np.ndarray, "*shape"]) -> Int64[np.ndarray, "*shap
 
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
-    """Load of the messages of every sensor in every frame, at a rate (Hz).
+    """Load of all sensors' messages, at a rate (Hz).
+
+    The messages are those of every frame.
 
     Raises ValueError for a rate not above 0 and without messages.
     """

@@ -1,4 +1,6 @@
-"""Messages from a sensor to the fusion centre: header, content, checksum.
+"""Messages: header, content and checksum.
+
+A sensor sends them to the fusion centre.
 
     offset  bytes  type    field
     0       2      bytes   "cv"
@@ -137,7 +139,10 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
 
 
 def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> None:
-    """Raise ValueError for a message of another kind, sensor, shape, scene or step."""
+    """Check the header of a message.
+
+    Raises ValueError for a message of another kind, sensor, shape, scene or step.
+    """
     if header.kind != kind:
         raise ValueError(f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}")
     for name, value in expected.items():
@@ -159,7 +164,9 @@ class Arrival(Enum):
 
 
 class Inbox:
-    """Messages of one sensor, each taken once and none after a newer one.
+    """Messages of one sensor, each taken once.
+
+    None is taken after a newer one.
 
     sensor: its number, see `sensor_number`; latest: header of the last message taken, None before the first; taken,
     duplicates, late: counts. Every arrival is read first, so a damaged message is a ValueError and changes nothing. A
@@ -209,7 +216,10 @@ class Inbox:
 
     @property
     def lost(self) -> int:
-        """Number of messages between the first and the last one taken that have not arrived."""
+        """Number of lost messages.
+
+        They lie between the first and the last one taken and have not arrived.
+        """
         return self._missing
 
     def age(self, now: float) -> float:

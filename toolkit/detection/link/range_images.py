@@ -1,4 +1,4 @@
-"""`RangeImages`: the codec for images of measurements and boxes, as bytes.
+"""`RangeImages`: codec for range images and boxes.
 
 Points are sent as the pixels of their image and arrive within half a step of the measurement, along the pixel's ray.
 Boxes are sent in steps of 2 cm and half a degree with 9 bits of score:
@@ -148,7 +148,10 @@ class RangeImages:
         return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Raise ValueError: points alone do not say which pixels they are."""
+        """Refuse points without their image.
+
+        Raises ValueError: points alone do not say which pixels they are.
+        """
         raise ValueError(f"{self} sends images, got {len(points)} points alone: use PaperCodec without images")
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
@@ -172,7 +175,10 @@ class RangeImages:
         return decode_boxes(content)
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
-        """Estimate the bits; the size of a message depends on its content."""
+        """Estimate the bits.
+
+        The size of a message depends on its content.
+        """
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * OVERHEAD)
 
@@ -195,7 +201,10 @@ def image_header(kind: MessageKind, image: RangeImage, step: float, scene: int =
 def to_steps(
     measurement: Float32[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float
 ) -> Int64[np.ndarray, "rows columns"]:
-    """Convert measurements to whole steps, 0 for pixels that are not sent."""
+    """Convert measurements to whole steps.
+
+    0 for pixels that are not sent.
+    """
     steps = np.zeros(measurement.shape, np.int64)
     steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
     return steps
