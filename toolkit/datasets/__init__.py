@@ -1,4 +1,7 @@
-"""Recordings: published and own files, simulated ones, samples of clouds in any layout, and the doctor."""
+"""Recordings: published, own and simulated files.
+
+Also the frames of clouds in any layout, and the doctor.
+"""
 
 from lazy_loader import attach_stub
 

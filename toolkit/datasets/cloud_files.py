@@ -1,17 +1,18 @@
-"""Fuse recorded clouds: any usual point file, and the pose of the sensor that recorded it.
+"""Fuse recorded clouds from point files and sensor poses.
 
     .ply .pcd .npz       with all their attributes
     .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row, or under a line
-                         that names the columns, of which those of numbers alone are kept
+                         that names the columns; of the named columns the purely numeric ones are kept
     .npy                 array (n, 3 or more), x y z first, no other column kept; or one with names
     .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z intensity ring
     .feather             columns x, y, z and others, as Argoverse 2 has them (needs pyarrow)
 
-A pose is world_SE3_sensor, and `inverted` means that the file gives the extrinsic matrix instead, world → sensor. It is
-16 numbers (4×4 by rows), 12 (the first three rows, as KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON,
-one pose, a list of them, or an object {name: pose}; or text, one pose a line with its name before it or not, or one
-pose in four lines. A name is that of the cloud's file without its ending. Everything is float64, so that map
-coordinates of a million metres keep their millimetres.
+A pose is world_SE3_sensor; `inverted` means that the file gives the extrinsic matrix instead, world → sensor. It is
+16 numbers (4×4 by rows), 12 (the first three rows, as KITTI) or 7 (qw qx qy qz tx ty tz, metres).
+
+A pose file is JSON or text. JSON holds one pose, a list of poses, or an object {name: pose}. Text holds one pose a
+line, with or without its name before it, or one pose in four lines. A pose's name is its cloud's file name without the
+ending. Everything is float64, so that map coordinates of a million metres keep their millimetres.
 """
 
 from __future__ import annotations
@@ -33,10 +34,12 @@ Pose = Float64[np.ndarray, "4 4"]
 
 
 def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud:
-    """One cloud, float64, in the poses' common frame; sensor k recorded paths[k] and stood at poses[k].
+    """Return one float64 cloud in the poses' common frame.
 
-    Normals turn with their pose. Attributes that all files have stay, a warning names the others, see `fuse`.
-    Raises FileNotFoundError, and ValueError for a file that holds no points and for a pose that is none.
+    Sensor k recorded paths[k] and stood at poses[k]. Normals turn with their pose. Attributes that all files have
+    stay; a warning names the others, see `fuse`.
+
+    Raises FileNotFoundError, and ValueError for a file without points or an invalid pose.
     """
     if len(paths) != len(poses):
         raise ValueError(f"{len(paths)} cloud files but {len(poses)} poses: give one pose for each file")
@@ -53,8 +56,11 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud
 def crop_area(
     cloud: PointCloud, area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
 ) -> PointCloud:
-    """`toolkit.clouds.crop` that leaves a point. Raises ValueError, which says where the points lie, where none is
-    left; remedy: what the caller can be told to do."""
+    """Crop a cloud with `toolkit.clouds.crop`, keeping at least one point.
+
+    remedy: advice for the caller, added to the error. Raises ValueError, which says where the points lie, if none is
+    left.
+    """
     cropped = crop(cloud, area, height, floor=floor)
     if not len(positions(cropped)):
         points = positions(cloud)
@@ -67,12 +73,14 @@ def crop_area(
 
 
 def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
-    """The points of one file, as they stand in it, less those that are not finite."""
+    """Finite points of one file, as they stand in it."""
     return read_attributes(path)["positions"]
 
 
 def read_attributes(path: str | Path) -> Attributes:
-    """All that one file says of its points, less those that are not finite: `positions` (float64), the others by name.
+    """All point attributes of one file, finite points only.
+
+    The dict holds `positions` (float64) and the other attributes by name.
 
     Raises FileNotFoundError, and ValueError for a file that holds no points.
     """
@@ -82,7 +90,7 @@ def read_attributes(path: str | Path) -> Attributes:
 
 
 def read_recorded(path: str | Path) -> Attributes:
-    """As `read_attributes`, with the points that are not finite."""
+    """Read attributes like `read_attributes`, including points that are not finite."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
@@ -93,7 +101,10 @@ def read_recorded(path: str | Path) -> Attributes:
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
-    """The poses of a file by name; those without one are called 0, 1, 2, ... Raises ValueError that names a bad one."""
+    """Poses of a file by name.
+
+    Unnamed poses are called 0, 1, 2, ... Raises ValueError that names a bad pose.
+    """
     path = Path(path)
     if not path.exists() or path.is_dir():
         raise FileNotFoundError(f"no such pose file: {path}")
@@ -108,7 +119,10 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
 
 
 def load_poses(paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False) -> list[Pose]:
-    """The pose of each cloud file, from one pose file for all of them or from one each."""
+    """Load the pose of each cloud file.
+
+    The poses come from one pose file for all clouds, or from one each.
+    """
     if len(files) == 1:
         return match_poses(paths, read_poses(files[0], inverted=inverted))
     each = [read_poses(file, inverted=inverted) for file in files]
@@ -118,7 +132,10 @@ def load_poses(paths: Sequence[str | Path], files: Sequence[str | Path], *, inve
 
 
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
-    """The pose of each cloud: the one that has its file's name or, where no pose has a name, the one in its place."""
+    """Pose of each cloud, matched by file name.
+
+    If no pose has a name, they are matched by position.
+    """
     stems = [Path(path).stem.removesuffix(".pcd") for path in paths]
     if all(stem in poses for stem in stems) and len(set(stems)) == len(stems):
         return [poses[stem] for stem in stems]
@@ -128,7 +145,9 @@ def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[
 
 
 def parse_pose(numbers: Any, name: str = "pose") -> Pose:
-    """A pose of 16, 12 or 7 numbers, nested or flat.
+    """Parse a pose of numbers.
+
+    It has 16, 12 or 7 numbers, nested or flat.
 
     >>> parse_pose([1, 0, 0, 0, 5, 6, 7])[:3, 3]
     array([5., 6., 7.])
@@ -150,7 +169,9 @@ def parse_pose(numbers: Any, name: str = "pose") -> Pose:
 
 
 def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]) -> Pose:
-    """The pose turned by a unit quaternion w x y z and then moved (m).
+    """Pose from a unit quaternion and a translation.
+
+    The quaternion is w x y z; the translation is in metres.
 
     >>> quaternion_pose(np.array([0.0, 0, 0, 1]), np.zeros(3))[:2, :2]
     array([[-1., 0.], [ 0., -1.]])
@@ -170,7 +191,10 @@ def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[n
 
 
 def read_table(path: str | Path) -> dict[str, np.ndarray]:
-    """The columns of a feather file by name. Raises ImportError without pyarrow, ValueError for a damaged file."""
+    """Columns of a feather file by name.
+
+    Raises ImportError without pyarrow, ValueError for a damaged file.
+    """
     try:
         import pyarrow
         from pyarrow import feather
@@ -221,7 +245,11 @@ def _array(path: Path) -> Attributes:
 
 
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
-    """x, y and z by their places, or by the names in the first line, and what else has a name and numbers alone."""
+    """Columns of a text file by name.
+
+    x, y and z are found by position, or by the names in the first line. Other columns are kept if they are named and
+    purely numeric.
+    """
     rows = _rows(_text(path))
     columns, others = dict(zip("xyz", range(3), strict=True)), {}
     if rows and not any(map(_is_number, rows[0])):

@@ -1,4 +1,7 @@
-"""A recorded dataset as a sequence of frames: files of `coview simulate` and the published ones alike."""
+"""A recorded dataset as a sequence of frames.
+
+Reads files of `coview simulate` and the published ones alike.
+"""
 
 from __future__ import annotations
 
@@ -30,20 +33,25 @@ CLOUDS_KIND = "clouds"  # the attribute `coview` of a file of recorded clouds
 
 
 class UnknownSite(ValueError):
-    """A recording that does not say which site it shows, and shows none that is known."""
+    """A recording of unknown site.
+
+    It does not name its site, and shows none that is known.
+    """
 
 
 class CoopDataset(Sequence[Frame]):
-    """The frames of an HDF5 file, site frame, noise-free: `dataset[k]` is a `Frame`, a slice is a list of them.
+    """Noise-free frames of an HDF5 file, in the site frame.
 
-    path: a file of `coview simulate` or one in the published layout. site: which place it shows; ours say so
-    themselves, published ones are recognised where they show a built-in site. drop_invalid: rows that no object can
-    have (NaN, no size, kilometres away, see `published_layout.wrong_rows`) are left out with one warning that counts
-    them, instead of the ValueError that names the first one when its frame is read.
-    Opened when needed and again in every process it is sent to; usable in a `with` statement.
+    `dataset[k]` is a `Frame`; a slice is a list of them. The file is opened when needed, and again in every process it
+    is sent to. Usable in a `with` statement.
 
-    Raises FileNotFoundError; OSError where the file is no HDF5 file or cut off; ValueError, which names what in the
-    file is wrong, where it has another layout; IndexError where there is no such frame.
+    path: a file of `coview simulate` or one in the published layout. site: the place it shows; our files name it,
+    published ones are recognised if they show a built-in site. drop_invalid: leave out rows that no object can have
+    (NaN, no size, kilometres away, see `published_layout.wrong_rows`), with one warning that counts them. Otherwise
+    reading the frame of the first such row raises ValueError.
+
+    Raises FileNotFoundError; OSError for a file that is cut off or not HDF5; ValueError, which names what is wrong in
+    the file, for another layout; IndexError for an unknown frame.
     """
 
     def __init__(self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False) -> None:
@@ -156,7 +164,10 @@ class CoopDataset(Sequence[Frame]):
         return published.parse_rows(rows, self.site.map_SE3_site, ids, name)
 
     def _warn_of_invalid(self, file: h5py.File) -> None:
-        """One warning that says how many objects are left out, and what is wrong with the first of them."""
+        """Warn how many objects are left out.
+
+        There is one warning, which also says what is wrong with the first of them.
+        """
         wrong = {k: published.wrong_rows(object_rows(file, f"objects/{k}")) for k in range(self._length)}
         frames = [k for k, words in wrong.items() if (words != "").any()]
         if frames:
@@ -172,8 +183,11 @@ class CoopDataset(Sequence[Frame]):
 
 
 def noisy(frame: Frame, seed: int) -> Frame:
-    """`frame` with every sensor's noise added, drawn from the seed, the frame's index and the sensor's name alone, so
-    that a sensor measures the same whichever others are used."""
+    """Return `frame` with every sensor's noise added.
+
+    The noise depends only on the seed, the frame's index and the sensor's name. A sensor therefore measures the same
+    whichever others are used.
+    """
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     measurements = []
@@ -184,7 +198,10 @@ def noisy(frame: Frame, seed: int) -> Frame:
 
 
 def open_file(path: str | Path) -> h5py.File:
-    """An HDF5 file for reading. Raises FileNotFoundError or OSError, which say in one line what is wrong with it."""
+    """Open an HDF5 file for reading.
+
+    Raises FileNotFoundError or OSError, which say in one line what is wrong with it.
+    """
     path = Path(path)
     if not path.exists():
         unfinished = path.with_name(path.name + ".parts").is_dir()
@@ -196,7 +213,10 @@ def open_file(path: str | Path) -> h5py.File:
 
 
 def object_rows(file: h5py.File, name: str) -> np.ndarray:
-    """The published rows of a frame's objects, whatever they say. Raises ValueError where they cannot be read."""
+    """Published object rows of a frame, unchecked.
+
+    Raises ValueError if they cannot be read.
+    """
     if not hdf5.contains(file, name):
         raise ValueError(f"{name} is missing: every frame needs its objects, no rows for none")
     rows = hdf5.array(file, name, kinds="fiub")
@@ -206,8 +226,11 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
 
 
 def check_kinds(file: h5py.File) -> None:
-    """ValueError where a dataset stands in the place of a group of the layout, or a group in that of a dataset, and
-    where the file holds recorded clouds."""
+    """Check that groups and datasets stand where the layout expects.
+
+    Raises ValueError for a dataset in the place of a group, for a group in the place of a dataset, and for a file of
+    recorded clouds.
+    """
     if str(hdf5.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
     kinds: dict[str, type] = {
@@ -226,7 +249,10 @@ def check_kinds(file: h5py.File) -> None:
 
 
 def list_cameras(file: h5py.File) -> tuple[str, ...]:
-    """The names of the depth cameras in the order of `dslices`: those that start with d, by the alphabet."""
+    """Names of the depth cameras in the order of `dslices`.
+
+    These are the names that start with d, in alphabetical order.
+    """
     return tuple(sorted(name for name in hdf5.child_names(file, "cameras") if name.startswith("d")))
 
 
@@ -245,7 +271,10 @@ def _site(file: h5py.File) -> Site:
 
 
 def _recognised(file: h5py.File) -> Site:
-    """The built-in site that most cameras, or most objects, of a published file stand in or beside."""
+    """Built-in site of a published file.
+
+    It is the site that most cameras, or most objects, stand in or beside.
+    """
     from toolkit.sites import BUILT_IN
 
     cameras = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in list_cameras(file)]
@@ -284,7 +313,10 @@ def _channels(file: h5py.File, site: Site) -> tuple[StoredChannel, ...]:
 
 
 def _order(file: h5py.File) -> list[str]:
-    """The names of the sensors in the order of a frame's measurements, none where the file does not say."""
+    """Sensor names in the order of a frame's measurements.
+
+    Empty if the file does not say.
+    """
     if not hdf5.contains(file, "coview"):
         return []
     written = hdf5.read_node_attributes(file["coview"], "coview").get("sensors", "[]")
@@ -363,7 +395,10 @@ def _own(file: h5py.File, name: str) -> np.ndarray | None:
 
 
 def _check_starts(starts: np.ndarray | None, frames: int) -> None:
-    """ValueError where `coview/object_start` does not cut the objects into so many frames."""
+    """Check that `coview/object_start` fits the number of frames.
+
+    Raises ValueError if it does not cut the objects into `frames` parts.
+    """
     if starts is None:
         return
     if starts.dtype.kind not in "iu" or len(starts) != frames + 1 or (np.diff(starts.astype(np.int64)) < 0).any():

@@ -1,9 +1,9 @@
-"""Doctor of stored images: what looks wrong with the sensors and objects of a recording.
+"""Doctor of stored images: suspicious sensors and objects.
 
 Sensors that fail within the recording are
 
-frozen    an image repeats an earlier one pixel for pixel, although its objects have left blind     far fewer returns
-than in most frames, while other sensors see as before
+frozen    an image repeats an earlier one pixel for pixel, although its objects have left
+blind     far fewer returns than in most frames, while other sensors see as before
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ HALF_OF_IT = 0.5  # of the usual number: with fewer returns a sensor is blind
 
 
 def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[np.ndarray, " frames"]:
-    """Mask of the frames in which a sensor repeats an image that showed objects which have left.
+    """Mask of the frames in which a sensor is frozen.
 
-    rows: the published ones of each frame.
+    A frozen sensor repeats an image that showed objects which have left. rows: the published ones of each frame.
     """
     frozen, first = np.zeros(len(view.depth), bool), 0
     for k in range(1, len(view.depth)):
@@ -61,7 +61,10 @@ def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[
 
 
 def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
-    """Mask of the frames in which a sensor has far fewer returns than in most, and others do not."""
+    """Mask of the frames in which a sensor is blind.
+
+    A blind sensor has far fewer returns than in most frames, while others do not.
+    """
     returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
     usual = np.quantile(returned, USUAL, axis=1)[:, None]
     blind = returned < HALF_OF_IT * usual
@@ -71,7 +74,7 @@ def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors fra
 def failing_sensors(
     views: Sequence[SensorImages], rows: Sequence[Rows], site: Site, frames: Sequence[int]
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Yield place, suspicion, evidence and remedy for each sensor that fails.
+    """Yield place, suspicion, evidence and remedy per failing sensor.
 
     frames: numbers of the images.
     """
@@ -124,7 +127,10 @@ class Finding:
 
 @runtime_checkable
 class StoredRecording(Protocol):
-    """Parts of a `CoopDataset` that are checked; not its frames, whose objects may be damaged."""
+    """Parts of a `CoopDataset` that are checked.
+
+    Its frames are not among them: their objects may be damaged.
+    """
 
     site: Site
     channels: tuple[StoredChannel, ...]
@@ -172,7 +178,10 @@ def check_measurements(
 
 
 class _Examination:
-    """Agreement of points and boxes, with and without the suspected mistakes."""
+    """Agreement of points and boxes.
+
+    It is measured with and without the suspected mistakes.
+    """
 
     def __init__(
         self, site: Site, views: Sequence[SensorImages], tables: Sequence[np.ndarray], frames: Sequence[int]
@@ -197,7 +206,7 @@ class _Examination:
                     self.doubts[sensor.name] = suspicion
 
     def disagreements(self) -> Iterator[Finding]:
-        """Yield the suspected mistakes in the objects, then those of the sensors."""
+        """Yield suspected mistakes: objects first, then sensors."""
         for mistake in self.mistakes:
             yield _error("objects", mistake.mistake, _share(mistake), mistake.remedy)
         yield from self.misplaced
@@ -213,7 +222,10 @@ class _Examination:
                 yield _error(where, "points and boxes disagree", evidence, remedy)
 
     def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
-        """Yield objects and points of some frames in the site's frame, without the sensors in doubt."""
+        """Yield objects and points of some frames, site frame.
+
+        Sensors in doubt are left out.
+        """
         trusted = [view for view in self.views if view.sensor.name not in self.doubts]
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
             points = [np.zeros((0, 3), np.float32), *(_points(view, frame) for view in trusted)]
@@ -221,7 +233,10 @@ class _Examination:
 
 
 def _views(dataset: StoredRecording, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
-    """Read the measurements of some frames as stored, in whatever unit; find those that cannot be read."""
+    """Read the measurements of some frames as stored.
+
+    They may be in any unit. Frames that cannot be read become findings.
+    """
     views, findings = [], []
     for sensor, name, place in dataset.channels:
         images = dataset.images(name)
@@ -252,7 +267,10 @@ def _points(view: SensorImages, frame: int) -> np.ndarray:
 
 
 def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
-    """Find sensors that never see anything, and frames in which none does."""
+    """Find sensors that never see anything, and empty frames.
+
+    A frame is empty if no sensor sees anything in it.
+    """
     blind = [view.sensor.name for view in views if not view.depth.any()]
     for name in blind:
         remedy = "check its images and their unit, or leave it out"
@@ -264,7 +282,10 @@ def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator
 
 
 def _posture(exam: _Examination) -> Iterator[Finding]:
-    """Find sensors under the ground, upside down, or looking away from the detection area, unless explained."""
+    """Find sensors with an implausible pose.
+
+    That is under the ground, upside down, or looking away from the detection area, unless explained.
+    """
     for view in exam.views:
         sensor, site = view.sensor, exam.site
         if exam.doubts.get(sensor.name) is not None:
@@ -289,7 +310,10 @@ def _posture(exam: _Examination) -> Iterator[Finding]:
 
 
 def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
-    """Find objects elsewhere than the site, perhaps since an axis is mirrored; return the rows without that."""
+    """Find objects that lie outside the site.
+
+    An axis may be mirrored. Returns the rows without that mistake too.
+    """
     centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
     flips = {"": np.ones(10), "y": np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])}
     nearby = {axis: float(_near_area(centres * flip[:3], site)) for axis, flip in flips.items()}
@@ -305,7 +329,7 @@ def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[
 
 
 def _ground(exam: _Examination) -> Iterator[Finding]:
-    """Find boxes whose floor is not on the ground beside them."""
+    """Find boxes whose floor is above or below the ground."""
     gaps = []
     for objects, cloud in exam.clouds():
         points = level_rows(cloud[::4], exam.site.relief.slope)
@@ -324,7 +348,10 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
 
 
 def _unseen(exam: _Examination) -> Iterator[Finding]:
-    """Find objects in the area without a point, if they are too many to be hidden."""
+    """Find objects in the area without a point.
+
+    They are reported only if they are too many to be hidden.
+    """
     total = unseen = 0
     if exam.site.name == UNKNOWN:
         return
@@ -340,7 +367,10 @@ def _unseen(exam: _Examination) -> Iterator[Finding]:
 
 
 def _near_area(centres: np.ndarray, site: Site) -> float:
-    """Share of centres, CARLA's coordinates, within 15 m of the area; 1 without centres."""
+    """Share of centres within 15 m of the area.
+
+    Centres are in CARLA's coordinates. Returns 1 without centres.
+    """
     places = published.moved(centres, np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site))
     return float(_in_area(places[:, :2], site, margin=15.0).mean()) if len(centres) else 1.0
 
@@ -359,10 +389,12 @@ def _error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
 
 
 def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
-    """What looks wrong in a dataset, ours or a published one; an empty list for a healthy one.
+    """Diagnose a dataset, ours or a published one.
 
-    All tables of objects are looked at, and the measurements of some frames. Raises FileNotFoundError where there is no
-    such file; all other damage is a finding.
+    Returns the findings; an empty list for a healthy dataset. All tables of objects are checked, and the measurements
+    of some frames.
+
+    Raises FileNotFoundError for a missing file; all other damage is a finding.
     """
     try:
         with open_file(path) as file:
@@ -379,7 +411,10 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
-    """Factors that may turn the file's depth into metres, by its largest number."""
+    """Factors that may turn the file's depth into metres.
+
+    They are chosen by its largest number.
+    """
     if not hdf5.contains(file, "dslices"):
         return (1.0,)
     images = hdf5.dataset(file, "dslices", kinds="fiub")
@@ -395,9 +430,9 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
 
 
 def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding]]:
-    """Read the published rows of all frames, without the damaged ones.
+    """Read the published rows of all frames, without damaged ones.
 
-    Returns a mask of the frames that are whole too, and findings for the first three that are not.
+    Returns a mask of the whole frames too, and findings for the first three that are not.
     """
     images = [name for name in ("dslices", "coview/time") if hdf5.contains(file, name)]
     shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
@@ -449,7 +484,12 @@ def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Fi
 
 
 def _place(path: str | Path) -> Site | None:
-    """Return None if the file or its coordinates tell its site, else any site, so that the file can be checked."""
+    """Return None if the file tells its site.
+
+    Otherwise return any site.
+
+    The file or its coordinates may tell the site. Any other site serves to check the file.
+    """
     try:
         CoopDataset(path).close()
     except UnknownSite:

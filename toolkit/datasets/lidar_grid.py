@@ -1,4 +1,4 @@
-"""`LidarGrid`: rows and columns of a lidar, found in its clouds.
+"""Rows and columns of a lidar, found in its clouds.
 
 Rows are, in order of preference,
 
@@ -53,7 +53,9 @@ class LidarGrid:
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of one sensor in some of its clouds.
+    """Find the grid of one sensor in its clouds.
+
+    Some of its clouds are enough.
 
     Raises ValueError for fewer than 100 points, and for an image of more than 4 million pixels.
     """
@@ -94,7 +96,10 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
 
 
 def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
-    """Elevation and azimuth (rad) and range (m) of points in the sensor's frame."""
+    """Elevation, azimuth (rad) and range (m) of points.
+
+    Points are in the sensor's frame.
+    """
     across = np.hypot(points[:, 0], points[:, 1])
     return np.stack(
         [np.arctan2(points[:, 2], across), np.arctan2(points[:, 1], points[:, 0]), np.hypot(across, points[:, 2])]
@@ -146,7 +151,10 @@ def _crowd(elevation: np.ndarray, rows: np.ndarray) -> bool:
 
 
 def _step_in_rows(clouds: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    """Usual step between neighbours in a row; clouds: azimuths and rows of their points."""
+    """Usual step between neighbours in a row.
+
+    clouds: azimuths and rows of their points.
+    """
     steps = []
     for azimuth, row in clouds:
         order = np.lexsort((azimuth, row))
@@ -174,13 +182,21 @@ def _even_rows(clouds: Sequence[np.ndarray]) -> tuple[Float64[np.ndarray, " m"],
 
 
 def _phase(azimuth: np.ndarray, columns: int) -> float:
-    """Offset of the columns of a turn that puts azimuths in the middle of theirs; 0 if they lie anywhere."""
+    """Column offset that centres azimuths in their columns.
+
+    The columns divide a full turn.
+
+    Returns 0 if the azimuths lie anywhere.
+    """
     mean = np.exp(1j * (azimuth * columns - np.pi * (columns - 1))).mean()
     return float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
 
 
 def _span(azimuth: np.ndarray) -> tuple[float, float | None]:
-    """Middle and width of the observed azimuths; 0 and None for all around."""
+    """Middle and width of the observed azimuths.
+
+    Returns 0 and None for all around.
+    """
     ordered = np.sort(azimuth)
     gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
     widest = int(gaps.argmax())
@@ -210,13 +226,16 @@ class CloudImage:
 
     @property
     def left_out(self) -> dict[str, int]:
-        """Number of points that the image does not show, by kind."""
+        """Number of points missing from the image, by kind."""
         counts = {SHARED_CELL: int((self.inside & ~self.shown).sum()), OUTSIDE_GRID: int((~self.inside).sum())}
         return {kind: count for kind, count in counts.items() if count}
 
     @cached_property
     def points(self) -> Float32[np.ndarray, "m 3"]:
-        """Points of the image, sensor frame, in the order of the cloud's points that it shows."""
+        """Points of the image, sensor frame.
+
+        They keep the cloud's order.
+        """
         cells = self.cells[self.shown]
         rays = self.grid.model.rays().reshape(-1, 3)
         return rays[cells] * self.measurement.ravel()[cells, None]
@@ -248,9 +267,11 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
 def _rows(
     cloud: SensorCloud, grid: LidarGrid, elevation: Float64[np.ndarray, " n"]
 ) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Row of each point, and a mask of the points that have one.
+    """Row of each point, with a mask.
 
-    It is the row of their laser, else the nearest one, if that is no farther than the next row.
+    The mask marks the points that have a row.
+
+    The row is that of their laser, else the nearest one, if it is no farther than the next row.
     """
     rows = np.array(grid.model.elevations)
     if grid.rings and cloud.ring is not None:

@@ -1,8 +1,9 @@
-"""Suspected mistakes in a recording's conventions: undo each classic one and compare the fits.
+"""Suspected mistakes in a recording's conventions.
 
-The witness is motion. Sensors stand still, so a pixel that is nearer than in other frames shows an object, and the
-points of such pixels must lie on the objects' boxes: inside them, and near their surface rather than in their core.
-`fit` is the share of moving points that do. A mistake is suspected where undoing it raises the fit clearly.
+Each classic mistake is undone and the fits are compared. The evidence is motion. Sensors stand still, so a pixel that
+is nearer than in other frames shows an object. Points of such pixels must lie on the objects' boxes: inside them, and
+near their surface rather than in their core. `fit` is the share of moving points that do. A mistake is suspected if
+undoing it raises the fit clearly.
 """
 
 from __future__ import annotations
@@ -45,7 +46,10 @@ class SensorImages:
     depth: Float32[np.ndarray, "frames pixels"]
 
     def moving(self) -> Bool[np.ndarray, "frames pixels"]:
-        """Mask of the pixels that show an object which another frame does not."""
+        """Mask of the pixels that show a moving object.
+
+        A moving object is missing in another frame.
+        """
         seen = self.depth[(self.depth > 0).any(axis=1)]  # a frame without any return tells nothing about the scene
         if len(seen) < 3:
             return np.zeros(self.depth.shape, bool)
@@ -75,7 +79,10 @@ Undo = Callable[[Rows], Rows]
 
 
 def _columns(change: Callable[..., dict[str, np.ndarray]]) -> Undo:
-    """Turn a change of some columns, by short names, into a change of rows."""
+    """Turn a change of columns into a change of rows.
+
+    The columns have short names.
+    """
     names = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
 
     def undo(rows: np.ndarray) -> np.ndarray:
@@ -165,7 +172,10 @@ LIFTED: tuple[tuple[str, str, Undo], ...] = tuple(
 
 
 def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
-    """Choose moving pixels of each sensor and frame, the same ones every time."""
+    """Choose moving pixels of each sensor and frame.
+
+    The choice is the same every time.
+    """
     rng = np.random.default_rng(0)
     chosen = []
     for i, view in enumerate(views):
@@ -179,7 +189,7 @@ def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
 
 
 def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]) -> float:
-    """Share of the points that lie on the boxes of their frame.
+    """Share of points on the boxes of their frame.
 
     clouds: (n, 3) in the site's frame, one for each frame.
     """
@@ -191,7 +201,10 @@ def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[
 
 
 def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
-    """Mask of the points that lie in a box, at most `_SLACK` outside, and in no vehicle's core."""
+    """Mask of the points that lie on a box.
+
+    They lie in a box or at most `_SLACK` outside, and in no vehicle's core.
+    """
     x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
     cos, sin = np.cos(objects.boxes[:, 6]), np.sin(objects.boxes[:, 6])
     offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
@@ -204,7 +217,7 @@ def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
 def collect_clouds(
     chosen: Sequence[Witness], sensors: Sequence[Sensor], frames: int
 ) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Points of the witnesses in each frame, in the site's frame."""
+    """Points of the witnesses in each frame, site frame."""
     parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
     for w in chosen:
         parts[w.frame].append(transform(sensors[w.sensor].pose, w.rays * w.depth[:, None]))
@@ -214,7 +227,7 @@ def collect_clouds(
 def suspect_objects(
     chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[list[Suspicion], list[Rows], float]:
-    """Find the mistake in the objects, or a combination of two.
+    """Find the mistake, or pair of mistakes, in the objects.
 
     Returns the suspicions, the rows without the mistakes, and the fit of these.
     """
@@ -244,7 +257,10 @@ def _without(mistakes: Sequence[tuple[str, str, Undo]], rows: Rows) -> Rows:
 def suspect_sensor(
     chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[Suspicion | None, float]:
-    """Find the mistake in the pose or the depth of one sensor from its witnesses; return its fit too."""
+    """Find the pose or depth mistake of one sensor.
+
+    Its witnesses are the evidence. Returns its fit too.
+    """
     stored = published.extrinsic(sensor.pose, map_SE3_site)
 
     def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
@@ -304,7 +320,7 @@ def suspect_frames(
     frames: Sequence[int],
     map_SE3_site: Float[np.ndarray, "4 4"],
 ) -> tuple[Suspicion | None, list[Rows]]:
-    """Find the number of frames by which the objects are off.
+    """Find the number of frames by which objects are off.
 
     clouds: moving points of `frames`, site frame; tables: rows of all frames of the file. Returns the suspicion and the
     rows that belong to `frames`.

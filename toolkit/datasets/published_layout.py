@@ -1,4 +1,6 @@
-"""Conventions of the published dataset: CARLA's left-handed world, forward-first cameras, boxes in degrees and halves.
+"""Conventions of the published dataset.
+
+CARLA's left-handed world, forward-first cameras, boxes in degrees and halves.
 
     world   x, y, z up, metres, left-handed: y is minus the y of a right-handed map of the same place
     camera  X forward, Y right, Z up; a pixel (u, v) of depth d is X = d, Y = (u - cu) d / f, Z = -(v - cv) d / f
@@ -32,12 +34,18 @@ _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], 
 
 
 class InvalidObjects(ValueError):
-    """A row of a table of objects that no object can have; see `wrong_rows`."""
+    """A table row that no object can have.
+
+    See `wrong_rows`.
+    """
 
 
 @runtime_checkable
 class Pinhole(Protocol):
-    """A camera model that the layout can hold: its K gives all of its rays."""
+    """A camera model that the layout can hold.
+
+    Its K gives all of its rays.
+    """
 
     @property
     def width(self) -> int:
@@ -62,7 +70,7 @@ def pinhole(model: SensorModel) -> Pinhole | None:
 
 
 def get_stride(model: SensorModel) -> int:
-    """Step between the pixels of the stored image that the model measures.
+    """Pixel step of the stored image in the model's measurement.
 
     >>> get_stride(DepthCamera(stride=3))
     3
@@ -74,7 +82,10 @@ def get_stride(model: SensorModel) -> int:
 def extrinsic(
     site_SE3_sensor: Float[np.ndarray, "4 4"], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "4 4"]:
-    """Published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site frame."""
+    """Published extrinsic of a camera's pose in the site frame.
+
+    It maps CARLA world → forward-first camera.
+    """
     carla_from_camera = MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED
     return invert(carla_from_camera)
 
@@ -82,7 +93,9 @@ def extrinsic(
 def parse_extrinsic(
     published: Float[np.ndarray, "rows columns"], map_SE3_site: Float[np.ndarray, "4 4"], name: str = "extrinsic"
 ) -> Float64[np.ndarray, "4 4"]:
-    """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError if it is no rigid motion.
+    """Pose site_SE3_sensor behind a published extrinsic.
+
+    Raises ValueError unless it is a rigid motion.
 
     >>> pose = np.diag([1.0, -1, -1, 1])
     >>> np.allclose(parse_extrinsic(extrinsic(pose, np.eye(4)), np.eye(4)), pose)
@@ -104,7 +117,9 @@ def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
 def parse_intrinsic(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
-    """Camera behind a published intrinsic matrix and an image size; it measures every second pixel.
+    """Camera behind a published intrinsic matrix and image size.
+
+    It measures every second pixel.
 
     Raises ValueError unless the matrix is a forward-first one with one focal length.
 
@@ -212,7 +227,10 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
 
 
 def expand_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
-    """Return the full published image of the measured pixels, with 0 between them."""
+    """Expand measured pixels to the full published image.
+
+    The pixels between them are 0.
+    """
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)
     image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN))
@@ -220,20 +238,29 @@ def expand_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) ->
 
 
 def measured(image: Float[np.ndarray, "height width"], stride: int) -> Float32[np.ndarray, "rows columns"]:
-    """Measured pixels of a published depth image, 0 where nothing returned."""
+    """Measured pixels of a published depth image.
+
+    They are 0 without a return.
+    """
     with np.errstate(over="ignore"):
         depth = np.asarray(image[::stride, ::stride], np.float32)
     return np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0))  # NaN is no return either
 
 
 def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """Round a measurement to `DEPTH_STEP`; NaN and infinity, which are no return, become 0."""
+    """Round a measurement to `DEPTH_STEP`.
+
+    NaN and infinity, which mean no return, become 0.
+    """
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
 
 
 def moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Transform points (n, 3) by a 4×4 matrix that may mirror them."""
+    """Transform points (n, 3) by a 4×4 matrix.
+
+    The matrix may mirror them.
+    """
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 

@@ -1,4 +1,6 @@
-"""Recordings of random junctions, a few frames each, to train a detector for any junction.
+"""Recordings of random junctions, to train a detector for any.
+
+Each recording has a few frames.
 
 Every recording has its own junction, sensors and bodies, determined by a seed and its number.
 """
@@ -35,7 +37,10 @@ _Made = TypeVar("_Made")
 
 @dataclass(frozen=True)
 class RandomRecording:
-    """Frames of a site; empty: each sensor's measurement without traffic, (rows, columns) m."""
+    """Frames of a random site.
+
+    empty: each sensor's measurement without traffic, (rows, columns) m.
+    """
 
     site: Site
     frames: tuple[Frame, ...]
@@ -53,10 +58,12 @@ class Failed:
 def random_recording(
     seed: int, number: int, frames: int, threads: int = 1, *, fleet: Fleet | None = None
 ) -> RandomRecording:
-    """Simulate a random junction with three to ten random sensors and traffic; measurements are noise-free.
+    """Simulate a random junction with random sensors and traffic.
+
+    It has three to ten sensors; measurements are noise-free.
 
     number: of the recording under this seed; threads: of the ray casting; fleet: by default all bodies are drawn; a
-    fleet that draws none has each body stretched a little. Raises what drawing the site and SUMO raise.
+    fleet that draws none has each body stretched a little. Raises the errors of drawing the site and of SUMO.
     """
     from toolkit.bodies.body import stretch_randomly
     from toolkit.bodies.fleet import fleet_named
@@ -120,12 +127,14 @@ def random_recordings_file(
     fleet: Fleet | None = None,
     overwrite: bool = False,
 ) -> _Made:
-    """Write `random_recordings` to one file, joined from a file for each.
+    """Write `random_recordings` to one file.
 
-    A run that was killed continues when called again, and ends with the same bytes; every finished recording lies in
-    `FILE.parts/`. encode: content of the file of a recording, called in the process that made it; join: called with the
-    files in order and the target, its result is returned; overwrite: drop an unfinished run of another count, seed,
-    fleet or code; other arguments as in `random_recordings`.
+    The file is joined from one file per recording. A run that was killed continues when called again, and ends with the
+    same bytes; every finished recording lies in `FILE.parts/`.
+
+    encode: content of the file of a recording, called in the process that made it; join: called with the files in
+    order and the target, its result is returned; overwrite: drop an unfinished run of another count, seed, fleet or
+    code; other arguments as in `random_recordings`.
 
     Raises FileExistsError for such a run, and OSError, with the number of safe recordings, if the disk is full.
     """
@@ -146,7 +155,10 @@ def random_recordings_file(
 
 
 def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
-    """Yield the files of recordings; the note of one that failed becomes a warning."""
+    """Yield the files of recordings.
+
+    The note of a failed recording becomes a warning.
+    """
     for path in paths:
         content = path.read_bytes() if path.stat().st_size < _LONGEST_NOTE else b""
         if not content.startswith(_NOTE):
@@ -158,7 +170,7 @@ def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class _FileJob:
-    """One recording, or the reason for its failure, as one file."""
+    """One recording, or its reason for failure, as a file."""
 
     seed: int
     frames: int
@@ -166,7 +178,10 @@ class _FileJob:
     fleet: Fleet | None
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
-        """Return the function that makes a recording; there is nothing to prepare."""
+        """Return the function that makes a recording.
+
+        There is nothing to prepare.
+        """
         return lambda number: iter([self._content(number)])
 
     def encode(self, items: Sequence[bytes]) -> bytes:
@@ -181,7 +196,10 @@ class _FileJob:
 
 
 def _describe_fleet(fleet: Fleet | None) -> str:
-    """Describe a fleet; two fleets are the same if their descriptions are equal."""
+    """Describe a fleet.
+
+    Two fleets are the same if their descriptions are equal.
+    """
     from toolkit.bodies.fleet import fleet_named
 
     fleet = fleet_named() if fleet is None else fleet

@@ -1,7 +1,7 @@
-"""A frame as real sensors would say it: errors drawn when it is read, none of them rendered.
+"""A frame as real sensors would measure it.
 
-The frame that comes out has its sensors where they are believed to be and the measurements they make where they really
-are; its objects stay the truth.
+Errors are drawn when the frame is read; none of them is rendered. Sensors stand at their believed poses, and their
+measurements are those of their true poses. Objects stay the truth.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ from toolkit.sites.site import Site
 
 @dataclass(frozen=True)
 class Reads:
-    """How a recording is read: with which errors of its sensors, and how much of it.
+    """Options for reading a recording: sensor errors and length.
 
-    errors: a profile or its name; noise_seed: what they are drawn from, None for no noise; frames: only the first ones.
-    Sensors of recorded clouds have errors of their own, so only `paper`, which leaves clouds alone, goes with them.
+    errors: a profile or its name; noise_seed: the seed of the errors, None for no noise; frames: read only the first
+    ones. Sensors of recorded clouds have errors of their own, so only `paper`, which leaves clouds alone, goes with
+    them.
     """
 
     errors: ErrorProfile | str = PAPER_ERRORS
@@ -34,14 +35,20 @@ class Reads:
     frames: int | None = None
 
     def count(self, recording: Frames) -> int:
-        """Number of frames to be read. Raises ValueError where that is none."""
+        """Number of frames to be read.
+
+        Raises ValueError if it is 0.
+        """
         total = min(len(recording), len(recording) if self.frames is None else self.frames)
         if total < 1 or isinstance(self.frames, float):
             raise ValueError(f"need one frame at least, a whole number, got {self.frames} of {len(recording)}")
         return total
 
     def profile(self) -> ErrorProfile:
-        """Return the error profile. Raises ValueError for an unknown one, and for errors without a seed."""
+        """Return the error profile.
+
+        Raises ValueError for an unknown one, and for errors without a seed.
+        """
         errors = get_profile(self.errors)
         check_drawn(errors, self.noise_seed)
         return errors
@@ -49,7 +56,7 @@ class Reads:
 
 @dataclass(frozen=True)
 class ReadRecording:
-    """A recording as its sensors, with their errors, say it; without limit on frames."""
+    """A recording with its sensors' errors, without limit on frames."""
 
     recording: Frames
     reads: Reads = Reads()
@@ -72,10 +79,14 @@ class ReadRecording:
 def read_frame(
     frames: Frames, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
 ) -> Frame:
-    """Frame k as its sensors say it, drawn from the seed; noise_seed: None for no noise, which only `paper` allows.
+    """Read frame k with its sensors' errors.
 
-    Raises ValueError for a profile that there is not, a negative seed, and a clock's offset where frames lie too far
-    apart to know velocities.
+    The errors are drawn from the seed.
+
+    noise_seed: None for no noise, which only `paper` allows.
+
+    Raises ValueError for an unknown profile, a negative seed, and a clock's offset if frames lie too far apart to know
+    velocities.
     """
     errors, frame = get_profile(errors), frames[k]
     check_drawn(errors, noise_seed)
@@ -98,10 +109,12 @@ def with_errors(
     velocities: Float64[np.ndarray, "n 3"] | None = None,
     numbers: Sequence[int] | None = None,
 ) -> Frame:
-    """A frame with the errors of its sensors, drawn from the seed, the frame's index and the sensors' names alone.
+    """Add sensor errors to a frame.
 
-    velocities: of its objects (m/s), which a clock's offset needs; numbers: that stand for the sensors when drawing, in
-    place of their names. With `paper` it is `toolkit.datasets.dataset.noisy`, to the bit.
+    They are drawn from the seed, the frame's index and the sensors' names alone.
+
+    velocities: of its objects (m/s), needed for a clock's offset; numbers: used in place of the sensors' names when
+    drawing. With `paper` it is `toolkit.datasets.dataset.noisy`, to the bit.
     """
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")

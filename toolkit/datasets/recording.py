@@ -1,4 +1,6 @@
-"""Frames as an HDF5 file: the published layout, our fields beside it in the group `coview`, parts joined into one file.
+"""Frames as an HDF5 file.
+
+The file has the published layout, with our fields beside it in the group `coview`. Parts are joined into one file.
 
 dslices                float32 [T, C, H, W]  depth along the axis (m), 1000 where nothing returned; only every
                                              stride-th pixel is measured, the others hold 0
@@ -40,7 +42,10 @@ OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by what a
 
 @dataclass(frozen=True)
 class Header:
-    """What is the same in all frames of a recording. plan: what it was made from, see `toolkit.datasets.simulation`."""
+    """Values shared by all frames of a recording.
+
+    plan: the plan of its simulation, see `toolkit.datasets.simulation`.
+    """
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -49,7 +54,10 @@ class Header:
 
     @property
     def images(self) -> tuple[str, ...]:
-        """Where each sensor's measurements are stored: the cameras of one common size share `dslices`."""
+        """Storage place of each sensor's measurements.
+
+        The cameras of one common size share `dslices`.
+        """
         pinholes = self.pinholes
         shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
         return tuple(
@@ -59,21 +67,27 @@ class Header:
 
     @property
     def pinholes(self) -> dict[str, published.Pinhole]:
-        """The cameras that the published layout can hold, by the names of their sensors."""
+        """Cameras that the published layout can hold, by sensor name."""
         cameras = {sensor.name: published.pinhole(sensor.model) for sensor in self.sensors}
         return {name: camera for name, camera in cameras.items() if camera is not None}
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One frame to be recorded; bodies: (n,) which body each object has, an index into `Header.bodies`."""
+    """One frame to be recorded.
+
+    bodies: (n,) body of each object, an index into `Header.bodies`.
+    """
 
     frame: Frame
     bodies: Int64[np.ndarray, " n"]
 
 
 def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
-    """The bytes of a complete file of `scenes`; made in memory, so that they can be written all or not at all."""
+    """Bytes of a complete file of `scenes`.
+
+    They are made in memory, so that they can be written all or not at all.
+    """
     objects = [len(scene.frame.objects) for scene in scenes]
     with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
         _create(file, header, len(scenes), sum(objects))
@@ -91,7 +105,12 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
 
 
 def join(header: Header, parts: Sequence[Path], out: Path) -> None:
-    """Write the frames of all parts, in order, as one file; compressed images are copied as they are."""
+    """Write the frames of all parts as one file.
+
+    They keep their order.
+
+    Compressed images are copied as they are.
+    """
     lengths, objects = [], []
     for part in parts:
         with h5py.File(part) as file:
@@ -162,7 +181,10 @@ def _create_camera(file: h5py.File, name: str, sensor: Sensor, header: Header) -
 
 
 def _attributes(sensor: Sensor) -> dict[str, Any]:
-    """What makes the sensor again, to the last bit; `toolkit.datasets.dataset` reads it."""
+    """Attributes that restore the sensor to the last bit.
+
+    `toolkit.datasets.dataset` reads them.
+    """
     numbers = {key: value for key, value in asdict(sensor.model).items() if value is not None}
     return {"name": sensor.name, "model": type(sensor.model).__name__, "site_SE3_sensor": sensor.pose, **numbers}
 

@@ -1,4 +1,4 @@
-"""Recordings in any layout: opened, written, and cut to some of their frames.
+"""Recordings in any layout: opened, written and cut.
 
 A layout is one reader module of `toolkit.datasets.layouts`. Others plug in by an entry point of the group
 `coview.layouts`, whose name is the layout's and whose value is a `Layout`.
@@ -46,7 +46,10 @@ class Layout:
 
     @property
     def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """The writer. Raises ValueError for a layout that is only read."""
+        """Return the writer.
+
+        Raises ValueError for a read-only layout.
+        """
         if self.writer is None:
             raise ValueError(f"layout {self.name} is only read: write another, such as folder")
         return getattr(import_module(self.module), self.writer)
@@ -84,7 +87,9 @@ def load_plugins() -> dict[str, Layout]:
 
 
 def find_layout(name: str) -> Layout:
-    """Return a layout by name. Raises ValueError for an unknown one.
+    """Return a layout by name.
+
+    Raises ValueError for an unknown one.
 
     >>> find_layout("kiti")
     Traceback (most recent call last):
@@ -97,7 +102,9 @@ def find_layout(name: str) -> Layout:
 
 
 def guess_layout(path: str | Path) -> str:
-    """Name of the layout of a path that nobody named: folder for a folder or a cloud file, else hdf5.
+    """Guess the layout of a path.
+
+    It is folder for a folder or a cloud file, else hdf5.
 
     >>> guess_layout("north.pcd"), guess_layout("monday.hdf5")
     ('folder', 'hdf5')
@@ -130,27 +137,40 @@ def open_recording(path: str | Path, layout: str | None = None, **options: Any) 
 
 
 def read(path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None) -> Iterator[Frame]:
-    """Yield the frames of a recording, with only their objects of some classes. Raises as `open_recording`."""
+    """Yield the frames of a recording, filtered by class.
+
+    Frames keep only their objects of `classes`.
+
+    Raises the errors of `open_recording`.
+    """
     return filter_classes(open_recording(path, layout), classes)
 
 
 def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None) -> Iterator[Frame]:
-    """Yield frames with only their objects of some classes, all for None. Raises ValueError for an unknown class."""
+    """Yield frames with only their objects of some classes.
+
+    None keeps all classes. Raises ValueError for an unknown class.
+    """
     wanted = None if classes is None else [label_index(label) for label in classes]
     return (frame if wanted is None else frame.of(np.isin(frame.objects.labels, wanted)) for frame in frames)
 
 
 def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> int:
-    """Write frames in a layout, clouds, labels and poses; return how many. Raises ValueError for one only read.
+    """Write frames in a layout; return how many.
 
-    Boxes come back within a millimetre and a hundredth of a degree. Classes get the layout's names for ours.
+    Clouds, labels and poses are written. Boxes come back within a millimetre and a hundredth of a degree. Classes get
+    the layout's names for ours.
+
+    Raises ValueError for a read-only layout.
     """
     return find_layout(layout).write(frames, Path(path))
 
 
 @dataclass(frozen=True)
 class Part:
-    """Some frames of a recording: every so many, and only the first of these, all when None.
+    """Part of a recording's frames.
+
+    Every n-th frame is kept, and only the first of these; None keeps all.
 
     Raises ValueError for numbers below 1, and for a recording without frames.
     """
@@ -181,7 +201,10 @@ class Part:
         return count if self.frames is None else min(self.frames, count)
 
     def __getitem__(self, number: int) -> Frame:
-        """Frame of this number among the chosen ones. Raises IndexError where there is none."""
+        """Return the chosen frame of this number.
+
+        Raises IndexError for an unknown one.
+        """
         if not 0 <= number < len(self):
             raise IndexError(f"there is no frame {number}: {len(self)} are chosen, counted from 0")
         return self.recording[number * self.every]

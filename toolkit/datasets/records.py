@@ -1,6 +1,7 @@
-"""What every layout reads with: entries and numbers of records, rigid motions, damage as one line that names a file.
+"""Shared reading tools of all layouts.
 
-Numbers may be strings (DAIR-V2X, and YAML's 1e-05), rotations may be a little off; what is worse is a ValueError.
+They read entries and numbers of records and rigid motions, and report damage as one line that names a file. Numbers may
+be strings (DAIR-V2X, and YAML's 1e-05), and rotations may be a little off; anything worse is a ValueError.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, Overflow
 
 @dataclass(frozen=True)
 class Listing:
-    """A recording of frames by name, each read when it is asked for."""
+    """A recording of named frames, read on demand."""
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]
@@ -50,7 +51,10 @@ class Listing:
 
 @contextmanager
 def named_damage(path: str | Path, what: str) -> Iterator[None]:
-    """Damage met in the block becomes one ValueError, which names the file; numbers that overflow are no warnings."""
+    """Turn damage met in the block into one ValueError.
+
+    It names the file. Numbers that overflow give no warnings.
+    """
     try:
         with np.errstate(all="ignore"):
             yield
@@ -62,12 +66,15 @@ def named_damage(path: str | Path, what: str) -> Iterator[None]:
 
 
 def load_text(path: str | Path) -> str:
-    """The text of a file. Raises OSError, and UnicodeDecodeError where it is none."""
+    """Text of a file.
+
+    Raises OSError, and UnicodeDecodeError if it is not text.
+    """
     return Path(path).read_text(encoding="utf-8-sig")
 
 
 def load_json(path: str | Path) -> Any:
-    """The values of a JSON file; to be called in `named_damage`."""
+    """Values of a JSON file; call it in `named_damage`."""
     return parse_json(load_text(path))
 
 
@@ -98,7 +105,10 @@ def as_number(value: Any, name: str = "entry") -> float:
 
 
 def numbers(values: Any, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
-    """So many numbers, nested or flat, also as strings. Raises ValueError for another count."""
+    """Return `count` numbers, nested or flat, also as strings.
+
+    Raises ValueError for another count.
+    """
     try:
         flat = np.array(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -109,7 +119,7 @@ def numbers(values: Any, count: int, name: str = "entry") -> Float64[np.ndarray,
 
 
 def xyz(record: Any, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
-    """The numbers of an entry {x: .., y: .., z: ..}."""
+    """Numbers of an entry {x: .., y: .., z: ..}."""
     return np.array([as_number(entry(record, name, axis), f"{name}.{axis}") for axis in axes])
 
 
@@ -121,7 +131,9 @@ def records(content: Any, name: str = "it") -> list[Any]:
 
 
 def rigid(rotation: Any, translation: Any, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
-    """The pose of a 3×3 rotation and a translation; a rotation that is a little off becomes the nearest one (SVD).
+    """Pose of a 3×3 rotation and a translation.
+
+    A rotation that is a little off becomes the nearest one (SVD).
 
     >>> rigid([[1, 0, 0], [0, 1, 0.001], [0, 0, 1]], [["1"], ["2"], ["3"]]).round(3)[:, 3].tolist()
     [1.0, 2.0, 3.0, 1.0]
@@ -139,14 +151,19 @@ def rigid(rotation: Any, translation: Any, name: str = "pose") -> Float64[np.nda
 
 
 def rigid_matrix(values: Any, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
-    """The pose of 16 or 12 numbers by rows, its rotation made one."""
+    """Pose of 16 or 12 numbers by rows.
+
+    Its rotation is made a true one.
+    """
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
     return rigid(matrix[:3, :3], matrix[:3, 3], name)
 
 
 def heading(target_SE3_source: Float64[np.ndarray, "4 4"], yaw: Any) -> Float64[np.ndarray, "*n"]:
-    """Yaw (rad) in the target frame of headings in the source frame: of the turned forward direction, seen from above.
+    """Yaw (rad) in the target frame of source-frame headings.
+
+    It is the yaw of the turned forward direction, seen from above.
 
     >>> heading(np.eye(4), [0.5])
     array([0.5])
@@ -181,8 +198,11 @@ CATEGORIES = {name: label for label, names in _NAMES.items() for name in names.s
 
 
 class Labelled(NamedTuple):
-    """As the fields of `toolkit.frame.Frame`: objects, the set's names of them, its own counts of their
-    points where it has some, and what it labels beside our classes."""
+    """Labels of one frame, as `toolkit.frame.Frame` holds them.
+
+    They are the objects, the dataset's names of them, its own counts of their points if it has some, and its labels
+    beside our classes.
+    """
 
     objects: Objects
     categories: tuple[str, ...]
@@ -197,9 +217,11 @@ def labelled(
     problems: dict[str, int],
     counts: Sequence[int] | Int64[np.ndarray, " n"] | None = None,
 ) -> Labelled:
-    """Rows of labels, world frame, as objects; what is left out is added to `problems`.
+    """Turn label rows, world frame, into objects.
 
-    ids: of tracks, whatever they are; their places when None. counts: the set's own, below 0 where nobody counted.
+    Left-out rows are added to `problems`.
+
+    ids: track ids of any kind; row numbers if None. counts: the dataset's own, below 0 if nobody counted.
     """
     boxes = np.asarray(boxes, np.float64).reshape(-1, 7)
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
@@ -233,7 +255,7 @@ def labelled(
 
 
 def no_labels() -> Labelled:
-    """The labels of a sample that has none."""
+    """Return the labels of a frame without any."""
     return labelled(np.zeros((0, 7)), [], None, {})
 
 
@@ -242,19 +264,24 @@ def _known(counts: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
 
 
 def add_problem(problems: dict[str, int], kind: str, number: int) -> None:
-    """Add to the problems of a kind, none where there are none."""
+    """Add to the count of a kind of problem.
+
+    Adding zero changes nothing.
+    """
     if number:
         problems[kind] = problems.get(kind, 0) + number
 
 
 def add_problems(total: dict[str, int], problems: Mapping[str, int]) -> None:
-    """Add those of one sample to those of all."""
+    """Add the problems of one frame to the total."""
     for kind, number in problems.items():
         add_problem(total, kind, number)
 
 
 def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: dict[str, int]) -> None:
-    """Add to the problems what no file in radians has; for layouts whose yaws are turned into another frame.
+    """Count yaws that no file in radians has.
+
+    They are added to the problems, for layouts whose yaws are turned into another frame.
 
     >>> problems = {}
     >>> count_full_turns(np.array([3.0, -90.0, 7.0, np.nan]), problems)
@@ -265,7 +292,9 @@ def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: dict[str, int]) -
 
 
 def track_number(name: Any) -> int:
-    """A track id as a number: itself where it is one, else of its text, the same in every frame.
+    """Track id as a number.
+
+    An integer stays itself. Any other id becomes a number of its text, the same in every frame.
 
     >>> track_number("17"), track_number("b1d0") == track_number("b1d0")
     (17, True)
@@ -304,7 +333,10 @@ def read_cloud(
     *,
     frame: Literal["sensor", "world"] = "sensor",
 ) -> SensorCloud:
-    """The cloud of a file. Raises FileNotFoundError, and ValueError for a file that holds no points to be read."""
+    """Read the cloud of a file.
+
+    Raises FileNotFoundError, and ValueError for a file without readable points.
+    """
     return build_cloud(read_recorded(path), name, world_SE3_sensor, problems, frame=frame)
 
 
@@ -339,7 +371,10 @@ def build_cloud(
 
 
 def write_cloud(path: str | Path, cloud: SensorCloud, *, in_world: bool = False) -> None:
-    """A cloud as a binary PCD file: x y z intensity, and ring where it is known, in its frame or in the world's."""
+    """Write a cloud as a binary PCD file.
+
+    It holds x y z intensity, and ring if known, in the sensor's frame or in the world's.
+    """
     points = cloud.in_world() if in_world else cloud.points
     columns = dict(zip("xyz", points.astype(np.float32).T, strict=True))
     ring = {} if cloud.ring is None else {"ring": cloud.ring.astype(np.int32)}
@@ -347,7 +382,10 @@ def write_cloud(path: str | Path, cloud: SensorCloud, *, in_world: bool = False)
 
 
 def one_cloud(sample: Frame, name: str = "lidar") -> SensorCloud:
-    """All clouds of a sample as one in its world frame, with their intensities if all have some."""
+    """Merge all clouds of a frame in its world frame.
+
+    Intensities are kept if all clouds have some.
+    """
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
     whole = len(intensities) == len(sample.clouds) and len(intensities) > 0
     pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
@@ -356,7 +394,7 @@ def one_cloud(sample: Frame, name: str = "lidar") -> SensorCloud:
 
 
 def get_intensity(cloud: SensorCloud) -> np.ndarray:
-    """The intensity of each point, 0 where the sensor gives none."""
+    """Intensity of each point, 0 if the sensor gives none."""
     return np.zeros(len(cloud.points), np.float32) if cloud.intensity is None else cloud.intensity
 
 
@@ -397,7 +435,7 @@ _SIZES = ("x", "y", "z", "length", "width", "height")
 def boxes_record(
     name: str, time: float, boxes: Objects | Detections, *, counts: Sequence[int] | np.ndarray | None = None
 ) -> dict[str, Any]:
-    """One sample's entry of the file."""
+    """Return one frame's entry of the file."""
     objects = []
     for k, (box, label) in enumerate(zip(boxes.boxes.tolist(), boxes.labels, strict=True)):
         row: dict[str, Any] = {"label": LABELS[label], **dict(zip(_SIZES, box[:6], strict=True))}
@@ -413,13 +451,19 @@ def boxes_record(
 
 
 def write_boxes(path: str | Path, entries: Sequence[dict[str, Any]], **more: Any) -> None:
-    """Write the file of some samples' entries, whole or not at all; more: what else it shall say."""
+    """Write a file of frame entries.
+
+    It is written whole or not at all. more: further fields of the file.
+    """
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": list(entries)}
     write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False))
 
 
 def read_entries(path: str | Path) -> dict[str, dict[str, Any]]:
-    """The entries of a file by the names of their samples. Raises ValueError, which names the file."""
+    """Entries of a file by the names of their frames.
+
+    Raises ValueError, which names the file.
+    """
     with named_damage(path, "file of boxes"):
         content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
@@ -439,7 +483,10 @@ def parse_objects(path: str | Path, each: dict[str, Any], problems: dict[str, in
 
 
 def parse_detections(path: str | Path, each: dict[str, Any]) -> Detections:
-    """The detections of one entry. Raises ValueError where one has no score, or is no box."""
+    """Parse the detections of one entry.
+
+    Raises ValueError for a detection without a score, or with an invalid box.
+    """
     with named_damage(path, "file of boxes"):
         rows = records(entry(each, "objects"), "objects")
         boxes = np.array([_box(row) for row in rows]).reshape(-1, 7)

@@ -1,8 +1,8 @@
-"""Simulated datasets: traffic, rendered frame by frame, written so that the run may be killed at any moment.
+"""Simulated datasets: traffic, rendered frame by frame.
 
-Frames are made in blocks of `BLOCK`, each with its own seed, so neither the number of workers nor an interruption
-changes a byte. A finished block is one shard, a complete small dataset, in `FILE.parts/`. The last step joins them into
-FILE.
+The run may be killed at any moment. Frames are made in blocks of `BLOCK`, each with its own seed, so neither the number
+of workers nor an interruption changes a byte. A finished block is one shard, a complete small dataset, in
+`FILE.parts/`. The last step joins them into FILE.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ def simulate_dataset(
     overwrite: bool = False,
     interval: float = INTERVAL,
 ) -> int:
-    """Simulate frames at a site and write them to an HDF5 file for `toolkit.datasets.dataset.CoopDataset`.
+    """Simulate frames at a site and write them to HDF5.
+
+    `toolkit.datasets.dataset.CoopDataset` reads the file.
 
     A run that was killed continues with its block when called again, and ends with the same bytes. With several
     workers, which are processes, a script must call it under `if __name__ == "__main__":`.
@@ -101,7 +103,7 @@ def simulate_dataset(
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a dataset is made from; sent to every worker."""
+    """All ingredients of a dataset; sent to every worker."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -139,7 +141,10 @@ class Job:
 
     @cached_property
     def plan(self) -> dict[str, Any]:
-        """Values that must be equal for two runs to give the same bytes, to be compared and shown to people."""
+        """Plan values that two runs with equal bytes share.
+
+        They are compared and shown to people.
+        """
         from toolkit.sites.files import format_site
 
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
@@ -169,7 +174,10 @@ class Job:
         return Header(self.site, self.sensors, self.fleet.names, json.dumps(self.plan))
 
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
-        """Build the static parts, once per process; return the function that makes the scenes of a block."""
+        """Build the static parts, once per process.
+
+        Returns the function that makes the scenes of a block.
+        """
         from toolkit.rendering.renderer import Renderer
         from toolkit.traffic.snapshots import simulate
 
@@ -201,7 +209,10 @@ class Job:
 
 
 def _check_same(out: Path, plan: dict[str, Any]) -> None:
-    """Raise FileExistsError unless the finished file `out` was made from `plan`."""
+    """Check the plan of a finished file.
+
+    Raises FileExistsError unless `out` was made from `plan`.
+    """
     try:
         with h5py.File(out) as file:
             made_from = json.loads(file["coview"].attrs["plan"])

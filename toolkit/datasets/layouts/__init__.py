@@ -1,1 +1,4 @@
-"""Recordings of clouds as others write them: one file per layout, with its traps."""
+"""Foreign recordings of clouds, one file per layout.
+
+Each file also names the layout's traps.
+"""

@@ -1,4 +1,6 @@
-"""Two real lidars: an Argoverse 2 log taken apart by laser, fused back, and counted against its own labels.
+"""Argoverse 2 logs with two real lidars.
+
+A log is taken apart by laser, fused back, and counted against its own labels.
 
 A sweep holds the points of both lidars in the ego vehicle's frame, lasers 0-31 of `up_lidar`, 32-63 of `down_lidar`.
 `fuse_sweep` puts each lidar's part into that lidar's own frame by the calibration, as if two stations had sent them,
@@ -32,7 +34,10 @@ LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}
 
 @dataclass(frozen=True)
 class Labels:
-    """The cuboids of one sweep, ego frame: boxes (n, 7), categories, and the recording's own points in each."""
+    """Cuboids of one sweep, ego frame.
+
+    They are boxes (n, 7), categories, and the recording's own number of points in each.
+    """
 
     boxes: Float64[np.ndarray, "n 7"]
     categories: tuple[str, ...]
@@ -40,7 +45,10 @@ class Labels:
 
 
 class Checked(NamedTuple):
-    """One labelled cuboid of a sweep (its time, ns): points counted here, and by the recording."""
+    """One labelled cuboid of a sweep with its point counts.
+
+    time is the sweep's (ns). Points are counted here, and by the recording.
+    """
 
     sweep: int
     category: str
@@ -49,7 +57,10 @@ class Checked(NamedTuple):
 
 
 def sweep_times(log: str | Path) -> list[int]:
-    """The timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError where the folder is no log."""
+    """Timestamps (ns) of a log's sweeps, in order.
+
+    Raises FileNotFoundError if the folder is not a log.
+    """
     times = sorted(int(file.stem) for file in Path(log, "sensors", "lidar").glob("*.feather"))
     if not times:
         raise FileNotFoundError(f"{log} is no Argoverse 2 log: it has no sensors/lidar/*.feather")
@@ -77,7 +88,10 @@ def read_labels(log: str | Path, time: int) -> Labels:
 
 
 def split_sweep(log: str | Path, time: int) -> dict[str, Float64[np.ndarray, "_ 3"]]:
-    """What each lidar measured in one sweep, in its own frame (m)."""
+    """Clouds of each lidar in one sweep.
+
+    Points are in the lidar's own frame (m).
+    """
     table, calibration = read_table(Path(log, "sensors", "lidar", f"{time}.feather")), read_calibration(log)
     points = np.column_stack([table[axis].astype(np.float64) for axis in "xyz"])
     return {
@@ -87,14 +101,20 @@ def split_sweep(log: str | Path, time: int) -> dict[str, Float64[np.ndarray, "_ 
 
 
 def fuse_sweep(log: str | Path, time: int) -> PointCloud:
-    """One sweep fused from its two lidars, ego frame, float64: sensor 0 is `up_lidar`, 1 `down_lidar`."""
+    """Fuse one sweep from its two lidars.
+
+    The cloud is float64 in the ego frame. Sensor 0 is `up_lidar`, 1 `down_lidar`.
+    """
     calibration = read_calibration(log)
     parts = split_sweep(log, time).items()
     return fuse(from_points(transform(calibration[name], part), number) for number, (name, part) in enumerate(parts))
 
 
 def count_labels(log: str | Path, time: int) -> tuple[Labels, Int64[np.ndarray, " n"]]:
-    """The labels of one sweep, and the points that the fused sweep, cropped to where the labels are, has in each."""
+    """Labels of one sweep, and their point counts.
+
+    The counts are those of the fused sweep, cropped to where the labels are.
+    """
     labels = read_labels(log, time)
     reach = corners(labels.boxes).reshape(-1, 3)
     low, high = reach.min(axis=0) - 1.0, reach.max(axis=0) + 1.0
@@ -103,7 +123,10 @@ def count_labels(log: str | Path, time: int) -> tuple[Labels, Int64[np.ndarray, 
 
 
 def check_log(log: str | Path) -> list[Checked]:
-    """Every labelled cuboid of every sweep, its points counted in the fused sweep beside the recording's own count."""
+    """Check the point counts of every labelled cuboid.
+
+    Points are counted in the fused sweep, beside the recording's own count.
+    """
     checked = []
     for time in sweep_times(log):
         labels, counted = count_labels(log, time)
@@ -123,7 +146,10 @@ _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "P
 
 
 def argoverse(path: Path) -> Listing:
-    """The sweeps of a log. Raises FileNotFoundError where the folder is none."""
+    """Sweeps of a log.
+
+    Raises FileNotFoundError if the folder is not a log.
+    """
     names = tuple(str(time) for time in sweep_times(path))
     return Listing(names, lambda name: _sample(path, name))
 
@@ -172,8 +198,11 @@ def _city(log: Path, time: int) -> np.ndarray:
 
 
 def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
-    """Write samples as a log; of several sensors the first two become up_lidar and down_lidar, a sample of more is
-    a ValueError. Times of sweeps that have none are tenths of a second. How many were written."""
+    """Write frames as a log; return how many were written.
+
+    Of several sensors the first two become up_lidar and down_lidar; a frame of more raises ValueError. Sweeps without
+    times get tenths of a second.
+    """
     annotations: dict[str, np.ndarray] = {}
     stamps: list[int] = []
     cities: list[np.ndarray] = []

@@ -1,14 +1,16 @@
-"""DAIR-V2X (I, V, C) and V2X-Seq: velodyne/*.pcd, calib/, label/; the cooperative part has two sides and world labels.
+"""DAIR-V2X (I, V, C) and V2X-Seq: velodyne/*.pcd, calib/, label/.
 
-World frame: of one side its lidar's; of the cooperative part the infrastructure's **virtual lidar**, whose x-y plane is
-level with the ground, which the clouds of velodyne/ are in already.
+The cooperative part has two sides and world labels.
+
+World frame: of one side its lidar's; of the cooperative part the infrastructure's **virtual lidar**. Its x-y plane is
+level with the ground, and the clouds of velodyne/ are in it already.
 
 - Numbers are often strings ("3d_location": {"x": "12.3", ...}), and translations are columns, [[x], [y], [z]].
 - 3d_location is the centre of the box, 3d_dimensions has h, w and l, rotation is the yaw about z.
 - Rotations of calib/ are not orthonormal: they are made so here.
 - Labels of the cooperative part are in the (virtual) world, tens of kilometres from its origin.
 - system_error_offset (delta_x, delta_y) of a pair, in V2X-Seq relative_error of the calibration, is to be added to the
-  infrastructure's place in that world; it is missing, or an empty string, where there is none.
+  infrastructure's place in that world; a missing offset is left out or an empty string.
 - Infrastructure and vehicle of a pair measured up to tens of milliseconds apart; each cloud's time says when.
 - CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are counted.
 """
@@ -51,7 +53,10 @@ _COOPERATIVE = "label_world", "label"
 
 
 def dair(path: Path) -> Listing:
-    """The samples of one side's folder or of the cooperative part. Raises FileNotFoundError where it is neither."""
+    """Frames of one side's folder or of the cooperative part.
+
+    Raises FileNotFoundError for any other folder.
+    """
     inner = next((each for each in (path, path / "cooperative-vehicle-infrastructure") if _is_pair(each)), None)
     if inner is not None:
         return _pairs(inner)
@@ -108,7 +113,10 @@ def _pair(root: Path, name: str, pair: dict[str, Any]) -> Frame:
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
-    """The pose of a calibration file, made rigid; offset: added to x and y, the file's own relative_error if None."""
+    """Pose of a calibration file, made rigid.
+
+    offset: added to x and y, the file's own relative_error if None.
+    """
     with named_damage(path, "calibration"):
         content = load_json(path)
         inner = content.get("transform", content)
@@ -129,7 +137,10 @@ def _offset(value: Any) -> tuple[float, float] | None:
 def read_annotations(
     path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: dict[str, int]
 ) -> Labelled:
-    """The objects of a label file, brought into the world frame; none where there is no file."""
+    """Objects of a label file, in the world frame.
+
+    Empty without a file.
+    """
     boxes: list[list[float]] = []
     names: list[str] = []
     ids: list[Any] = []
@@ -150,7 +161,7 @@ def read_annotations(
 
 
 def written_labels(sample: Frame) -> list[dict[str, Any]]:
-    """The objects of a sample as a label file lists them, in its world frame."""
+    """Format a frame's objects for a label file, world frame."""
     rows = zip(sample.objects.boxes.tolist(), sample.objects.labels, sample.objects.ids.tolist(), strict=True)
     return [
         {
@@ -165,7 +176,10 @@ def written_labels(sample: Frame) -> list[dict[str, Any]]:
 
 
 def write_dair(samples: Iterable[Frame], folder: Path) -> int:
-    """Write samples as one infrastructure side, the clouds of each as one, in its world frame. How many."""
+    """Write frames as one infrastructure side; return how many.
+
+    The clouds of each become one, in its world frame.
+    """
     written = 0
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:06d}"

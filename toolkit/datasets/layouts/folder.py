@@ -1,12 +1,14 @@
-"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd, with poses.json (or .txt) and labels.json where there are some.
+"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd.
+
+They may hold poses.json (or .txt) and labels.json.
 
 World frame: that of the poses, world_SE3_sensor; without a pose file the clouds are taken to be in it already.
 
 - Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv (`toolkit.datasets.cloud_files`).
-- Sensors' files of one name are one sample; where no two sensors share a name and all have equally many, the k-th of
-  each are, in the order of their names.
-- A pose goes by the name of the sensor, or of SENSOR/NAME or NAME where it moves.
-- labels.json is `toolkit.datasets.records`, by the names of the samples.
+- Sensors' files of one name are one frame. If no two sensors share a name and all have equally many files, the k-th
+  files of each are one frame, in the order of their names.
+- A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
+- labels.json is `toolkit.datasets.records`, by the names of the frames.
 - A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time.
 """
 
@@ -39,8 +41,11 @@ _EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 
 
 def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> Listing:
-    """The samples of a folder, or of one cloud file; poses: a file of poses, the folder's own when None; inverted: it
-    gives world → sensor. Raises FileNotFoundError where there are no clouds."""
+    """Frames of a folder, or of one cloud file.
+
+    poses: a file of poses, the folder's own if None; inverted: it gives world → sensor. Raises FileNotFoundError if
+    there are no clouds.
+    """
     names = _named({ALONE: [path]} if path.is_file() else _clouds(path))
     if not names:
         raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: give --layout?")
@@ -109,7 +114,9 @@ def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
 
 
 def parse_epoch(name: str) -> float:
-    """Seconds since 1970 that a name says, NaN where it says none.
+    """Parse a name as seconds since 1970.
+
+    Returns NaN for a name without a time.
 
     >>> round(parse_epoch("1646667310.044"), 6), round(parse_epoch("1646667310044000000"), 6)
     (1646667310.044, 1646667310.044)
@@ -122,7 +129,10 @@ def parse_epoch(name: str) -> float:
 
 
 def write_folder(samples: Iterable[Frame], path: Path) -> int:
-    """Write samples as SENSOR/000000.pcd and on, with labels.json and the pose of every cloud. How many."""
+    """Write frames as SENSOR/000000.pcd and on; return how many.
+
+    labels.json and the pose of every cloud are written too.
+    """
     entries, lines = [], []
     for k, sample in enumerate(samples):
         name = f"{k:06d}"

@@ -1,4 +1,6 @@
-"""HDF5: our own recordings and the paper's published ones, depth or range images or recorded clouds.
+"""HDF5 files: our own recordings and the paper's.
+
+They hold depth or range images, or recorded clouds.
 
 Images are read by `toolkit.datasets.dataset`: world frame the site's, labels complete in its detection area. A
 published file that shows no built-in site needs one.
@@ -8,12 +10,12 @@ Recorded clouds are kept in one file, nothing lost: points, times, intensities, 
 Each frame is a group of its own:
 
     coview                      attribute "clouds", version 1
-    names                       JSON: the samples' names, in order
+    names                       JSON: the frames' names, in order
     samples/K/about             JSON: time, sensors (name, frame), categories, complete, others, problems
     samples/K/map_SE3_world     float64 [4, 4]
     samples/K/boxes             float64 [m, 7]    x y z of the centre, length width height, yaw (m, rad), world frame
-    samples/K/labels, ids       int64 [m]         class and track; counts int64 [m] where the set has them
-    samples/K/others            float64 [o, 7]    boxes of other classes; others_counts int64 [o] where there are some
+    samples/K/labels, ids       int64 [m]         class and track; counts int64 [m] if the set has them
+    samples/K/others            float64 [o, 7]    boxes of other classes; others_counts int64 [o] if it has some
     samples/K/clouds/S/points   float32 [n, 3]    in the frame that `about` says
     samples/K/clouds/S/pose     float64 [4, 4]    world_SE3_sensor; intensity float32 [n], time float64 [n] and ring
                                                   int64 [n] if known
@@ -43,14 +45,20 @@ _FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "
 
 
 def holds_clouds(path: str | Path) -> bool:
-    """Whether an HDF5 file is one of recorded clouds. Raises OSError where it is no HDF5 file."""
+    """Return True for an HDF5 file of recorded clouds.
+
+    Raises OSError for any other kind of file.
+    """
     with _opened(path) as file:
         return str(reader.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND
 
 
 @contextmanager
 def _opened(path: str | Path) -> Iterator[h5py.File]:
-    """A file to read; all that is wrong in it in one line, which names it."""
+    """Open a file to read.
+
+    Any damage is reported in one line, which names the file.
+    """
     with reader.open_hdf5(path) as file, named_damage(path, "recording of clouds"):
         try:
             yield file
@@ -59,7 +67,10 @@ def _opened(path: str | Path) -> Iterator[h5py.File]:
 
 
 def hdf5_clouds(path: Path) -> Listing:
-    """The samples of a file. Raises ValueError, in one line, where it is damaged."""
+    """Frames of a file of recorded clouds.
+
+    Raises ValueError, in one line, for a damaged file.
+    """
     with _opened(path) as file:
         version = reader.read_node_attributes(file, "the file").get("version")
         if version != _VERSION:
@@ -150,7 +161,10 @@ def _counts(file: h5py.File, name: str) -> np.ndarray | None:
 
 
 def write_hdf5(samples: Iterable[Frame], path: Path) -> int:
-    """Write samples as one file, whole or not at all; how many. Raises ValueError where two have the same name."""
+    """Write frames as one file; return how many.
+
+    It is written whole or not at all. Raises ValueError for two frames of the same name.
+    """
     names: list[str] = []
     with writing(path) as unfinished, h5py.File(unfinished, "w") as file:
         file.attrs["coview"], file.attrs["version"] = CLOUDS_KIND, _VERSION
@@ -186,9 +200,9 @@ def _write(group: h5py.Group, sample: Frame) -> None:
 
 
 def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
-    """Return the frames of a file, images or recorded clouds; site, drop_invalid: see `CoopDataset`.
+    """Return the frames of a file, images or recorded clouds.
 
-    Raises what `CoopDataset` and `hdf5_clouds` raise.
+    site, drop_invalid: see `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`.
     """
     return (
         hdf5_clouds(path)

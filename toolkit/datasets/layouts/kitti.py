@@ -1,4 +1,6 @@
-"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt, in the folder or in training/ below it.
+"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt.
+
+The files are in the folder or in training/ below it.
 
 World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground.
 
@@ -51,7 +53,10 @@ class _Calibration(NamedTuple):
 
 
 def kitti(path: Path) -> Listing:
-    """The samples of a folder. Raises FileNotFoundError where it is none of KITTI's."""
+    """Frames of a folder.
+
+    Raises FileNotFoundError if it is not one of KITTI's.
+    """
     folder = next((each for each in (path, path / "training", path / "testing") if (each / "velodyne").is_dir()), None)
     if folder is None:
         raise FileNotFoundError(f"{path} is no KITTI folder: it has no velodyne/ nor training/velodyne/")
@@ -119,7 +124,10 @@ def _calibration(text: str) -> _Calibration:
 
 
 def _image_size(image: Path) -> tuple[int, int]:
-    """Width and height in the header of a PNG, the usual ones where there is none."""
+    """Width and height in the header of a PNG.
+
+    Without a file they are the usual ones.
+    """
     head = image.open("rb").read(24) if image.is_file() else b""
     if len(head) == 24 and head[:8] == b"\x89PNG\r\n\x1a\n":
         width, height = struct.unpack(">II", head[16:24])
@@ -128,9 +136,10 @@ def _image_size(image: Path) -> tuple[int, int]:
 
 
 def write_kitti(samples: Iterable[Frame], folder: Path) -> int:
-    """Write samples as training/ of KITTI, 000000 and on; the clouds of a sample become one, in its world frame.
+    """Write frames as training/ of KITTI; return how many.
 
-    The camera is that of the sample's labels, else one at the origin that looks along x. How many were written.
+    They are numbered from 000000. The clouds of a frame become one, in its world frame. The camera is that of the
+    frame's labels, else one at the origin that looks along x.
     """
     written = 0
     for written, sample in enumerate(samples, 1):
@@ -152,8 +161,10 @@ def kitti_text(
     *,
     found: Detections | None = None,
 ) -> str:
-    """The labels of a sample as label_2 has them, or what was found in it, with scores, in the frame of a camera: one
-    at the origin that looks along x if none is given."""
+    """Format a frame's labels, or its detections, as label_2.
+
+    Detections have scores. Lines are in the frame of a camera; the default one stands at the origin and looks along x.
+    """
     camera = invert(BODY_SE3_CAMERA) if camera_SE3_lidar is None else camera_SE3_lidar
     wedge = _camera(sample.complete, camera)[0] if wedge is None else wedge
     shown = sample.objects if found is None else found
@@ -172,7 +183,10 @@ _OWN = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram"
 
 
 def kitti_line(box: np.ndarray, name: str, camera_SE3_lidar: np.ndarray, rectangle: np.ndarray) -> str:
-    """One box as a line of label_2, its rectangle in the image given."""
+    """Format one box as a line of label_2.
+
+    Its rectangle in the image is given.
+    """
     *_, length, width, height, yaw = box
     x, y, z = transform(camera_SE3_lidar, box[None, :3])[0]
     ahead = camera_SE3_lidar[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
@@ -184,7 +198,10 @@ def kitti_line(box: np.ndarray, name: str, camera_SE3_lidar: np.ndarray, rectang
 
 
 def _camera(complete: Region, camera_SE3_lidar: np.ndarray) -> tuple[ImageWedge, np.ndarray]:
-    """The wedge of the labels and its projection from the camera: the sample's own, or a camera that looks along x."""
+    """Wedge of the labels, and its projection from the camera.
+
+    The camera is the frame's own, or one that looks along x.
+    """
     if isinstance(complete, ImageWedge):
         return complete, complete.projection @ invert(camera_SE3_lidar)
     width, height = IMAGE

@@ -1,4 +1,6 @@
-"""nuScenes: the tables of v1.0-*/ (sample, sample_data, sample_annotation, ...) and samples/LIDAR_TOP/*.pcd.bin.
+"""nuScenes: tables of v1.0-*/ and samples/LIDAR_TOP/*.pcd.bin.
+
+The tables are sample, sample_data, sample_annotation, ...
 
 World frame: the ego vehicle's when the lidar measured, x forward, z up, its origin on the ground below the rear axle;
 `map_SE3_world` is its place in the map.
@@ -8,7 +10,7 @@ World frame: the ego vehicle's when the lidar measured, x forward, z up, its ori
 - Each sensor has its own ego pose: the vehicle moves between the lidar's time and a camera's.
 - The lidar's own x points right and its y forward.
 - .pcd.bin is float32 x y z intensity ring, not a PCD file.
-- num_lidar_pts is the set's own count, over the lidar's points at that time; boxes with none are labelled all the same.
+- num_lidar_pts is the set's own count, over the lidar's points at that time; boxes without points are labelled too.
 - Time is in microseconds.
 """
 
@@ -61,7 +63,10 @@ Table = dict[str, dict[str, Any]]
 
 
 def nuscenes(path: Path) -> Listing:
-    """The samples of a data root, or of its folder of tables, in the order of their times. Raises FileNotFoundError."""
+    """Frames of a data root or its folder of tables.
+
+    They are ordered by time. Raises FileNotFoundError for any other folder.
+    """
     folder = next((each for each in (path, *sorted(path.glob("v1.0*"))) if (each / "sample_data.json").is_file()), None)
     if folder is None:
         raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
@@ -90,7 +95,7 @@ def _table(file: Path) -> Table:
 
 
 def _channel(tables: dict[str, Table], row: dict[str, Any]) -> tuple[str, str]:
-    """The channel and the modality that measured a row of sample_data."""
+    """Channel and modality of a row of sample_data."""
     mounted = entry(tables["calibrated_sensor"], str(entry(row, "calibrated_sensor_token")))
     sensor = entry(tables["sensor"], str(entry(mounted, "sensor_token")))
     return str(entry(sensor, "channel")), str(entry(sensor, "modality"))
@@ -149,7 +154,10 @@ def _kind(tables: dict[str, Table], row: dict[str, Any], instance: str) -> str:
 
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
-    """Write samples as a root with v1.0-coview/, each sensor a channel in its own frame. How many were written."""
+    """Write frames as a root with v1.0-coview/; return how many.
+
+    Each sensor is a channel in its own frame.
+    """
     tables: dict[str, list[dict[str, Any]]] = {
         name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")
     }
@@ -185,8 +193,11 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
 
 
 def _instance(instances: dict[str, str], track: int, label: int) -> str:
-    """The token of a track's instance: its number, and its class where another class has that number already, as in
-    recordings without tracks, whose objects are counted anew in each sample."""
+    """Token of a track's instance.
+
+    It is the track's number. The class is added if another class has that number already. That happens in recordings
+    without tracks, as their objects are counted anew in each frame.
+    """
     plain, category = str(track), LABELS[label]
     token = plain if instances.setdefault(plain, category) == category else f"{plain}_{category}"
     instances.setdefault(token, category)
@@ -213,7 +224,9 @@ def _written(placed: np.ndarray) -> dict[str, list[float]]:
 
 
 def compute_quaternion(placed: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4"]:
-    """The unit quaternion w x y z of a pose's rotation, w not negative.
+    """Unit quaternion w x y z of a pose's rotation.
+
+    w is not negative.
 
     >>> compute_quaternion(np.diag([-1.0, -1.0, 1.0, 1.0])).tolist()
     [0.0, 0.0, 0.0, 1.0]

@@ -1,15 +1,17 @@
-"""ASAM OpenLABEL as the TUM Traffic (A9) sets write it: one JSON file per cloud, *.pcd beside or below.
+"""ASAM OpenLABEL, as the TUM Traffic (A9) sets write it.
 
-World frame: that of the cuboids, which in TUM Traffic is the lidar's own, z roughly up; where the file's coordinate
-systems say where a sensor stands, clouds are placed by that.
+There is one JSON file per cloud; *.pcd lies beside or below it.
+
+World frame: that of the cuboids, which in TUM Traffic is the lidar's own, z roughly up. Clouds are placed by the file's
+coordinate systems if these give a sensor's pose.
 
 - A cuboid's `val` is x y z, then the quaternion **x y z w**, then length, width, height; x y z is the centre. The
   standard also has 9 numbers, with Euler angles about x, y and z in place of the quaternion.
 - `cuboid` is one object in TUM Traffic and a list in the standard.
 - The class is object_data.type in TUM Traffic and `type` of the object itself in the standard, whose `objects` at the
   top say it for all frames.
-- num_points among the attributes is the set's own count, -1 where nobody counted.
-- One object seen by two lidars has a label in each lidar's file: they are different samples here, not doubled labels.
+- num_points among the attributes is the set's own count, -1 if nobody counted.
+- An object seen by two lidars has a label in each lidar's file: they are different frames here, not doubled labels.
 """
 
 from __future__ import annotations
@@ -44,7 +46,10 @@ _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "h
 
 
 def openlabel(path: Path) -> Listing:
-    """The samples of all label files below a folder, or of one file. Raises FileNotFoundError where there are none."""
+    """Frames of one label file, or of all below a folder.
+
+    Raises FileNotFoundError if there are none.
+    """
     files = [path] if path.is_file() else sorted(path.rglob("*.json"))
     if not files:
         raise FileNotFoundError(f"{path} holds no OpenLABEL files (*.json)")
@@ -87,13 +92,16 @@ def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
 
 
 def _sensor(file: Path, properties: dict[str, Any], place: int) -> str:
-    """The sensor of a cloud: the stream that the frame names in its place, else the folder it lies in."""
+    """Sensor of a cloud.
+
+    It is the stream that the frame names in its place, else the cloud's folder.
+    """
     streams = list(properties.get("streams", {}))
     return streams[place] if place < len(streams) else file.parent.name
 
 
 def _pose(content: dict[str, Any], sensor: str) -> np.ndarray:
-    """Where a sensor stands, if the coordinate systems say so by its name."""
+    """Pose of a sensor, if the coordinate systems name it."""
     system = content.get("coordinate_systems", {}).get(sensor, {})
     if not system.get("pose_wrt_parent"):
         return np.eye(4)
@@ -124,7 +132,10 @@ def _points(cuboid: dict[str, Any]) -> int:
 
 
 def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
-    """Write samples, a label file and the clouds of each, every sensor's in its own frame. How many were written."""
+    """Write frames as label files and clouds; return how many.
+
+    Every sensor's cloud is in its own frame.
+    """
     written = 0
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:06d}"
@@ -144,7 +155,10 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
 
 
 def openlabel_content(sample: Frame, found: Detections | None = None) -> dict[str, Any]:
-    """One OpenLABEL document: the sample's objects, or what was detected in it, with scores as attributes."""
+    """Return a frame's objects as one OpenLABEL document.
+
+    If `found` is given, it holds the detections instead, with scores as attributes.
+    """
     shown: Objects | Detections = sample.objects if found is None else found
     ids = sample.objects.ids if found is None else np.arange(len(found))
     counts = sample.counts if found is None else None

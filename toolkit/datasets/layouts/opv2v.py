@@ -1,4 +1,6 @@
-"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd, one folder per vehicle or roadside unit.
+"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd.
+
+Each vehicle or roadside unit has one folder.
 
 World frame: level, its origin at the first agent's lidar, x where that lidar faces; `map_SE3_world` is its place.
 
@@ -47,7 +49,10 @@ _NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "h
 
 
 def opv2v(path: Path, *, left_handed: bool = True) -> Listing:
-    """The samples of all scenarios below a folder, of all agents together. Raises FileNotFoundError without any."""
+    """Frames of all scenarios below a folder, all agents together.
+
+    Raises FileNotFoundError if there are none.
+    """
     names: dict[str, list[Path]] = {}
     for file in sorted(path.rglob("*.yaml")):
         if any(file.with_suffix(ending).is_file() for ending in ENDINGS):
@@ -62,7 +67,7 @@ v2xreal = partial(opv2v, left_handed=False)
 
 
 def _agent(file: Path) -> tuple[int, int | str]:
-    """Vehicles by number, then roadside units, then what has another name."""
+    """Sort key: vehicles by number, roadside units, then other names."""
     name = file.parent.name
     if not name.removeprefix("-").isdigit():
         return 2, name
@@ -123,7 +128,9 @@ def _pose(value: Any, mirror: np.ndarray) -> np.ndarray:
 
 
 def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "4 4"]:
-    """The rotation of Unreal's angles in its own left-handed axes: yaw about z, then pitch, which lifts x, then roll.
+    """Rotation of Unreal's angles in its left-handed axes.
+
+    It is yaw about z, then pitch, which lifts x, then roll.
 
     >>> unreal_pose(0.0, 90.0, 0.0)[:3, 0].round(6).tolist()
     [0.0, 1.0, 0.0]
@@ -147,7 +154,10 @@ def _mirrored(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
 
 
 def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> int:
-    """Write samples as a scenario, an agent per sensor, numbered from 0, each listing all objects. How many."""
+    """Write frames as a scenario; return how many.
+
+    Each sensor is an agent, numbered from 0. Each agent lists all objects.
+    """
     import yaml
 
     mirror, written = MIRROR if left_handed else np.eye(4), 0

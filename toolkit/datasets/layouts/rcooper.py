@@ -27,7 +27,10 @@ SAME_OBJECT = 0.3  # BEV IoU of two agents' labels of one class, above which the
 
 
 def rcooper(path: Path) -> Listing:
-    """The samples of the whole set, a sample of all agents each. Raises FileNotFoundError where it is none."""
+    """Frames of the whole set, each of all agents.
+
+    Raises FileNotFoundError if the folder is not such a set.
+    """
     names: dict[str, list[tuple[str, Path]]] = {}
     for scene in sorted((path / "data").glob("*")):
         agents = [name for name in scene.name.split("-") if (scene / name).is_dir()]
@@ -71,7 +74,10 @@ def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Frame:
 
 
 def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
-    """What several agents list as one list, and which rows of all of them it has."""
+    """Merge several agents' objects into one list.
+
+    Returns the list and its rows among all of them.
+    """
     boxes = np.concatenate([np.zeros((0, 7)), *(part.boxes for part in parts)])
     labels = np.concatenate([np.zeros(0, np.int64), *(part.labels for part in parts)])
     ids = np.concatenate([np.zeros(0, np.int64), *(part.ids for part in parts)])

@@ -1,11 +1,13 @@
-"""ROS bags: ROS 1 (.bag), ROS 2 (a folder with metadata.yaml, or one .mcap or .db3 file): PointCloud2 topics with tf.
+"""ROS bags: PointCloud2 topics with tf.
 
-World frame: the root of the tf tree that the clouds' frames hang from; a cloud whose frame no tf mentions stays in its
+They are ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, or one .mcap or .db3 file).
+
+World frame: the root of the tf tree that the clouds' frames hang from. A cloud whose frame no tf mentions stays in its
 own, and is counted.
 
 - All of tf is read first: static transforms come once, and tf of a cloud's time may be recorded after the cloud.
 - Between two transforms of a moving frame the pose is interpolated; before the first and after the last it is theirs.
-- A sample is one round of the topics: it ends when a topic comes again. Its time is that of its first cloud.
+- A frame is one round of the topics: it ends when a topic comes again. Its time is that of its first cloud.
 - A point's fields lie anywhere in its point_step bytes, in either byte order; `t`, `time` or `timestamp` is its time.
 - There are no labels in a bag. Reading needs the package rosbags.
 """
@@ -42,7 +44,10 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 
 @dataclass(frozen=True)
 class Bag:
-    """The samples of a bag, read from its beginning each time they are asked for."""
+    """Frames of a bag.
+
+    The bag is read from its beginning each time they are asked for.
+    """
 
     path: Path
     rounds: int
@@ -54,7 +59,10 @@ class Bag:
         return self.rounds
 
     def __getitem__(self, index: int) -> Frame:
-        """Frame of this number; the bag is read on from the last one, or again from its beginning."""
+        """Frame of this number.
+
+        The bag is read on from the last frame, or again from its beginning.
+        """
         if not 0 <= index < self.rounds:
             raise IndexError(f"there is no frame {index}: {self.path} has {self.rounds}, counted from 0")
         following, frames = self._reading.pop() if self._reading else (0, iter(self))
@@ -99,7 +107,10 @@ class Bag:
 
 @dataclass(frozen=True, eq=False)
 class _Moving:
-    """One frame in its parent's: at some times (ns), where; of a static one a single pose."""
+    """One coordinate frame's poses in its parent.
+
+    It has poses at some times (ns); a static frame has a single one.
+    """
 
     parent: str
     times: np.ndarray
@@ -114,7 +125,10 @@ class _Moving:
 
 
 def rosbag(path: Path) -> Bag:
-    """The samples of a bag. Raises FileNotFoundError, and ValueError where it is damaged or has no PointCloud2."""
+    """Frames of a bag.
+
+    Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2.
+    """
     last: set[str] = set()
     rounds = 0
     for topic in _topics(path, CLOUD):
@@ -147,7 +161,10 @@ def _frames(path: Path) -> dict[str, _Moving]:
 
 
 def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Float64[np.ndarray, "4 4"]:
-    """Where a frame is at a time (ns), in the root of its tree. Raises ValueError where tf runs in a circle."""
+    """Pose of a frame in its tree's root.
+
+    time is in ns. Raises ValueError if tf runs in a circle.
+    """
     pose = np.eye(4)
     for _ in range(MOST_LINKS):
         if frame not in frames:
@@ -157,7 +174,9 @@ def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Flo
 
 
 def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share: float) -> Float64[np.ndarray, "4 4"]:
-    """The pose that lies at a share of the way from one to another: along the line, and turning evenly.
+    """Interpolate between two poses.
+
+    `share` is the part of the way from a to b: along the line, and turning evenly.
 
     >>> between(np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0]), 0.5)[1, 0].round(6).item()
     1.0
@@ -174,7 +193,10 @@ def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share:
 
 
 def parse_columns(message: Any) -> dict[str, np.ndarray]:
-    """The fields of a PointCloud2, a row per point. Raises ValueError where they do not fit its bytes."""
+    """Parse the fields of a PointCloud2, a row per point.
+
+    Raises ValueError if they do not fit its bytes.
+    """
     order = ">" if message.is_bigendian else "<"
     count, step = int(message.width) * int(message.height), int(message.point_step)
     data = np.asarray(message.data, np.uint8)
@@ -226,7 +248,10 @@ def _reader(path: Path) -> Iterator[Any]:
 
 @contextmanager
 def _damage(path: Path) -> Iterator[None]:
-    """What rosbags, and the parsers it stands on, raise on damaged bags is of any kind."""
+    """Turn errors on damaged bags into errors of ours.
+
+    rosbags, and the parsers it uses, raise errors of any kind on damaged bags.
+    """
     try:
         yield
     except OSError:
@@ -261,8 +286,11 @@ def _each(path: Path, kinds: tuple[str, ...], made: Callable[[Any, Any, bytes], 
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
-    """Write the clouds of samples as recording.mcap of ROS 2, a topic per sensor with tf; labels have no place in a
-    bag, and a warning says so. How many were written."""
+    """Write the clouds of frames for ROS 2.
+
+    Returns how many frames were written. They go to recording.mcap, a topic per sensor with tf. A bag cannot hold
+    labels, and a warning says so.
+    """
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 

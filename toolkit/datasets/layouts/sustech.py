@@ -39,7 +39,10 @@ _NAMES = {"vehicle": "Car", "cyclist": "Bicycle", "pedestrian": "Pedestrian", "h
 
 
 def sustech(path: Path) -> Listing:
-    """The samples of a scene's folder. Raises FileNotFoundError where it is none."""
+    """Frames of a scene's folder.
+
+    Raises FileNotFoundError if it is not a scene.
+    """
     files = {file.stem: file for file in sorted((path / "lidar").glob("*")) if file.suffix.lower() in ENDINGS}
     if not files:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
@@ -65,7 +68,12 @@ def _sample(folder: Path, name: str, file: Path) -> Frame:
 
 
 def write_sustech(samples: Iterable[Frame], folder: Path) -> int:
-    """Write samples as a scene, 000000 and on; the clouds of a sample become one, in its world frame. How many."""
+    """Write frames as a scene; return how many.
+
+    They are numbered from 000000.
+
+    The clouds of a frame become one, in its world frame.
+    """
     written = 0
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:06d}"
