@@ -36,7 +36,8 @@ class SparseVoxelNet(nn.Module):
 
     Its weights are a folded copy: train the original.
 
-    >>> from models import VoxelNetConfig, voxelise
+    >>> from models.config import VoxelNetConfig
+    >>> from models.network.voxels import voxelise
     >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
     >>> SparseVoxelNet(VoxelNet(config))(voxelise(torch.rand(9, 3), config)).class_logits.shape
     torch.Size([1, 2, 40, 40])

@@ -16,7 +16,7 @@ from toolkit.sensors.error_profiles import POOR, TYPICAL, ErrorProfile
         ({"errors": ("poor", "paper", "poor")}, "different ones, got poor, paper, poor: name each once"),
         ({"errors": ("typical", ErrorProfile("ours", TYPICAL.terms))}, "different ones, got typical, ours"),
         ({"errors": ()}, "different ones, got none"),
-        ({"errors": "fog"}, "no error profile 'fog'"),
+        ({"errors": "fog"}, "unknown error profile 'fog'"),
         ({"iou": 1.5}, "iou must lie in"),
         ({"iou": (0.5, 0.5)}, "one or several different ones"),
         ({"iou": ()}, "one or several different ones"),

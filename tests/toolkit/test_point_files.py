@@ -81,7 +81,7 @@ XYZ = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1)]
         (header([*XYZ, ("f", "F", 2, 1)], 1, "binary") + bytes(14), "TYPE and SIZE"),
         (header(XYZ, 10**12, "binary") + bytes(12), "cut off, 12 of"),
         (header(XYZ, 2, "ascii") + b"1 2 3 4", "cut off, 4 of 6"),
-        (header(XYZ, 1, "ascii") + b"1 2 north", "no number"),
+        (header(XYZ, 1, "ascii") + b"1 2 north", "not a number"),
         (header(XYZ, 1, "zip") + bytes(12), "DATA must be"),
         (header(XYZ, 1, "binary_compressed") + np.array([4, 99], "<u4").tobytes() + bytes(4), "take 12 bytes, but 99"),
         (header(XYZ, 1, "binary_compressed") + np.array([4, 12], "<u4").tobytes() + bytes(4), "are damaged"),

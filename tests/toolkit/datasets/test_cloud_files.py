@@ -168,7 +168,7 @@ def test_bad_cloud_files_say_what_is_wrong(tmp_path):
     for name, content, message in (
         ("a.las", b"x", r"ends in \.ply"),
         ("a.bin", b"12345", "5 bytes"),
-        ("a.npy", b"12345", r"no \.npy array"),
+        ("a.npy", b"12345", r"cannot be read as \.npy array"),
         ("a.feather", b"12345", "no feather file"),
         ("a.xyz", b"1 2\n", "x y z in every row"),
         ("b.xyz", b"1 2 x\n", "x y z in every row"),

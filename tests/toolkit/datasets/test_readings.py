@@ -146,7 +146,7 @@ def test_numbers_stand_for_names():
 def test_what_is_refused():
     with pytest.raises(ValueError, match="seed must not be negative, got -1"):
         with_errors(frame_at(0), PAPER_ERRORS, -1)
-    with pytest.raises(ValueError, match="no error profile 'rotten'"):
+    with pytest.raises(ValueError, match="unknown error profile 'rotten'"):
         read_frame(Frames(), 0, errors="rotten")
     with pytest.raises(ValueError, match="drawn from a seed"):
         read_frame(Frames(), 0, errors="typical", noise_seed=None)

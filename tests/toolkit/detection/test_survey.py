@@ -81,7 +81,7 @@ def test_errors_take_points_and_are_named():
     assert rough.kbit_per_sensor.sum() < clean.kbit_per_sensor.sum()
     assert rough.provenance["errors"]["profile"] == "poor"
     assert clean.provenance["errors"]["profile"] == "paper"
-    with pytest.raises(ValueError, match="no error profile 'x'"):
+    with pytest.raises(ValueError, match="unknown error profile 'x'"):
         survey(Recording(), reads=Reads(errors="x"))
 
 

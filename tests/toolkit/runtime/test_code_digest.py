@@ -9,7 +9,7 @@ from toolkit.runtime.code_digest import PACKAGES, TOP, code_digest, digest_of_so
 
 JOBS = {
     "rendering": "placement_env.fidelity.renders",
-    "visibility": "placement_env.fidelity.visibility",
+    "visibility": "placement_env.fidelity.seeing",
     "detection": "placement_env.fidelity.detector",
     "networks": "models.detector",
 }

@@ -262,12 +262,12 @@ def test_arrays_are_read(tmp_path):
 )
 def test_damaged_numpy_file_is_one_line(tmp_path, content):
     (tmp_path / "a.npy").write_bytes(content)
-    with pytest.raises(ValueError, match=r"a\.npy is no \.npy array") as error:
+    with pytest.raises(ValueError, match=r"a\.npy cannot be read as \.npy array") as error:
         load_arrays(tmp_path / "a.npy")
     assert "\n" not in str(error.value)
 
 
 def test_pickles_are_not_opened(tmp_path):
     np.save(tmp_path / "a.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(ValueError, match="is no"):
+    with pytest.raises(ValueError, match="cannot be read"):
         load_arrays(tmp_path / "a.npy")

@@ -80,7 +80,7 @@ def test_sensors_that_are_asked_for_are_placed_by_coverage(run, refused, tmp_pat
     site = tmp_path / "own.json"
     code, out, _ = run("site", "import", *OWN, "--sensors", 2, "--out", site)
     assert code == 0
-    assert "2 sensors placed by coverage: of" in out
+    assert "2 sensors placed by coverage: from" in out
     assert len(load_site(site).sensors) == 2
     assert "--sensors must be at least 1, got 0" in refused("site", "import", *OWN, "--sensors", 0, "--out", "x.json")
     assert "own.json exists" in refused("site", "import", *OWN, "--out", site)
