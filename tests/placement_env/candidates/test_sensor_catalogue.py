@@ -75,7 +75,7 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
         ("pole_price = true\n" + SENSOR, "pole_price must be a number from 0 up, got True"),
         ('[[sensor]]\nmodel = "DepthCamera"\n', r"sensor\[0\].price is missing"),
         ("[[sensor]]\nprice = 3\n", r"sensor\[0\].model is missing"),
-        ('[[sensor]]\nmodel = "Radar"\nprice = 3\n', r"sensor\[0\].model: unknown sensor model 'Radar': choose among Depth"),
+        ('[[sensor]]\nmodel = "Radar"\nprice = 3\n', r"sensor\[0\].model: unknown sensor model 'Radar'"),
         ("[[sensor]]\nmodel = 3\nprice = 3\n", r"sensor\[0\].model must be a non-empty text"),
         ('[[sensor]]\nmodel = "DepthCamera"\nprice = nan\n', r"sensor\[0\].price must be a number from 0 up, got nan"),
         ('[[sensor]]\nmodel = "DepthCamera"\nprice = "9 EUR"\n', r"sensor\[0\].price must be a number"),

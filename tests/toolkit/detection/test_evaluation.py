@@ -330,7 +330,7 @@ def test_errors_are_what_readings_have_and_the_results_say_which():
         OneCar(), Mean(), Comparison(schemes=["early"], iou_thresholds=[0.5]), reads=Reads(errors=TYPICAL)
     )
     assert row.kbit_per_sensor == pytest.approx(kbit)
-    for wrong, message in (({"errors": "bad"}, "unknown error profile"), ({"errors": "poor", "noise_seed": None}, "a seed")):
+    for wrong, message in (({"errors": "bad"}, "unknown error"), ({"errors": "poor", "noise_seed": None}, "a seed")):
         with pytest.raises(ValueError, match=message):
             run(**wrong)
 
