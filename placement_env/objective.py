@@ -1,9 +1,11 @@
-"""The objective that every search and environment maximises: reward = AP − λ_comm · kbit per sensor − λ_price · price.
+"""The objective that every search and environment maximises.
 
-kbit per sensor is the paper's measure of communication (section IV-A): what the sensors of a set send in a frame, its
-mean over frames and sensors. What the whole set sends is reported beside it. A set is feasible when no two of its
-sensors hang on one mount, no sensor sends more than the link of its mount carries (where the scheme sends points), and
-the set costs no more than the money there is. Its price is that of its mounts and of its sensors.
+Reward = AP − λ_comm · kbit per sensor − λ_price · price.
+
+kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of a set sends in a
+frame, averaged over frames and sensors. The total of the whole set is reported beside it. A set is feasible when its
+mounts have room for its sensors, no sensor sends more than the link of its mount carries (where the scheme sends
+points), and the set costs no more than the money available. Its price is that of its mounts and its sensors.
 """
 
 from __future__ import annotations
@@ -41,8 +43,11 @@ MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memor
 
 @dataclass(frozen=True)
 class Score:
-    """Score of one set. subset: indices of its candidates, ascending; `terms` add up to the reward;
-    cache_hit: whether the fidelity knew this set already; class_ap: of each class, NaN where nothing is to be found."""
+    """Score of one set.
+
+    subset: indices of its candidates, ascending; `terms` add up to the reward; cache_hit: whether the fidelity already
+    knew this set; class_ap: AP of each class, NaN where the class has no objects.
+    """
 
     subset: tuple[int, ...]
     ap: float
@@ -70,11 +75,11 @@ class Scores(NamedTuple):
 
 
 class Objective:
-    """Scores sets of candidate sensors for a setting, computed as a run says.
+    """Score sets of candidate sensors for a setting.
 
-    setting: what is asked, or just a site or its name; run: how it is computed; visibility: what the candidates see,
-    for a setting with a fidelity of one's own: without it each is scored alone to know what it sends. Raises ValueError
-    where the fidelity cannot score the setting so.
+    setting: the question, or just a site or its name; run: how it is computed; visibility: what the candidates see, for
+    a setting with a custom fidelity. Without it, each candidate is scored alone to find how much it sends. Raises
+    ValueError where the fidelity cannot score the setting this way.
     """
 
     def __init__(
@@ -104,7 +109,10 @@ class Objective:
     def of_moved(
         cls, preparation: Preparation, candidates: Candidates, visibility: Visibility, weights: Weights
     ) -> Objective:
-        """Objective of other candidates in a preparation's traffic, of which it is known what they see."""
+        """Objective of other candidates in a preparation's traffic.
+
+        Their visibility is already known.
+        """
         fidelity = preparation.at(candidates, visibility).fidelity()
         setting = replace(preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights)
         return cls(setting, preparation.run, visibility=visibility)
@@ -128,7 +136,10 @@ class Objective:
         return self.setting.most_price
 
     def weighed(self, weights: Weights, *, most_price: float | None = None) -> Objective:
-        """Same objective with other weights, and another `most_price` where given; it has a memory of its own."""
+        """Same objective with other weights.
+
+        `most_price` is replaced too where given. The new objective has its own memory.
+        """
         other = copy(self)
         most = self.most_price if most_price is None else most_price
         other.setting = replace(self.setting, weights=weights, most_price=most)
@@ -141,7 +152,10 @@ class Objective:
         self._known = self._forgotten()
 
     def _forgotten(self) -> dict[bytes, tuple[float, ...]]:
-        """Memory of the empty set alone: AP, recall, kbit and, of several classes, the AP of each, under its bits."""
+        """Memory that holds the empty set alone.
+
+        It keeps AP, recall, kbit and, for several classes, the AP of each, under the set's bits.
+        """
         return {bytes(-(-len(self.candidates) // 8)): (0.0,) * self._width}
 
     @property
@@ -151,7 +165,10 @@ class Objective:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Origin of its scores: site, candidates, traffic, fidelity, detector, scheme, codec and version."""
+        """Origin of its scores.
+
+        It names site, candidates, traffic, fidelity, detector, scheme, codec and version.
+        """
         made, cases = self.preparation, self.setting.cases
         site = {} if self.site is None else {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
         traffic = {} if made is None else {"frames": made.frames, "seed": self.run.seed}
@@ -187,12 +204,18 @@ class Objective:
 
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that send no more than their mount's link carries; boxes alone always fit."""
+        """Mask of candidates that fit their mount's link.
+
+        Boxes alone always fit.
+        """
         boxes = not self.scheme.sends_points
         return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
 
     def score(self, subset: Members) -> Score:
-        """Score of a set, indices or names of candidates in any order. Raises ValueError for an unknown one."""
+        """Score of one set.
+
+        The set is given as indices or names of candidates in any order. Raises ValueError for an unknown one.
+        """
         row = self.row(subset)
         scores = self.scores(row[None])
         ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
@@ -203,12 +226,18 @@ class Objective:
         return Score(members, *figures, terms, self.fidelity, bool(scores.cache_hit[0]), by_class)
 
     def class_ap(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, "n k"]:
-        """AP of each class of sets, given as rows of booleans; NaN where a class has nothing to find."""
+        """AP of each class for each set.
+
+        Sets are rows of booleans. A class without objects has NaN.
+        """
         figures, _ = self._figures(subsets)
         return figures[:, 3:] if self._width > 3 else figures[:, :1]
 
     def scores(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
-        """Scores of sets, rows of booleans, feasible or not; one asked before is not scored again, none is 0."""
+        """Scores of sets, feasible or not.
+
+        Sets are rows of booleans. A known set is not scored again, and the empty set scores 0.
+        """
         figures, cache_hit = self._figures(subsets)
         ap, recall, kbit = figures.T[:3]
         per_sensor, price, reward = self._weigh(subsets, ap, kbit)
@@ -217,10 +246,10 @@ class Objective:
     def race(
         self, subsets: Bool[np.ndarray, "n C"], *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
     ) -> Race:
-        """The `keep` sets of the greatest reward, most others being dropped after few frames: see
-        `placement_env.racing.race`, which tells the other arguments too.
+        """Sets of the greatest reward, `keep` of them.
 
-        Raises ValueError for a fidelity that cannot score some frames alone; that of the detector can.
+        Most others are dropped after a few frames; `placement_env.racing.race` explains the other arguments. Raises
+        ValueError for a fidelity that cannot score a subset of the frames; the detector's can.
         """
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):
@@ -242,43 +271,62 @@ class Objective:
         return per_sensor, price, ap - self.weights.comm * per_sensor - self.weights.price * price
 
     def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Price of the mounts and sensors of each set; a mount that carries two sensors is paid once."""
+        """Price of the mounts and sensors of each set.
+
+        A mount that carries two sensors is paid once.
+        """
         built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
         row, candidate = subsets.nonzero()
         built[row, self.candidates.mount[candidate]] = True
         return np.asarray(built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Mask of prices within `most_price`; what rounding adds to a sum does not count."""
+        """Mask of prices within `most_price`.
+
+        Rounding errors in a sum are ignored.
+        """
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
-        """Mask of sets that may be built: no mount with more sensors or kbit than it carries, no more than
-        `most_price`."""
+        """Mask of sets that may be built.
+
+        No mount holds more sensors or kbit than it carries, and no set costs more than `most_price`.
+        """
         together = fit_together(self.candidates, subsets, self.shared_links)
         return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that may join a set and leave it feasible: on mounts with room, for what is left of the
-        money."""
+        """Mask of candidates that keep a set feasible.
+
+        Their mounts have room, and the remaining money pays for them.
+        """
         row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
         price = self.price(row[None])[0] + extra_prices(self.candidates, row)
         return np.asarray(room_beside(self.candidates, row, self.shared_links) & self.linked & self.affordable(price))
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:
-        """kbit of each candidate, where sensors share the link of a mount and that may be too much; else None."""
+        """kbit of each candidate where links may be overloaded.
+
+        None unless sensors share the link of a mount and together may send too much.
+        """
         return self.sent if self.candidates.several and self.scheme.sends_points else None
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
-        """A set, given as indices or names of candidates, as a row of booleans."""
+        """A set as a row of booleans.
+
+        The set is given as indices or names of candidates.
+        """
         row = np.zeros(len(self.candidates), np.bool_)
         for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
             row[find_index(member, self.names)] = True
         return row
 
     def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n _"], Bool[np.ndarray, " n"]]:
-        """ap, recall, kbit of each set and, of several classes, the AP of each; and which of them were known before."""
+        """AP, recall and kbit of each set.
+
+        For several classes, the AP of each class comes too. The last value marks the sets that were known before.
+        """
         if len(self._known) > MOST_REMEMBERED:
             self.forget()
         keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
@@ -298,14 +346,17 @@ class Objective:
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width), cache_hit
 
     def _estimate(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Estimate, Sequence[Float64[np.ndarray, " n"]]]:
-        """Estimate of sets and, of several classes, the AP of each."""
+        """Estimate of sets, with AP per class.
+
+        AP per class is given for several classes only.
+        """
         if self._width == 3:
             return self.scored_by(subsets), ()
         each = cast(ByClass, self.scored_by).by_class(subsets)
         return each.combined(self.classes), list(each.ap.T)
 
     def _tell(self, scored: int) -> None:
-        """Count sets that were scored now, on some frames or all."""
+        """Count newly scored sets, on some frames or all."""
         self._scored += scored
         if self.run.progress:
             self.run.progress("sets scored", self._scored, None)

@@ -1,11 +1,13 @@
-"""Racing: the best of many sensor sets without scoring all of them on all frames, or with an accurate fidelity.
+"""Racing: find the best of many sensor sets cheaply.
 
-`race` is successive halving (Karnin, Koren and Somekh 2013; Jamieson and Talwalkar 2016) with frames as the budget: all
-sets are scored on a few frames, the best 1/eta of them on eta times as many, and so on; the last few on all frames. The
-frames come in a random order, as neighbours in time show nearly the same traffic. `race_until` drops a set only where
-the frames say that it is worse, and ends as soon as a stated confidence is reached (racing in the sense of Maron and
-Moore 1994, with a bootstrap over blocks of frames in the place of Hoeffding's bound). `verify` scores with an accurate
-fidelity the few sets that a fast one finds best.
+Not every set is scored on all frames, or with an accurate fidelity.
+
+`race` is successive halving (Karnin, Koren and Somekh 2013; Jamieson and Talwalkar 2016) with frames as the budget. All
+sets are scored on a few frames, the best 1/eta of them on eta times as many, and so on; the last few are scored on all
+frames. The frames come in random order, because neighbours in time show nearly the same traffic. `race_until` drops a
+set only where the frames show that it is worse, and ends as soon as a stated confidence is reached (racing in the sense
+of Maron and Moore 1994, with a bootstrap over blocks of frames instead of Hoeffding's bound). `verify` scores the few
+best sets of a fast fidelity with an accurate one.
 """
 
 from __future__ import annotations
@@ -28,7 +30,10 @@ PartialScores = Callable[
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """One stage of a race. sets: rows of the k sets scored, best first; scores: of each, NaN if undefined."""
+    """One stage of a race.
+
+    sets: rows of the k sets scored, best first; scores: of each, NaN if undefined.
+    """
 
     frames: int
     sets: Int64[np.ndarray, " k"]
@@ -37,9 +42,11 @@ class Rung:
 
 @dataclass(frozen=True, eq=False)
 class Race:
-    """Course of a race. winners: rows of the best sets, best first, and what ties with the last of them; scores: of
-    each, from all frames; spent: set-frames scored, a frame that a set was scored on before not counted again; full:
-    set-frames that all sets on all frames would take."""
+    """Course of a race.
+
+    winners: rows of the best sets, best first, including ties with the last; scores: of each, from all frames; spent:
+    set-frames scored, each frame counted once per set; full: set-frames that scoring all sets on all frames would take.
+    """
 
     winners: Int64[np.ndarray, " k"]
     scores: Float64[np.ndarray, " k"]
@@ -49,9 +56,12 @@ class Race:
 
 
 class Resampled(NamedTuple):
-    """Figures of n sets from some frames, and the same in each resample of blocks of these, drawn alike for all.
-    frames: how many of those asked for they are from, the first ones, where time was up; None for all; blocks: of these
-    frames, from which resamples are drawn, inf for very many."""
+    """Figures of n sets, and their resamples.
+
+    Both are from some of the frames. Each resample draws blocks of these frames, the same for all sets. frames: number
+    of requested frames used, from the first, where time ran out; None for all; blocks: number of blocks to draw from,
+    inf for very many.
+    """
 
     figure: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
@@ -64,10 +74,13 @@ ResampledScores = Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """Course of a race until a confidence. ranking: rows of all different sets, best first: those that were dropped
-    come after those that were not, the last dropped first; figures: of each in that order, from the frames it was
-    scored on; frames: how many these were; confidence: that no set is better than the first by more than the
-    tolerance; spent: set-frames scored; expected: of each, what these frames and the predictions make likeliest."""
+    """Course of a race until a confidence.
+
+    ranking: rows of all different sets, best first; dropped sets come last, the last dropped first among them; figures:
+    of each in that order, from the frames it was scored on; frames: number of these; confidence: that no set is better
+    than the first by more than the tolerance; spent: set-frames scored; expected: likeliest figure of each, given these
+    frames and the predictions.
+    """
 
     ranking: Int64[np.ndarray, " k"]
     figures: Float64[np.ndarray, " k"]
@@ -79,7 +92,10 @@ class Contest:
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """The k sets that a fast fidelity finds best, as an accurate one ranks them, with the figures of both."""
+    """Best k sets of a fast fidelity, ranked accurately.
+
+    Figures of both fidelities are kept.
+    """
 
     sets: Bool[np.ndarray, "k C"]
     fast: Float64[np.ndarray, " k"]
@@ -96,13 +112,14 @@ def race(
     keep: int = 1,
     seed: int | np.random.Generator = 0,
 ) -> Race:
-    """The `keep` best of n sets by their score on all frames, most sets being dropped after few of them.
+    """Best sets of n by their score on all frames.
 
-    partial_scores is asked for sets on some of the frames 0 … frames-1; each rung asks for the frames of the one
-    before, in the same order, and more, so that what was fused and detected before need not be again. eta: by how much
-    a rung multiplies frames and divides sets. first: frames of the first rung. Sets that tie with the last to go on go
-    on too, as do all while no score is defined (no object yet). Equal rows are scored once; the first stands for all.
-    Raises ValueError without a set or frame, or for eta below 2, first or keep below 1.
+    Returns `keep` sets; most others are dropped after a few frames. partial_scores is called with sets and some of the
+    frames 0 … frames-1. Each rung passes the frames of the one before, in the same order, and more, so earlier fusion
+    and detection can be reused. eta: factor by which a rung multiplies frames and divides sets. first: frames of the
+    first rung. Sets that tie with the last one to advance also advance, as do all sets while no score is defined (no
+    object yet). Equal rows are scored once; the first stands for all. Raises ValueError without a set or frame, for eta
+    below 2, and for first or keep below 1.
 
     >>> ap = np.array([0.3, 0.9, 0.5])
     >>> race(lambda sets, frames: sets @ ap, np.eye(3, dtype=bool), frames=20).winners
@@ -143,19 +160,20 @@ def race_until(
     stop: Callable[[], bool] = lambda: False,
     predicted: Float64[np.ndarray, " n"] | None = None,
 ) -> Contest:
-    """Sets scored on more and more frames until it is sure enough which is the best, or the frames are used up.
+    """Race sets until the best is known confidently enough.
 
-    scores: asked for sets on the first frames of `order`, each time more of them; where it takes fewer, the race ends
-    with these; confidence: asked for; tolerance: a set that is better by no more does not count; first, eta: frames of
-    the first rung, and by how much the next ones are longer; least: frames before which no confidence ends it; most:
-    set-frames, beyond which only the best go on; stop: asked after each rung whether to end; predicted: the figure of
-    each, as far as it is known before: then sets go by what `placement_env.analysis.shrinkage.shrink` makes of both.
+    The race also ends when all frames are used. scores: called with sets and the first frames of `order`, more each
+    time; if it uses fewer, the race ends with these; confidence: level to reach; tolerance: a lead that does not count;
+    first, eta: frames of the first rung, and the factor by which later ones grow; least: frames before which no
+    confidence ends it; most: set-frames, beyond which only the best go on; stop: called after each rung, true to end;
+    predicted: prior figure of each set. With predictions, sets are ranked by the estimate that
+    `placement_env.analysis.shrinkage.shrink` makes from both.
 
-    A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. What is left of the
-    doubt is the share of the resamples in which a set that was not dropped is better than the winner by more than the
-    tolerance, and of those dropped the sum of these shares when they were. Where time was up it is no less than
-    2^-blocks, the chance that the same of two equal sets is the better one in every block. Raises ValueError as `race`
-    does.
+    A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. The remaining doubt
+    has two parts: the share of resamples in which a set still in the race is better than the winner by more than the
+    tolerance, and the sum of these shares for dropped sets at the time they were dropped. Where time ran out it is at
+    least 2^-blocks, the chance that the same of two equal sets is the better one in every block. Raises ValueError as
+    `race` does.
 
     >>> ap = np.array([0.3, 0.9, 0.5])
     >>> def scores(sets, frames):
@@ -209,8 +227,11 @@ def race_until(
 
 
 def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, tolerance: float) -> float:
-    """Chance that some set is better than the winner by more than the tolerance: of those in the last rung the share of
-    resamples in which any is, of each one dropped before the share in the rung after which it was."""
+    """Chance that some set clearly beats the winner.
+
+    It must be better by more than the tolerance. Sets of the last rung contribute the share of resamples in which any
+    of them is. Each set dropped earlier adds its share in the rung after which it was dropped.
+    """
     doubt = 0.0
     going_on = np.zeros(0, np.int64)
     for last, (rows, found) in enumerate(reversed(rungs)):
@@ -222,10 +243,10 @@ def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, 
 
 
 def verify(fast: SetFunction, accurate: SetFunction, sets: Bool[np.ndarray, "n C"], *, best: int = 5) -> Verified:
-    """The `best` of the sets by a fast figure and what ties with the last of them, ranked by an accurate one.
+    """Best sets by a fast figure, ranked accurately.
 
-    Equal sets are scored once. Of equal accurate figures the set of the greater fast one goes first.
-    Raises ValueError without a set, or for best below 1.
+    Takes the `best` sets and any that tie with the last of them. Equal sets are scored once. Where accurate figures are
+    equal, the set with the greater fast one goes first. Raises ValueError without a set, or for best below 1.
 
     >>> sets = np.eye(3, dtype=bool)
     >>> verify(lambda s: s @ np.array([0.3, 0.8, 0.9]), lambda s: s @ np.array([0.2, 0.7, 0.6]), sets, best=2).accurate
@@ -243,12 +264,17 @@ def verify(fast: SetFunction, accurate: SetFunction, sets: Bool[np.ndarray, "n C
 
 
 def _best_first(scores: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Rows by descending score, equal ones in their order, undefined ones last."""
+    """Rows by descending score, undefined ones last.
+
+    Equal rows keep their order.
+    """
     return np.argsort(-scores, kind="stable")
 
 
 def _with_ties(descending: Float64[np.ndarray, " n"], places: int) -> int:
-    """Number of sets that share the first `places`: those and what equals the last of them.
+    """Number of sets that share the first `places`.
+
+    Sets that equal the last of them count too.
 
     >>> _with_ties(np.array([0.9, 0.5, 0.5, 0.1]), 2), _with_ties(np.array([0.9, np.nan, np.nan]), 2)
     (3, 3)

@@ -1,4 +1,6 @@
-"""Searches for the best set of sensors, all on one `Objective`, each with evidence of how good its answer is.
+"""Searches for the best set of sensors.
+
+All work on one `Objective`, and each gives evidence of how good its answer is.
 
 Each search is a module with `search(objective, budget, *, seed=0, seconds=None, evaluations=None) -> Result`: at most
 `budget` sensors, no more on a mount than it carries, within the capacity of its link. Some take further options.

@@ -1,6 +1,7 @@
-"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture; or those of a budget curve.
+"""Files of a search's answer.
 
-Smaller than a plan: nothing is judged on traffic that the search did not see.
+They are the site with the chosen sensors, schedule, map and picture, or the files of a budget curve. The answer is
+smaller than a plan: nothing is judged on traffic that the search did not see.
 """
 
 from __future__ import annotations
@@ -43,12 +44,18 @@ CURVE_COLUMNS = (
 
 
 def check_georeference(site: Site) -> None:
-    """Raise what `longitude_latitude` raises for the site, before hours of search."""
+    """Check the site's georeference before hours of search.
+
+    Raises what `longitude_latitude` raises for the site.
+    """
     longitude_latitude(site, np.zeros((1, 2)))
 
 
 def answer_files(order: SearchOrder) -> tuple[str, ...]:
-    """Files that the answer to an order may have; of a curve one site for each set there is."""
+    """Files that the answer to an order may have.
+
+    A curve has one site per set.
+    """
     if not order.curve:
         return ANSWER_FILES
     most = order.budget if math.isinf(order.setting.most_price) else AMOUNTS
@@ -56,9 +63,10 @@ def answer_files(order: SearchOrder) -> tuple[str, ...]:
 
 
 def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
-    """Write an answer's files into a folder, all of them or none, and return a line that names them.
+    """Write an answer's files into a folder.
 
-    Raises ValueError where no sensor is to be built, or the objective has no site.
+    Writes all of them or none, and returns a line that names them. Raises ValueError where no sensor is to be built, or
+    the objective has no site.
     """
     if not answer.met or answer.objective.site is None:
         raise ValueError("only a set of sensors at a site can be handed over, and this is an empty set or has no site")
@@ -101,10 +109,10 @@ def _json(summary: Mapping[str, Any]) -> str:
 def kbit_per_frame(
     objective: Objective, members: Sequence[int], moved: Sequence[Sensor] = ()
 ) -> Float64[np.ndarray, "sensors frames"]:
-    """kbit that each sensor of a set sends in each frame of the objective's traffic. moved: where they stand instead.
+    """kbit that each sensor of a set sends per frame.
 
-    Of boxes, where the scheme sends them, a sensor is taken to send one for each object that it sees with `LEAST`
-    points.
+    The frames are those of the objective's traffic. moved: new poses of the sensors. Where the scheme sends boxes, a
+    sensor is assumed to send one for each object that it sees with `LEAST` points.
     """
     made = objective.preparation
     if made is None:
@@ -133,9 +141,10 @@ def _write_curve(folder: Path, order: SearchOrder, answer: Answer) -> None:
 
 
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
-    """Table with a line per set: kbit of a whole set and frame, `money` empty where numbers of sensors were asked for.
+    """Table with one line per set.
 
-    After `CURVE_COLUMNS` come AP, low and high at each error profile, where there are several: `ap_typical` and so on.
+    It has kbit per frame of the whole set; `money` is empty where the curve is over numbers of sensors. `CURVE_COLUMNS`
+    are followed by AP, low and high at each error profile, where there are several: `ap_typical` and so on.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")

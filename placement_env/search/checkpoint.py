@@ -1,8 +1,8 @@
-"""States of a search that is not finished, in a folder, so that it goes on where it was killed.
+"""States of unfinished searches, kept in a folder.
 
-A state is one file for each part of a search: JSON values and arrays with a checksum over them, the question and the
-code, replaced whole. One that is damaged, of another question or of other code is not believed: that part of the search
-begins anew. What took long besides (what was seen, rendered, detected) is in the cache.
+A killed search resumes from them. A state is one file for each part of a search: JSON values and arrays with a checksum
+over them, the question and the code, replaced whole. A damaged state, or one of another question or other code, is
+ignored: that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache.
 """
 
 from __future__ import annotations
@@ -29,8 +29,10 @@ KeptState = dict[str, Any]  # values of JSON, and arrays
 
 
 class Checkpoint:
-    """Keeps the state of one part of a search. folder: None to keep nothing; depends_on: question and code; every: s
-    between two states."""
+    """State of one part of a search.
+
+    folder: None to keep nothing; depends_on: question and code; every: s between two states.
+    """
 
     def __init__(
         self, folder: Path | None, *, depends_on: bytes = b"", part: str = "search", every: float = EVERY_S
@@ -43,11 +45,17 @@ class Checkpoint:
         return Checkpoint(self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every)
 
     def place(self, name: str) -> Path | None:
-        """A folder for what this part keeps in a way of its own; None where nothing is kept."""
+        """Folder for this part's own files.
+
+        None where nothing is kept.
+        """
         return None if self.folder is None else self.folder / f"{self._part}.{name}{STATE}"
 
     def load(self) -> KeptState | None:
-        """The state that was saved last, None where there is none, or none that can be believed."""
+        """State that was saved last.
+
+        None where no valid state exists.
+        """
         if self.folder is None:
             return None
         try:
@@ -60,7 +68,10 @@ class Checkpoint:
         return values | {name: array.copy() for name, array in zip(names, arrays[1:], strict=True)}
 
     def save(self, state: Mapping[str, Any]) -> None:
-        """Keep a state in place of the last one. Raises OSError where it cannot be written."""
+        """Save a state in place of the last one.
+
+        Raises OSError where it cannot be written.
+        """
         if self.folder is None:
             return
         arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
@@ -70,7 +81,7 @@ class Checkpoint:
         self._saved = time.monotonic()
 
     def offer(self, state: Callable[[], Mapping[str, Any]]) -> None:
-        """Save what `state` gives, unless the last was saved a moment ago."""
+        """Save what `state` gives, unless just saved."""
         if self.folder is not None and time.monotonic() - self._saved >= self.every:
             self.save(state())
 
@@ -91,11 +102,13 @@ NOWHERE = Checkpoint(None)
 def unfinished(
     folder: Path, question: Mapping[str, Any], *, code: str = __name__, overwrite: bool = False
 ) -> Iterator[Checkpoint]:
-    """The checkpoint of a search that is asked a question (values of JSON), in a folder of its own, which is removed
-    when the block ends well. code: module of the search.
+    """Checkpoint of a search, in a folder of its own.
 
-    Raises FileExistsError where the folder holds an unfinished search of another question and is not to be overwritten,
-    and where another process is at work in it.
+    The question is given as JSON values. The folder is removed when the block ends normally. code: module of the
+    search.
+
+    Raises FileExistsError where the folder holds an unfinished search of another question and may not be overwritten,
+    and where another process is working in it.
     """
     asked = json.loads(json.dumps(replace_infinite(dict(question))))
     shards = ShardFolder(folder, asked)
@@ -108,7 +121,7 @@ def unfinished(
 
 
 def remove_states(folder: Path) -> None:
-    """Remove the states in a folder, and what else a search left there."""
+    """Remove the states and other leftovers in a folder."""
     for path in folder.glob(f"*{STATE}"):
         if path.is_dir():
             shutil.rmtree(path)

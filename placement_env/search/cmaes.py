@@ -1,14 +1,14 @@
-"""Continuous poses: height, heading and tilt of each sensor of a set, by CMA-ES (Hansen and Ostermeier 2001, `cma`).
+"""Continuous sensor poses, optimised by CMA-ES.
 
-`search` begins at greedy's set; `improve` at any, scored by any function.
+Height, heading and tilt of each sensor of a set are optimised (Hansen and Ostermeier 2001, `cma`). `search` starts at
+greedy's set, `improve` at any set, with any scoring function.
 
-A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from where it looked,
+A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from its first direction,
 without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts
-(0 to 1 each), which mean the nearest mount on which the sensors before it have left a place. A moved sensor sees
-something else, so every vector is looked at: in panoramas of the mounts where the preparation makes these
-(`Preparation.live`), else by rays, of which a few hundred vectors are affordable. The start should be good, greedy's
-for instance. Panoramas agree with rays within 3 % or 8 points of an object nearly always; in the end the answer is
-scored by rays beside its start.
+(0 to 1 each). These mean the nearest mount where earlier sensors have left a place. A moved sensor has another view, so
+every vector is rendered: in panoramas of the mounts where the preparation makes these (`Preparation.live`), else by
+rays, which is affordable for a few hundred vectors. The start should be good, greedy's for instance. Panoramas nearly
+always agree with rays within 3 % or 8 points of an object; in the end the answer is scored by rays beside its start.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ def search(
     roam: bool = False,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Greedy's set with every sensor turned, tilted and lifted to where it serves best.
+    """Greedy's set with turned, tilted and lifted sensors.
 
-    `Result.sensors` are the poses and `Result.best` is their score; its subset names the candidates they come from.
-    The limits hold for the moved sets, seconds for both; roam, checkpoint: see `improve`. Where greedy search finds
-    that no sensor pays, that is the answer. Poses that were looked at in panoramas are scored by rays in the end; the
-    answer is the start where that is better. Raises ValueError for an objective without a site, which cannot tell what
-    a moved sensor sees, and for several IoU thresholds, failures or levels of traffic.
+    `Result.sensors` are the poses and `Result.best` is their score; its subset names the candidates they come from. The
+    limits hold for the moved sets, seconds for both stages; roam, checkpoint: see `improve`. If greedy search finds
+    that no sensor pays, that is the answer. Poses that were seen in panoramas are scored by rays in the end; the answer
+    is the start where that is better. Raises ValueError for an objective without a site, which cannot render a moved
+    sensor, and for several IoU thresholds, failures or levels of traffic.
     """
     made = objective.preparation
     if made is None:
@@ -87,7 +87,7 @@ def search(
 
 
 def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -> Result:
-    """Better of a result and its start by an exact scorer."""
+    """Better of a result and its start, scored exactly."""
     before, after = score_poses([start.sensors, result.sensors])
     if after is None or (before is not None and before.reward >= after.reward):
         result, after = replace(result, sensors=start.sensors), before
@@ -105,14 +105,15 @@ def improve(
     population: int | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Turn, tilt and lift the sensors of `start`, all of which are placed, to where `score_poses` scores most.
+    """Move the sensors of `start` to raise their score.
 
-    start: such as `objective.candidates.select(result.best.subset)`, on mounts of their own; roam: whether a sensor may
-    go to another of `start.mounts`; population: vectors to a step, None for 4 + 3 ln n; checkpoint: where the costs of
-    all steps are kept, from which a search that was killed finds its way again; without a limit 300 are scored.
-    The answer is never worse than the start, which is scored first; when the search has settled it begins anew at the
-    best with twice the population. `Result.sensors` are the poses, `Result.best.subset` just counts them. Raises
-    ValueError where there is no sensor, two share a mount or the start may not be built, ImportError without `cma`.
+    All sensors of `start` are placed; they are turned, tilted and lifted to where `score_poses` scores most. start:
+    such as `objective.candidates.select(result.best.subset)`, on separate mounts; roam: whether a sensor may go to
+    another of `start.mounts`; population: vectors per step, None for 4 + 3 ln n; checkpoint: where the costs of all
+    steps are kept, so that a killed search can resume; without a limit 300 vectors are scored. The answer is never
+    worse than the start, which is scored first. When the search has settled it restarts at the best with twice the
+    population. `Result.sensors` are the poses, `Result.best.subset` just counts them. Raises ValueError without a
+    sensor, where two share a mount or where the start may not be built, and ImportError without `cma`.
     """
     if not len(start) or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any():
         raise ValueError(
@@ -176,10 +177,10 @@ def improve(
 
 
 def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:
-    """Scorer of sets of sensors by the preparation's fidelity; it looks through all of them at once.
+    """Scorer of sensor sets by the preparation's fidelity.
 
-    live: panoramas to look at, None to cast rays. A set that two sensors of one mount, or a link too small for what its
-    sensor sends, make unbuildable scores None.
+    It renders all sets at once. live: panoramas to use, None to cast rays. A set scores None if two of its sensors
+    share a mount or a link is too small for its sensor.
     """
     from placement_env.fidelity.seeing import see
 
@@ -208,8 +209,11 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
 
 
 def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: Axes | None = None) -> Candidates:
-    """Any sensors as candidates, each on the mount whose foot is nearest seen from above; names are numbered. priced:
-    what their models cost, None for nothing."""
+    """Any sensors as candidates on their nearest mounts.
+
+    The nearest mount is measured to its foot, seen from above. Duplicate names are numbered. priced: prices of their
+    models, None for nothing.
+    """
     feet = np.array([mount.position[:2] for mount in mounts])
     spots = np.array([sensor.position[:2] for sensor in sensors])
     mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
@@ -224,13 +228,19 @@ def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: 
 
 
 def angles(sensor: Sensor) -> tuple[float, float, float]:
-    """Height above zero (m), heading and tilt below the horizon (rad) of a sensor."""
+    """Height, heading and tilt of a sensor.
+
+    Height is above zero (m); heading and tilt below the horizon are in rad.
+    """
     (heading,), (tilt,) = aims([sensor])
     return float(sensor.position[2]), float(heading), float(tilt)
 
 
 class Coding:
-    """Vectors for sets of sensors and back; each sensor keeps its model and, unless it roams, its mount."""
+    """Convert sets of sensors to vectors and back.
+
+    Each sensor keeps its model and, unless it roams, its mount.
+    """
 
     def __init__(self, start: Candidates, roam: bool) -> None:
         self.start, self.roam = start, roam
@@ -266,7 +276,10 @@ class Coding:
         return tuple(sensors)
 
     def options(self) -> dict[str, Any]:
-        """Bounds, as `cma` takes them: all but the headings have some."""
+        """Bounds as `cma` takes them.
+
+        All values but the headings are bounded.
+        """
         bounded: Bool[np.ndarray, " n"] = np.tile(np.arange(self.width) != 1, len(self.start))
         return {"bounds": [[0.0 if b else None for b in bounded], [1.0 if b else None for b in bounded]]}
 
@@ -280,7 +293,10 @@ def _range(mount: Mount) -> tuple[float, float]:
 
 
 def _quiet(rng: np.random.Generator) -> dict[str, Any]:
-    """Numbers from our generator, so that NumPy's global one stays as it is, and no printing."""
+    """Draw from our generator and silence printing.
+
+    NumPy's global generator stays untouched.
+    """
     return {"seed": np.nan, "randn": lambda *shape: rng.standard_normal(shape), "verbose": -9}
 
 

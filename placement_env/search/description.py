@@ -1,4 +1,7 @@
-"""A search's result in words: its sensors, where they were moved to, its figures."""
+"""A search's result in words.
+
+It lists sensors, their moves and their figures.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from toolkit.sensors.sensor import Sensor
 
 
 def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list[str]:
-    """Names of sensors, with where they were moved to, if they were (degrees)."""
+    """Names of sensors, with any new poses (degrees)."""
     if not moved:
         return list(names)
     degrees = np.rad2deg(np.stack(aims(moved), axis=1))
@@ -33,7 +36,7 @@ def describe_score(score: Score) -> str:
 
 
 def describe_assessment(assessment: Assessment) -> list[str]:
-    """Words for the judgement of the answer and of each search's own, a line each."""
+    """Lines on the answer's judgement and each search's own."""
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
     sure = "" if assessment.confidence >= assessment.asked else f", short of the {assessment.asked:.0%} asked for"
     lines = [
@@ -58,14 +61,19 @@ def describe_profiles(by_errors: Sequence[ProfileAP]) -> str:
 
 
 def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
-    """A line of the AP at each error profile; none where there are none."""
+    """A line of the AP at each error profile.
+
+    Empty without error profiles.
+    """
     said = ", ".join(f"{name} {ap:.4f}" for name, ap in by_errors.items())
     return [f"AP at each error profile: {said}"] if said else []
 
 
 def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
-    """Words for how sure a surrogate is of a set, and where it is asked about something else than it was fitted to, a
-    line each; none for other fidelities."""
+    """Lines on the surrogate's uncertainty about a set.
+
+    They also say where the question differs from the surrogate's training. Empty for other fidelities.
+    """
     surrogate = objective.scored_by
     if not isinstance(surrogate, Doubting):
         return []
@@ -76,7 +84,7 @@ def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
 
 
 def describe_empty(objective: Objective) -> str:
-    """Why a search may have answered with no sensor, and what to change."""
+    """Likely reasons for an empty answer, with remedies."""
     linked = objective.linked
     if not linked.any():
         least, most = float(objective.sent.min()), float(objective.candidates.capacity.max())
@@ -94,7 +102,10 @@ def describe_empty(objective: Objective) -> str:
 
 
 def check_present(objective: Objective) -> None:
-    """Raises ValueError where there is nothing to find of a class that counts, so that nothing is said of it."""
+    """Raise ValueError where a counted class has no objects.
+
+    This avoids statements about a class that is absent.
+    """
     if missing := absent_classes(objective):
         raise ValueError(
             f"there is no {' and no '.join(missing)} to find in these frames: say more --frames or another --seed, or "
@@ -103,7 +114,7 @@ def check_present(objective: Objective) -> None:
 
 
 def absent_classes(objective: Objective) -> tuple[str, ...]:
-    """Classes that count and of which there is nothing to find."""
+    """Classes that count but have no objects."""
     classes, seen = objective.classes, objective.visibility
     if seen is not None:
         return tuple(
@@ -114,7 +125,10 @@ def absent_classes(objective: Objective) -> tuple[str, ...]:
 
 
 def describe_exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
-    """Sentences on what excludes candidates, how many, and what the least demanding of them would take."""
+    """Sentences on what excludes candidates.
+
+    They give the number excluded and the requirement of the least demanding one.
+    """
     candidates, sent, linked = objective.candidates, objective.sent, objective.linked
     count, reasons = len(candidates), []
     if not linked.all():

@@ -1,8 +1,9 @@
-"""Greedy search: one sensor after another, each the one that adds most; plain, or with candidates that race.
+"""Greedy search: add the most useful sensor each time.
 
-With a monotone submodular objective (coverage, no cost weights) the answer has a guaranteed share of the optimum, see
-`placement_env.search.submodular`; AP is not submodular. A search goes on to `budget` sensors even where one
-loses, since two may gain what one does not, and answers with the best set on the way.
+Candidates are scored in full, or they race. With a monotone submodular objective (coverage, no cost weights) the answer
+has a guaranteed share of the optimum, see `placement_env.search.submodular`; AP is not submodular. A search goes on to
+`budget` sensors even where one loses, since a pair may gain where a single sensor does not. It answers with the best
+set on the way.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ def search(
     evaluations: int | None = None,
     submodular: bool | None = None,
 ) -> Result:
-    """Best set on greedy's way, of about budget × C sets scored thousands at once.
+    """Best set on greedy's way.
 
-    submodular: True for a fidelity of your own that is known to be monotone submodular, None to ask whether it is
-    coverage by one view; then the answer has a certificate, for C more sets, unless a gain was seen to grow. `seed` is
-    not used: of equal candidates the first is taken.
+    It scores about budget × C sets, thousands at once. submodular: True for a custom fidelity that is known to be
+    monotone submodular, None to check for coverage by one view. The answer then has a certificate, for C more sets,
+    unless a gain was seen to grow. `seed` is not used: of equal candidates the first is taken.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen, rise = grow(progress)
@@ -38,9 +39,10 @@ def search(
 
 
 def grow(progress: Progress) -> tuple[list[int], float]:
-    """Greedy's candidates in the order taken, and the largest growth of any gain as others joined.
+    """Greedy's candidates in order, and any gain's growth.
 
-    There are `progress.budget` of them, fewer where no more fit or a limit came first.
+    The growth is the largest of any gain as others joined. There are `progress.budget` candidates, fewer where no more
+    fit or a limit came first.
     """
     chosen: list[int] = []
     reward, rise = 0.0, 0.0
@@ -67,11 +69,11 @@ def raced(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """Greedy set whose candidates race for each place (`Objective.race`): weak ones are dropped after few frames.
+    """Greedy set whose candidates race for each place.
 
-    For the fidelity of the detector, where a frame takes long. Evaluations are counted in sets on all frames, rounded
-    up in each race; limits are checked between two races. Raises ValueError for a fidelity that cannot score some
-    frames alone.
+    See `Objective.race`: weak candidates are dropped after a few frames. Meant for the detector's fidelity, where a
+    frame is slow. Evaluations are counted in sets on all frames, rounded up in each race; limits are checked between
+    races. Raises ValueError for a fidelity that cannot score a subset of the frames.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen: list[int] = []

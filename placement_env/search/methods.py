@@ -1,4 +1,7 @@
-"""The searches by name, and whether one can do what it is asked: checked before anything is rendered."""
+"""The searches by name, with checks of their abilities.
+
+Checks run before anything is rendered.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """Place of a search: module and function; needs: the package it cannot do without; extra: what brings it; resumes:
-    whether it takes a checkpoint (the others are short but for what the cache keeps, and begin again)."""
+    """Place of a search: module and function.
+
+    needs: the package it requires; extra: the extra that installs it; resumes: whether it takes a checkpoint. The
+    others are short apart from cached work, and start again.
+    """
 
     module: str
     function: str = "search"
@@ -56,23 +62,31 @@ ONE_COUNTED = (
 
 
 def load_search(method: str) -> Callable[..., Any]:
-    """The search of that name: called with an objective and a budget, it returns a result."""
+    """Search of that name.
+
+    Call it with an objective and a budget; it returns a result.
+    """
     found = METHODS[method]
     return getattr(import_module(found.module), found.function)
 
 
 def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False) -> str:
-    """The method where none is asked for: the cheapest set where an AP must be reached; else a portfolio, which judges
-    by itself, for what is searched by a fast fidelity; every set for a table, which is of few sensors; greedy where an
-    answer is verified, or a set takes a detector."""
+    """Default search method.
+
+    It is the cheapest set where an AP must be reached. A fast fidelity gets a portfolio, which judges by itself; a
+    table, which has few sensors, gets every set. Greedy is used where an answer is verified, or scoring a set takes a
+    detector.
+    """
     if at_least:
         return "cheapest"
     return "exhaustive" if fidelity == "table" else "greedy" if verify or fidelity == "detector" else "portfolio"
 
 
 def check_search(method: str, fidelity: str, candidates: Candidates, cases: Cases | None = None) -> None:
-    """Raise ValueError where the method cannot search these candidates by this fidelity, so counted; ImportError where
-    its package is missing."""
+    """Check that a method can search these candidates.
+
+    Raises ValueError where it cannot with this fidelity and counting, ImportError where its package is missing.
+    """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     needs = METHODS[method]

@@ -1,4 +1,7 @@
-"""`SearchOrder`: one search as it is asked for, and `run_search`, which answers it."""
+"""`SearchOrder` and `run_search`, which answers it.
+
+An order describes one search.
+"""
 
 from __future__ import annotations
 
@@ -93,7 +96,10 @@ class SearchOrder:
 
     @property
     def searched(self) -> Setting:
-        """Setting of the search itself: a fidelity that does not detect knows no errors but the sensors' own noise."""
+        """Setting of the search itself.
+
+        A fidelity that does not detect knows no errors but the sensors' own noise.
+        """
         return self.setting.with_fidelity(self.fidelity)
 
     @property
@@ -104,7 +110,10 @@ class SearchOrder:
 
     @property
     def question(self) -> dict[str, Any]:
-        """All that the answer depends on, as values of JSON: what must be the same for a search to go on."""
+        """Everything the answer depends on, as JSON values.
+
+        These must be equal for a search to resume.
+        """
         setting = self.setting
         files = {"surrogate": setting.surrogate, "table": setting.table}
         own = ("method", "budget", "verify", "judge", "confidence", "seconds", "evaluations", "currency", "curve")
@@ -129,11 +138,12 @@ class SearchOrder:
 
     @contextmanager
     def keeping(self, out: Path | None, *, overwrite: bool = False) -> Iterator[tuple[SearchOrder, Checkpoint]]:
-        """The order, and the checkpoint of its answer in a folder, None for nowhere; the block must write the answer.
+        """The order with the checkpoint of its answer.
 
-        Until the block ends well, the state of the search stands beside the folder, in one named `UNFINISHED` after it:
-        killed and asked again, the same question goes on there. Raises FileExistsError where another one is unfinished
-        there and is not to be overwritten.
+        The checkpoint is in a folder, None for nowhere; the block must write the answer. Until the block ends normally,
+        the state of the search stands beside the folder, in one named with the suffix `UNFINISHED`. If the search is
+        killed, the same question resumes there. Raises FileExistsError where another search is unfinished there and may
+        not be overwritten.
         """
         if out is None:
             yield self, NOWHERE
@@ -148,8 +158,11 @@ class SearchOrder:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built; result,
-    chosen: of one search, and the set to hand over, which a check may have moved on; points: of a curve."""
+    """Answer to an order.
+
+    summary: for JSON; lines: to print; met: True where any sensor is to be built; result, chosen: of one search, and
+    the set to hand over, which a check may have changed; points: of a curve.
+    """
 
     objective: Objective
     summary: dict[str, Any]
@@ -161,7 +174,10 @@ class Answer:
 
 
 def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
-    """Search as ordered, and check what was found. checkpoint: where the state of the search is kept."""
+    """Search as ordered, and check the answer.
+
+    checkpoint: where the state of the search is kept.
+    """
     objective = Objective(order.searched, order.run)
     check_present(objective)
     if not objective.allowed([]).any():
@@ -213,7 +229,10 @@ def _judging(order: SearchOrder) -> Judging:
 
 
 def _run_curve(order: SearchOrder, objective: Objective, checkpoint: Checkpoint) -> Answer:
-    """Budget curve: a row for each number of sensors, or where money is limited for each amount of it."""
+    """Budget curve over numbers of sensors or money.
+
+    It has a row for each number of sensors, or for each amount where money is limited.
+    """
     limited = not math.isinf(objective.most_price)
     points = budget_curve(
         objective,
@@ -247,9 +266,10 @@ def _run_curve(order: SearchOrder, objective: Objective, checkpoint: Checkpoint)
 
 
 def _state_errors(order: SearchOrder, by_errors: Mapping[str, float] | None = None) -> dict[str, Any]:
-    """Error profiles that something was detected at; `provenance` is that of the search, which may not detect.
+    """Error profiles of the detections.
 
-    by_errors: AP at each of several, where the search itself knew them.
+    `provenance` is that of the search, which may not detect. by_errors: AP at each of several profiles, where the
+    search itself knew them.
     """
     if not order.detects:
         return {}

@@ -1,4 +1,7 @@
-"""`Progress`: scores sets for one search within its limits and keeps the incumbent, the best feasible one."""
+"""`Progress` scores sets for one search within limits.
+
+It keeps the incumbent, the best feasible set.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,10 @@ PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
 
 
 class Figures(NamedTuple):
-    """Scores of n sets; a set the limits left no room for has reward -inf and NaN for the rest."""
+    """Scores of n sets.
+
+    Sets beyond the limits have reward -inf and NaN for the rest.
+    """
 
     reward: Float64[np.ndarray, " n"]
     ap: Float64[np.ndarray, " n"]
@@ -27,8 +33,10 @@ class Figures(NamedTuple):
 
 
 class Limits:
-    """When to stop, and the history until then. seconds, evaluations: None for no limit. Raises ValueError where a
-    limit is not above 0."""
+    """When to stop, and the history until then.
+
+    seconds, evaluations: None for no limit. Raises ValueError where a limit is not above 0.
+    """
 
     def __init__(self, seconds: float | None, evaluations: int | None) -> None:
         for name, limit in (("seconds", seconds), ("evaluations", evaluations)):
@@ -52,11 +60,17 @@ class Limits:
 
     @property
     def share(self) -> float:
-        """Share of the nearer limit used, 0 to 1; 0 without limits."""
+        """Share of the nearer limit used.
+
+        It is 0 to 1, and 0 without limits.
+        """
         return min(1.0, max(self.count / self.evaluations, self.elapsed / self.seconds))
 
     def record(self, reward: float, *, at: int | None = None) -> None:
-        """Note that the best reward is this since so many sets, None for since now."""
+        """Record a new best reward.
+
+        It holds since the given number of sets, None for now.
+        """
         self.rows.append((self.count if at is None else at, self.elapsed, reward))
 
     def state(self) -> dict[str, Any]:
@@ -64,7 +78,10 @@ class Limits:
         return {"count": self.count, "elapsed": self.elapsed, "rows": self.rows}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on from a checkpoint: the sets and seconds until then count."""
+        """Resume from a checkpoint.
+
+        The sets and seconds until then count.
+        """
         self.count, self.started = int(state["count"]), time.monotonic() - float(state["elapsed"])
         self.rows = [(int(count), float(seconds), float(reward)) for count, seconds, reward in state["rows"]]
 
@@ -75,9 +92,10 @@ class Limits:
 
 
 class Progress:
-    """Scores sets of an objective's candidates and keeps the best of those with at most `budget` sensors.
+    """Score sets and keep the best feasible one.
 
-    The best starts as the empty set, reward 0. A limit in seconds is kept to about `PACE_S`, or the time of one set.
+    It holds at most `budget` of an objective's candidates. The best starts as the empty set, reward 0. A limit in
+    seconds is kept to about `PACE_S`, or the time of one set.
     """
 
     def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
@@ -98,13 +116,16 @@ class Progress:
         return {"limits": self.limits.state(), "best": np.flatnonzero(self.best).tolist(), "reward": self.reward}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on from a checkpoint; the incumbent is scored once more, so that it is known."""
+        """Resume from a checkpoint.
+
+        The incumbent is scored once more to restore its score.
+        """
         self.limits.resume(state["limits"])
         self.best, self.reward = as_rows([state["best"]], self.size)[0], float(state["reward"])
         self.objective.scores(self.best[None])
 
     def figures(self, subsets: Bool[np.ndarray, "n C"]) -> Figures:
-        """Score sets, feasible or not, as far as the limits go."""
+        """Score sets, feasible or not, within the limits."""
         n = len(subsets)
         figures = Figures(np.full(n, -np.inf), *(np.full(n, np.nan) for _ in range(3)))
         done = 0
@@ -126,7 +147,10 @@ class Progress:
         return self.figures(subsets).reward
 
     def settle(self, chosen: list[int]) -> None:
-        """Take this set for the answer, whatever it scores and the limits say."""
+        """Take this set for the answer unconditionally.
+
+        Its score and the limits do not matter.
+        """
         self.best = as_rows([chosen], self.size)[0]
         self.reward = float(self.objective.scores(self.best[None]).reward[0])
         self.limits.count += 1
@@ -156,7 +180,10 @@ class Progress:
                 self.limits.record(self.reward, at=before + row + 1)
 
     def _pace(self, scored: int, took: float) -> None:
-        """Blocks as large as fit `PACE_S` and what is left of the time: one set may take 0.1 ms, or a minute."""
+        """Block size that fits the pace and remaining time.
+
+        The pace is `PACE_S`; one set may take 0.1 ms, or a minute.
+        """
         affordable = min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed)) * scored / max(took, 1e-9)
         self._block = int(np.clip(affordable, 1, min(MOST_AT_ONCE, 4 * self._block)))
 

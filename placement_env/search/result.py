@@ -1,4 +1,7 @@
-"""`Result`: what every search returns: the best set, how it got there, and what is known of how good it is."""
+"""`Result`, which every search returns.
+
+It holds the best set, its history, and evidence of how good it is.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,10 @@ VERSION = 1  # of result files
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """The best reward so far after each improvement, and at the end: it never falls.
+    """Best reward after each improvement, and at the end.
 
-    evaluations: sets scored until then; seconds: since the search began, on this machine; reward: of the best set.
+    It never falls. evaluations: sets scored until then; seconds: since the search began, on this machine; reward: of
+    the best set.
     """
 
     evaluations: Int64[np.ndarray, " n"]
@@ -32,7 +36,10 @@ class History:
     reward: Float64[np.ndarray, " n"]
 
     def at(self, *, evaluations: float = np.inf, seconds: float = np.inf) -> float:
-        """The best reward when so many sets were scored, or so many seconds had passed; 0, the empty set's, before."""
+        """Best reward at a number of sets or seconds.
+
+        Before the first entry it is 0, the empty set's.
+        """
         known = (self.evaluations <= evaluations) & (self.seconds <= seconds)
         return float(self.reward[known][-1]) if known.any() else 0.0
 
@@ -56,16 +63,21 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """Most by which the optimum may be better, in `measure`: 0 when the answer is proven optimal. A price is the
-        better the lower, and `bound` is then the least that any such set costs."""
+        """Most by which the optimum may be better.
+
+        It is in `measure`, and 0 when the answer is proven optimal. Lower prices are better; `bound` is then the least
+        that any such set costs.
+        """
         return max(0.0, self.value - self.bound if self.measure == "price" else self.bound - self.value)
 
 
 @dataclass(frozen=True)
 class Contender:
-    """Answer of some searches of a portfolio, or its winner (searches: none, where it is a neighbour).
-    predicted: AP by the objective that was searched; ap, low, high: by the judge on traffic that neither searches nor
-    race saw, with its interval."""
+    """Answer of some searches of a portfolio, or its winner.
+
+    searches: empty where it is a neighbour; predicted: AP by the searched objective; ap, low, high: by the judge on
+    traffic that neither searches nor race saw, with its interval.
+    """
 
     searches: tuple[str, ...]
     subset: tuple[int, ...]
@@ -76,13 +88,16 @@ class Contender:
 
     @property
     def curse(self) -> float:
-        """The winner's curse: by how much the search overrated its answer, in AP."""
+        """The winner's curse: the search's overestimate, in AP."""
         return self.predicted - self.ap
 
 
 @dataclass(frozen=True)
 class ProfileAP:
-    """AP of an answer at one error profile, by its name, with the interval."""
+    """AP of an answer at one named error profile.
+
+    The interval comes with it.
+    """
 
     name: str
     ap: float
@@ -92,13 +107,13 @@ class ProfileAP:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Judgement of a portfolio's answer on traffic that neither searches nor race saw.
+    """Judgement of a portfolio's answer on unseen traffic.
 
-    by: fidelity of race and judgement; ap, low, high: of the answer, with its 95 % interval; kbit: of the whole set;
-    objects, frames: by which it was judged; predicted: AP by the objective that was searched; confidence: that no
-    entrant is better by more than `tolerance`, of what was `asked`; entrants: sets that raced; raced: frames that the
-    winner was raced on; contenders: the answer of each search; by_errors: AP at each error profile by itself where
-    there were several, of which `ap` is the "worst" or the "mean", as `errors_by` says.
+    Neither searches nor race saw that traffic. by: fidelity of race and judgement; ap, low, high: of the answer, with
+    its 95 % interval; kbit: of the whole set; objects, frames: used to judge it; predicted: AP by the searched
+    objective; confidence: that no entrant is better by more than `tolerance`; `asked` is the level to reach; entrants:
+    sets that raced; raced: frames that the winner was raced on; contenders: the answer of each search; by_errors: AP at
+    each of several error profiles by itself, of which `ap` is the "worst" or the "mean", as `errors_by` says.
     """
 
     by: str
@@ -147,7 +162,10 @@ class Result:
     assessment: Assessment | None = None
 
     def save(self, path: str | Path) -> None:
-        """Write it as JSON, all of it or nothing, to be read by `load`; null stands for what is not finite."""
+        """Write the result as JSON, completely or not.
+
+        `load` reads it; null stands for non-finite values.
+        """
         content = {field.name: getattr(self, field.name) for field in fields(self)}
         content |= {
             "best": asdict(self.best),
@@ -164,7 +182,10 @@ class Result:
 
     @staticmethod
     def load(path: str | Path) -> Result:
-        """Read what `save` wrote. Raises OSError; ValueError in one line where the file is damaged or another one."""
+        """Read a file that `save` wrote.
+
+        Raises OSError, or ValueError in one line for a damaged or foreign file.
+        """
         content = read_json(path)
         if not isinstance(content, dict) or content.get("coview_result") != VERSION:
             raise ValueError(f"{path} is no result of a search, version {VERSION}: write one with Result.save")
@@ -239,5 +260,8 @@ def _each(made: Callable[[Any], Any], rows: list[Any]) -> tuple[Any, ...]:
 
 
 def _number(value: float | None, absent: float) -> float:
-    """A number of a file, where null stands for one that JSON has not."""
+    """Number from a file; null means not finite.
+
+    JSON has no non-finite numbers.
+    """
     return absent if value is None else float(value)

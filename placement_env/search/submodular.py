@@ -1,11 +1,11 @@
-"""Guarantees of greedy when the objective is monotone submodular, as coverage is and AP is not.
+"""Guarantees of greedy for monotone submodular objectives.
 
-With every candidate on its own mount greedy reaches 1 - 1/e of the optimum (Nemhauser, Wolsey, Fisher 1978). Where
-poses share mounts, "as many as a mount carries and at most k" is a matroid and greedy is only sure of 1/2 (Fisher,
-Nemhauser, Wolsey 1978). A bound from the data is usually far tighter (Leskovec et al., KDD 2007, "online bound"): for
-the answer S and any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of [f(S + t) - f(S)], so no T has
-more than f(S) and the k largest gains, of which each mount gives as many as it carries. Links that sensors share are no
-matroid: greedy is sure of nothing then, and the bound holds.
+Coverage is one; AP is not. With every candidate on its own mount greedy reaches 1 - 1/e of the optimum (Nemhauser,
+Wolsey, Fisher 1978). Where poses share mounts, "as many as a mount carries and at most k" is a matroid and greedy is
+only sure of 1/2 (Fisher, Nemhauser, Wolsey 1978). A bound from the data is usually far tighter (Leskovec et al., KDD
+2007, "online bound"): for the answer S and any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of [f(S +
+t) - f(S)]. So no T has more than f(S) and the k largest gains, of which each mount gives as many as it carries. Shared
+links do not form a matroid: greedy then has no guarantee, but the bound holds.
 """
 
 from __future__ import annotations
@@ -20,23 +20,29 @@ TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums o
 
 
 def is_submodular(objective: Objective) -> bool:
-    """True where AP is known to be monotone submodular here: coverage by at least one view, nothing else, and of
-    several classes the mean, not the worst."""
+    """True where AP is known to be monotone submodular.
+
+    Only coverage by at least one view is; for several classes, their mean is, not the worst.
+    """
     additive = len(objective.classes.names) == 1 or objective.classes.combine == "mean"
     return additive and objective.fidelity == "coverage" and getattr(objective.scored_by, "views", None) == 1
 
 
 def guarantee(objective: Objective) -> float:
-    """The share of the optimum that greedy reaches on a monotone submodular objective without cost weights."""
+    """Share of the optimum that greedy reaches.
+
+    The objective must be monotone submodular, without cost weights.
+    """
     mount = objective.candidates.mount[objective.allowed([])]
     alone = not objective.candidates.several and len(np.unique(mount)) == len(mount)
     return 1 - 1 / np.e if alone else 0.0 if objective.shared_links is not None else 0.5
 
 
 def online_bound(progress: Progress, chosen: list[int]) -> float:
-    """No feasible set has more AP than this, if AP is monotone submodular here; inf where the limits leave it unknown.
+    """Upper bound on the AP of any feasible set.
 
-    Cost weights only lower a reward below its AP, so it bounds rewards too. Scores every candidate that may stand.
+    It holds if AP is monotone submodular here; inf where the limits leave it unknown. Cost weights only lower a reward
+    below its AP, so it bounds rewards too. Scores every candidate that may stand.
     """
     candidates = progress.objective.candidates
     options = np.flatnonzero(progress.objective.allowed([]))

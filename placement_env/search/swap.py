@@ -1,8 +1,9 @@
-"""Swap local search: change one sensor of the set at a time until nothing improves, from greedy's answer and others.
+"""Swap local search: change one sensor at a time.
 
-The set is taken as `budget` places, each with one sensor or none. A step looks at everything that one place could hold
-instead, all at once, and takes the best; so one step may swap, add or drop a sensor. When no place can be bettered the
-set is a local optimum under such changes. Then it starts again from a random set.
+It stops when nothing improves, and starts from greedy's answer and others. The set is taken as `budget` places, each
+with one sensor or none. A step scores every alternative for one place at once and takes the best, so it may swap, add
+or drop a sensor. When no place can be improved the set is a local optimum under such changes. Then the search restarts
+from a random set.
 """
 
 from __future__ import annotations
@@ -27,8 +28,11 @@ EMPTY = -1  # a place without a sensor
 
 @dataclass
 class Climb:
-    """A climb on its way. start: its number; before: the best reward until it began; places: of the set, a candidate or
-    `EMPTY` in each; waiting: places to be changed next; reward: of the set."""
+    """State of a climb in progress.
+
+    start: its number; before: the best reward until it began; places: of the set, a candidate or `EMPTY` in each;
+    waiting: places to be changed next; reward: of the set.
+    """
 
     start: int
     before: float
@@ -48,14 +52,13 @@ def search(
     start: Iterable[int | str] | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """The best local optimum of several starts: greedy's set first, or the one of `start`, then sets
-    drawn from `seed`.
+    """The best local optimum of several starts.
 
-    start: candidates by index or name, such as another search's answer; those that do not fit the budget, their
-    links or the money beside those before them are left out. starts: how many in all; None for as many as the limits
-    allow, or `STARTS` without a limit; checkpoint: where the state of the search is kept. The certificate is "local
-    optimum" where the best set was searched around to its end. Raises ValueError where `starts` is below 1 and for a
-    candidate that there is not.
+    The first start is greedy's set or `start`; further sets are drawn from `seed`. start: candidates by index or name,
+    such as another search's answer; those that do not fit the budget, their links or the money beside earlier ones are
+    left out. starts: their number; None for as many as the limits allow, or `STARTS` without a limit; checkpoint: where
+    the state of the search is kept. The certificate is "local optimum" where the neighbourhood of the best set was
+    searched completely. Raises ValueError where `starts` is below 1 and for an unknown candidate.
     """
     if starts is not None:
         check_whole("starts", starts, least=1)
@@ -97,7 +100,7 @@ def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
 
 
 def _fitting(progress: Progress, given: Iterable[int | str]) -> list[int]:
-    """The members of a set that fit beside those before them."""
+    """Members of a set that fit beside earlier ones."""
     fitting: list[int] = []
     for member in np.flatnonzero(progress.objective.row(given)).tolist():
         if len(fitting) < progress.budget and progress.objective.allowed(fitting)[member]:
@@ -106,7 +109,10 @@ def _fitting(progress: Progress, given: Iterable[int | str]) -> list[int]:
 
 
 def _greedy(progress: Progress) -> list[int]:
-    """The best set on greedy's way, or where none pays the last."""
+    """Best set on greedy's way.
+
+    Where none pays it is the last.
+    """
     grown, _ = grow(progress)
     return np.flatnonzero(progress.best).tolist() or grown
 
@@ -119,8 +125,10 @@ def _begun(progress: Progress, start: int, before: float, chosen: list[int]) -> 
 
 
 def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: Callable[[], None]) -> bool:
-    """Change one place after another until none improves; whether it came so far before the limits did. between:
-    called before each change."""
+    """Change places one by one until none improves.
+
+    Returns whether this ended before the limits did. between: called before each change.
+    """
     places = climb.places
     while climb.waiting:
         between()
@@ -142,7 +150,10 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
 
 
 def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
-    """Feasible set at random: mounts in random order, an affordable candidate of each, up to `budget`."""
+    """Random feasible set.
+
+    Mounts come in random order, with an affordable candidate of each, up to `budget`.
+    """
     candidates, free = objective.candidates, np.flatnonzero(objective.allowed([]))
     mount = candidates.mount[free]
     chosen: list[int] = []

@@ -1,4 +1,7 @@
-"""A result of a fast fidelity scored again by an accurate one, beside the sets that differ from it in one sensor."""
+"""Score a fast result again by an accurate fidelity.
+
+Sets that differ from it in one sensor are scored too.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +22,11 @@ from toolkit.sensors.sensor import Sensor
 def verified(
     fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5, entrants: int = 27
 ) -> Verified:
-    """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
+    """Best of a set and its feasible neighbours.
 
-    The fast fidelity errs by more than what one sensor's pose changes, so that a neighbour may be the better set: as
-    many as `entrants`, the best by the fast reward, race by the accurate one where that can score some frames alone:
-    that takes little longer than scoring `best` sets on all of them.
+    Returns `best` of them, ranked by the accurate reward. The fast fidelity's error exceeds the effect of one sensor's
+    pose, so a neighbour may be the better set. Where the accurate fidelity can score a subset of the frames, the
+    `entrants` best sets by the fast reward race: that takes little longer than scoring `best` sets on all frames.
     Raises ValueError where the two objectives choose from different candidates.
     """
     if fast.candidates.digest() != accurate.candidates.digest():
@@ -37,9 +40,9 @@ def verified(
 
 
 def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
-    """The best by an accurate objective of a result of a fast one and its neighbours, and of how many sets.
+    """Best accurate score of a result and its neighbours.
 
-    Sensors that were moved have no neighbours: they are scored where they stand, as one set.
+    The number of sets comes too. Moved sensors have no neighbours: they are scored in their poses, as one set.
     """
     if result.sensors:
         return score_result(accurate, result), 1
@@ -48,8 +51,10 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
 
 
 def score_result(accurate: Objective, result: Result) -> Score:
-    """A result, by another objective of the same candidates; moved sensors (`Result.sensors`) where they stand.
-    Raises ValueError where they were moved and the objective has no site, or they may not be built there.
+    """Score a result by another objective.
+
+    Its candidates are the same; moved sensors (`Result.sensors`) are scored in their poses. Raises ValueError where
+    they were moved and the objective has no site, or they may not be built there.
     """
     if not result.sensors:
         return accurate.score(result.best.subset)
@@ -64,8 +69,11 @@ def score_result(accurate: Objective, result: Result) -> Score:
 
 
 def ap_at_profiles(objective: Objective, subset: Sequence[int], moved: Sequence[Sensor] = ()) -> dict[str, float]:
-    """AP of a set at each error profile by itself, by its name; none where the objective is of one profile. moved: its
-    sensors, where they do not stand where its candidates do."""
+    """AP of a set at each error profile.
+
+    It is keyed by name, and empty where the objective has one profile. moved: its sensors, where their poses differ
+    from the candidates'.
+    """
     scored_by, made = objective.scored_by, objective.preparation
     if not isinstance(scored_by, CasesFidelity) or len(scored_by.cases.names) == 1 or not subset:
         return {}
@@ -85,7 +93,7 @@ def ap_at_profiles(objective: Objective, subset: Sequence[int], moved: Sequence[
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndarray, "n C"]:
-    """A set, and those that have another candidate in the place of one of its members.
+    """A set, and variants with one member replaced.
 
     >>> neighbours(np.array([0]), 3).astype(int).tolist()
     [[1, 0, 0], [0, 1, 0], [0, 0, 1]]

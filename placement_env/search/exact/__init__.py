@@ -1,4 +1,7 @@
-"""Searches that prove something: every set of few candidates, integer programmes with bounds, greedy's certificate."""
+"""Searches that prove something about their answer.
+
+They are every set of few candidates, integer programmes with bounds, and greedy's certificate.
+"""
 
 from lazy_loader import attach_stub
 

@@ -1,15 +1,17 @@
-"""The cheapest set that reaches an AP, with a proven bound of what any such set costs (CP-SAT).
+"""The cheapest set that reaches an AP.
 
-By coverage the programme is exact. By a surrogate AP is no sum over objects, but never more than the recall: a set that
+A proven bound on the price of any such set comes with it (CP-SAT).
+
+By coverage the programme is exact. By a surrogate, AP is no sum over objects but never exceeds the recall: a set that
 reaches the AP also reaches it in expected hits, and in steps above their probability. So no set is cheaper than the
-cheapest one of that relaxation, which is the bound; the answer comes from steps in the middle of the curve, asked for
-more and more until the AP is reached, and then pruned. `failing` 1 asks for it whichever sensor fails, `parts` in each
-of so many consecutive parts of the traffic, and `levels` at each of so many levels of it.
+cheapest one of that relaxation, which is the bound. The answer comes from steps in the middle of the curve, with a
+demand that rises until the AP is reached, and is then pruned. `failing` 1 requires the AP whichever sensor fails,
+`parts` in each of several consecutive parts of the traffic, and `levels` at each of several traffic levels.
 
-A pole whose sensor fails is a case of its own, in which the steps have to be reached without it. Few cases bind, so
-they join one after another: of a programme with some of them the answer may leave too little without another pole,
-which then joins; with none left it is the answer of them all, and every bound until then is one. Steps are never what
-is claimed: the answer is the surrogate's own in every case of failure and share of the traffic.
+A pole whose sensor fails is a separate case, in which the steps must be reached without it. Few cases bind, so they
+join one after another. The answer of a programme with some of them may leave too little without another pole, which
+then joins. When none is violated it answers all cases, and every bound until then is valid. Steps are never the claim:
+the answer is the surrogate's own in every case of failure and share of the traffic.
 """
 
 from __future__ import annotations
@@ -44,7 +46,10 @@ Reached = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # the 
 
 
 class UnitPrices(NamedTuple):
-    """Prices in whole units, rounded down: what a unit is worth."""
+    """Prices in whole units, rounded down.
+
+    It gives the value of a unit.
+    """
 
     each: Prices
     unit: float
@@ -63,14 +68,15 @@ def search(
     levels: int = 1,
     workers: int = 1,
 ) -> Result:
-    """The cheapest set of at most `budget` sensors whose AP by the objective is `at_least`; of equally cheap ones that
-    of fewest sensors. The certificate is of the price; the empty set is the answer where none reaches it.
+    """The cheapest set whose AP reaches `at_least`.
 
-    failing: 1 asks for it whichever sensor of the set fails; parts, levels: in how many consecutive parts of the
-    traffic it is asked for, or at how many levels of it, by how many road users are there at once; seconds: 60 if None,
-    of which the bound may take `BOUNDING` where there are such conditions; `evaluations` limits the search for an
-    answer by a surrogate.
-    Raises ValueError where these do not fit and for other fidelities than coverage and surrogate (early, late fusion),
+    It has at most `budget` sensors; equally cheap sets are decided by fewest sensors. The certificate is of the price.
+    The answer is the empty set where none reaches the AP.
+
+    failing: 1 requires it whichever sensor of the set fails; parts, levels: number of consecutive parts of the traffic,
+    or of traffic levels by the number of road users present, that must each reach it; seconds: 60 if None, of which the
+    bound may take `BOUNDING` under such conditions; `evaluations` limits the search for an answer by a surrogate.
+    Raises ValueError where these do not fit and for fidelities other than coverage and surrogate (early, late fusion),
     ImportError without OR-Tools.
     """
     check_whole("budget", budget, least=1)
@@ -99,7 +105,10 @@ def _by_coverage(objective: Objective, progress: Progress, demand: Demand, seed:
 
 
 def _same_need(levels: Levels, needs: Int64[np.ndarray, " k"]) -> tuple[Levels, int]:
-    """Same programme where every party needs the same: each has one object more, worth what it needs less."""
+    """Same programme with equal needs for all parties.
+
+    Each party gets one more object, worth the amount by which its need is smaller.
+    """
     need = int(needs.max())
     count = levels.known.shape[0]
     extra = len(needs)
@@ -185,9 +194,11 @@ def _solve_in_cases(
     *,
     until: float = 1.0,
 ) -> tuple[Solved, UnitPrices]:
-    """`_solve`, where a sensor may fail in the cases that bind, which join those in `lost`. solver: seed, workers, and
-    how many fail; until: share of the time. No set is cheaper than the bound, however far it came; only an answer that
-    lacks no case is one."""
+    """Solve with the failure cases that bind.
+
+    These cases join those in `lost`. solver: seed, workers, and how many fail; until: share of the time. No set is
+    cheaper than the bound, even if time runs out; only a set that satisfies every case is an answer.
+    """
     seed, workers, failing = solver
     bound = 0
     while True:
@@ -208,15 +219,20 @@ def _solve_in_cases(
 
 
 def _failures(objective: Objective, chosen: list[int]) -> list[Bool[np.ndarray, " C"]]:
-    """For each sensor of a set the candidates that no set has any more when it fails: all of its pole, where that
-    carries one sensor, else it alone."""
+    """Candidates lost when each sensor of a set fails.
+
+    A failure removes all candidates of its pole where the pole carries one sensor, else the sensor alone.
+    """
     mount, places = objective.candidates.mount, objective.candidates.places
     each = np.arange(len(mount))
     return [mount == mount[c] if places[mount[c]] == 1 else each == c for c in chosen]
 
 
 def levels_of_shares(surrogates: Sequence[Surrogate], *, above: bool) -> Levels:
-    """The steps of several surrogates of the same candidates, each of which has parties of its own."""
+    """Steps of several surrogates of the same candidates.
+
+    Each surrogate has parties of its own.
+    """
     each = [build_levels(surrogate, above=above) for surrogate in surrogates]
     known, threshold, gain = (
         np.concatenate([getattr(one, name) for one in each], axis=1) for name in ("known", "threshold", "gain")
@@ -231,7 +247,10 @@ def levels_of_shares(surrogates: Sequence[Surrogate], *, above: bool) -> Levels:
 
 
 def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
-    """The steps of all classes: of their mean together, of the worst one party each."""
+    """Steps of all classes.
+
+    The mean of classes forms one party; the worst class gives one party per class.
+    """
     evidence = surrogate.evidence()
     parts = [levels_of_hits(powers, model, above=above) for powers, _, model, _ in evidence]
     worst = surrogate.classes.combine == "worst"
@@ -258,7 +277,10 @@ def _solve(
     lost: Sequence[Bool[np.ndarray, " C"]] = (),
     until: float = 1.0,
 ) -> tuple[Solved, UnitPrices]:
-    """The cheapest set that is worth the need, in what is left of a share of the time."""
+    """The cheapest set that meets the need.
+
+    It uses the rest of a share of the time.
+    """
     prices = objective.candidates.prices
     unit = max(float(prices.max(initial=0.0)), 1e-300) / PRICE_UNITS
     each = Prices.in_units(objective, unit)
@@ -272,7 +294,10 @@ def _solve(
 
 
 def _prune(objective: Objective, chosen: list[int], at_least: float, reached: Reached) -> list[int]:
-    """The set without sensors that are not needed, or with cheaper ones in their place, as long as it gets cheaper."""
+    """Drop unneeded sensors or replace them by cheaper ones.
+
+    Repeats as long as the set gets cheaper.
+    """
     prices = objective.candidates.prices
     while True:
         options: list[list[int]] = []

@@ -1,4 +1,6 @@
-"""The largest coverage with a proven bound: maximum (k-)coverage as an integer programme, solved by CP-SAT (OR-Tools).
+"""The largest coverage, with a proven bound.
+
+Maximum (k-)coverage is an integer programme, solved by CP-SAT (OR-Tools).
 
     max Σ_o w_o y_o    where  Σ_c seen[c, o] x_c >= k y_o,   Σ_{c on m} x_c <= 1 for each mount m,   Σ_c x_c <= budget
 
@@ -36,8 +38,11 @@ SECONDS = 60.0  # of solving, where no limit is given
 
 
 class Cover(NamedTuple):
-    """chosen: candidates, ascending; covered, bound: objects covered by them and by any feasible set, at most; optimal:
-    whether they are the same; merged: objects after merging; built, solved: seconds."""
+    """Solution of a coverage programme.
+
+    chosen: candidates, ascending; covered: objects they cover; bound: most that any feasible set covers; optimal:
+    whether the two are equal; merged: objects after merging; built, solved: seconds.
+    """
 
     chosen: list[int]
     covered: int
@@ -61,13 +66,14 @@ def search(
     workers: int = 1,
     effort: float | None = None,
 ) -> Result:
-    """The set that covers most, and of equal ones, as far as they are looked at, the best by the objective, unless that
-    takes a detector; its score there.
+    """The set that covers most, and its score.
+
+    Among equally good sets, as far as they are tried, the objective picks the best, unless that takes a detector.
 
     The certificate is of the coverage. visibility: of the objective's candidates, None for its own; least: points that
     make a view; views: k; workers: threads of the solver; effort: of solving, in OR-Tools' deterministic seconds, None
-    for any: one worker that it cuts short answers the same again; seconds: 60 if None; evaluations: of the choice among
-    equals. One worker finds the same set for the same seed as long as `seconds` do not cut it short.
+    for unlimited: one worker cut short by it gives the same answer again; seconds: 60 if None; evaluations: of the
+    choice among equals. One worker finds the same set for the same seed as long as `seconds` do not cut it short.
     Raises ValueError where the objective has no visibility and none is given, and ImportError without OR-Tools.
     """
     visibility = objective.visibility if visibility is None else visibility
@@ -134,13 +140,13 @@ def cover_most(
     worth: Int64[np.ndarray, "k O"] | None = None,
     poles: Poles | None = None,
 ) -> Cover:
-    """At most `budget` candidates, one per mount unless `poles` say more, so that as many objects as can be have at
-    least `views` of them.
+    """Choose candidates that cover the most objects.
 
-    seen: which candidate sees which object; may_stand: candidates that may be built, all if None; seconds: in all;
-    effort: see `search`; prices: what they cost together, None for no matter what; worth: of each object to each of k
-    parties, the least of whose sums counts (`compute_worth`), None for how many objects there are.
-    The solver starts from greedy's set, so the answer covers no less.
+    At most `budget` candidates are chosen, one per mount unless `poles` say more. An object is covered by at least
+    `views` of them. seen: candidates × objects, True where seen; may_stand: candidates that may be built, all if None;
+    seconds: in all; effort: see `search`; prices: their total limit, None for unlimited; worth: of each object to each
+    of k parties, the least of whose sums counts (`compute_worth`), None to count objects. The solver starts from
+    greedy's set, so the answer covers no less.
 
     >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), np.array([0, 0, 1]), 2).chosen
     [0, 2]
@@ -172,9 +178,12 @@ def cover_most(
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[Int64[np.ndarray, "k O"] | None, int]:
-    """Worth of covering each object, in whole parts of the sum that is given too: None for as many as there are
-    objects, where one class counts. The parts of a class go to its objects in equal shares; for the mean of classes by
-    their weights, for the worst a row for each class, all of the same sum."""
+    """Worth of covering each object, and the total.
+
+    Worth is in whole parts of the total; None counts objects, where one class counts. The parts of a class go to its
+    objects in equal shares. The mean of classes uses their weights; the worst has one row per class, all with the same
+    sum.
+    """
     there = [label for label in classes.labels if (labels == label).any()]
     if len(classes.names) == 1 or not there:
         return None, len(labels)
@@ -192,10 +201,10 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[In
 def useful(
     seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], prices: Int64[np.ndarray, " C"] | None = None
 ) -> Int64[np.ndarray, " k"]:
-    """Candidates that see something and whose mount has none that sees all of it and more, for no higher a price, so
-    would do in their place.
+    """Candidates that no other on their mount can replace.
 
-    Of several on a mount that see the same the first is kept.
+    A useful candidate sees something, and no other on its mount sees all of that and more for no higher a price. Of
+    several on a mount that see the same, the first is kept.
 
     >>> useful(np.array([[1, 0], [1, 1], [1, 0], [0, 0]], bool), np.array([0, 0, 1, 1]))
     array([1, 2])
@@ -219,8 +228,10 @@ def useful(
 def merged(
     seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], views: int
 ) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, " m"]]:
-    """Objects that differ in who sees them, and how many there are of each; without those that fewer than `views`
-    mounts see."""
+    """Kinds of objects seen by different candidates.
+
+    The number of objects of each kind comes too. Objects that fewer than `views` mounts see are left out.
+    """
     objects, weights = _merged_worth(seen, mount, views, np.ones((1, seen.shape[1]), np.int64))
     return objects, weights[0]
 
@@ -228,7 +239,7 @@ def merged(
 def _merged_worth(
     seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], views: int, worth: Int64[np.ndarray, "k O"]
 ) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, "k m"]]:
-    """Like `merged`, with what the objects of each kind are worth together."""
+    """Kinds of objects as `merged`, with their total worth."""
     mounts = np.unique(mount)
     able = np.zeros(seen.shape[1], np.int64)
     for here in mounts:
@@ -255,8 +266,10 @@ def greedy_cover(
     poles: Poles | None = None,
     prices: Prices | None = None,
 ) -> list[int]:
-    """One candidate after another, each where there is a place and for the money that is left, that gives most views to
-    objects that have fewer than `views`.
+    """Cover objects greedily, one candidate after another.
+
+    Each step takes the candidate that adds most views to objects with fewer than `views`. It needs a free place and
+    must fit the remaining money.
 
     >>> greedy_cover(np.array([[1, 1, 0], [0, 1, 1]], bool), np.array([1, 1, 5]), np.array([0, 1]), 1, 1)
     [1]
@@ -285,8 +298,11 @@ def prove_bound(
     views: int,
     chosen: list[int],
 ) -> int:
-    """No set covers more objects than this: each needs `views` views, and for one view (Leskovec et al., KDD 2007) what
-    `chosen` covers and the largest gains on top of it, one to a mount, are no less than any set covers."""
+    """Most objects that any set can cover.
+
+    Each covered object needs `views` views. For one view (Leskovec et al., KDD 2007) the bound is also the coverage of
+    `chosen` plus the largest gains on top of it, one per mount.
+    """
 
     def largest(gains: np.ndarray) -> float:
         best = np.zeros(int(mount.max(initial=-1)) + 1)
@@ -303,7 +319,10 @@ def prove_bound(
 def _model(
     seen: np.ndarray, weights: np.ndarray, poles: Poles, budget: int, *, views: int, start: list[int], bound: int
 ) -> tuple[CpModel, list[IntVar]]:
-    """The programme, with the set `start` as a complete hint, and its variables x."""
+    """The programme and its variables x.
+
+    The set `start` is a complete hint.
+    """
     cp = cp_model()
     model = cp.CpModel()
     built = [model.new_bool_var("") for _ in range(len(seen))]

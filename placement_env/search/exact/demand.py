@@ -1,7 +1,8 @@
-"""`Demand` on the cheapest set: reach an AP, whichever sensor fails, and in each share of the traffic by itself.
+"""`Demand` on the cheapest set.
 
-Shares are consecutive parts of the frames, or levels of traffic by how many road users are there at once. What a set
-reaches is the least over its failures and the shares, as the fidelity itself scores what is left of it.
+The set must reach an AP, whichever sensor fails, and in each share of the traffic by itself. Shares are consecutive
+parts of the frames, or levels of traffic by the number of road users present. The reach of a set is the least over its
+failures and the shares, as the fidelity itself scores the remaining sensors.
 """
 
 from __future__ import annotations
@@ -21,9 +22,12 @@ from toolkit.arrays import Bool, Float64, Int64
 
 @dataclass(frozen=True)
 class Demand:
-    """at_least: AP, or share covered; failing: sensors that may fail, 0 or 1; parts: consecutive ones of the traffic,
-    in each of which it is asked for; levels: of traffic, at each of which it is, instead. Raises ValueError where these
-    do not fit."""
+    """Conditions that the cheapest set must meet.
+
+    at_least: AP, or share covered; failing: sensors that may fail, 0 or 1; parts: consecutive parts of the traffic that
+    must each reach it; levels: traffic levels that must each reach it, instead of parts. Raises ValueError where these
+    do not fit.
+    """
 
     at_least: float = 0.9
     failing: int = 0
@@ -46,7 +50,9 @@ class Demand:
         return not self.failing and self.parts == 1 and self.levels == 1
 
     def described(self, shares: int) -> str:
-        """The conditions in words, of so many shares of the traffic.
+        """The conditions in words.
+
+        The argument is the number of shares of the traffic.
 
         >>> Demand(0.9, 1, levels=3).described(3), Demand(0.9).described(1)
         (' at each of 3 levels of traffic, whichever sensor fails', '')
@@ -56,8 +62,11 @@ class Demand:
         return what + (", whichever sensor fails" if self.failing else "")
 
     def shares(self, objective: Objective, seen: Visibility) -> list[Int64[np.ndarray, " _"]]:
-        """The frames of each share of the traffic in which there is an object that counts. seen: the objects that
-        count; how full a frame is goes by the objective's traffic, else by these."""
+        """Frames of each share of the traffic.
+
+        Only frames with a counted object are included. seen: the counted objects. The traffic level of a frame comes
+        from the objective's traffic, else from these objects.
+        """
         there = np.bincount(seen.frame, minlength=seen.frames)
         if self.levels == 1:
             part = np.arange(seen.frames) * self.parts // max(1, seen.frames)
@@ -69,9 +78,9 @@ class Demand:
         return [frames for frames in found if there[frames].any()]
 
     def reach(self, by: Sequence[Fidelity], sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Least AP of each set over its failures and the shares; 0 where a failure leaves nothing.
+        """Least AP of each set over failures and shares.
 
-        by: fidelity of each share.
+        A failure that leaves nothing gives 0. by: fidelity of each share.
         """
         if not len(sets):
             return np.zeros(0)
@@ -81,13 +90,18 @@ class Demand:
 
 
 class DemandFidelity:
-    """Sets scored by the least AP that a demand looks at; recall and kbit are those of the intact set in all traffic.
-    whole, by: fidelity of all frames, and of each share's."""
+    """Score sets by the least AP of a demand.
+
+    Recall and kbit are those of the intact set in all traffic. whole, by: fidelity of all frames, and of each share.
+    """
 
     def __init__(self, whole: Fidelity, by: Sequence[Fidelity], demand: Demand) -> None:
         self._whole, self._by, self._demand, self.name = whole, tuple(by), demand, whole.name
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """The least AP of each set; equal ones are told apart by a trace of the intact set's."""
+        """Least AP of each set.
+
+        A trace of the intact set's AP separates equal ones.
+        """
         intact = self._whole(subsets)
         return intact._replace(ap=self._demand.reach(self._by, subsets) + TIE * intact.ap)

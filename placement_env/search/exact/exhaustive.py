@@ -1,4 +1,7 @@
-"""Every set of up to 16 candidates: the optimum, the best set of each size and the exact AP-kbit-price front."""
+"""Every set of up to 16 candidates.
+
+Yields the optimum, the best set of each size and the exact AP-kbit-price front.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,10 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """The best set of at most `budget` sensors (None: any number), proven by scoring all of them.
+    """The best set of at most `budget` sensors, proven.
 
-    Where a limit stops it early nothing is proven. Among equals the smaller set wins, then the one that comes first.
-    `seed` is not used. Raises ValueError above 16 candidates.
+    All sets are scored; budget None means any number. Nothing is proven if a limit stops it early. Among equals the
+    smaller set wins, then the one that comes first. `seed` is not used. Raises ValueError above 16 candidates.
     """
     size = len(objective.candidates)
     if size > LARGEST:
@@ -46,7 +49,9 @@ def search(
 
 
 def every_set(size: int, budget: int) -> Bool[np.ndarray, "n C"]:
-    """All sets of 1 to `budget` of `size` candidates, small ones first.
+    """All sets of 1 to `budget` candidates.
+
+    The sets are drawn from `size` candidates, small ones first.
 
     >>> every_set(2, 2).astype(int).tolist()
     [[1, 0], [0, 1], [1, 1]]
@@ -59,19 +64,27 @@ def every_set(size: int, budget: int) -> Bool[np.ndarray, "n C"]:
 
 
 def front(objective: Objective, subsets: Bool[np.ndarray, "n C"], figures: Figures) -> tuple[Score, ...]:
-    """The sets that none of the others beats in AP, kbit and price at once, by price, then kbit."""
+    """Sets that no other beats.
+
+    A set is beaten in AP, kbit and price at once. The sets are ordered by price, then kbit.
+    """
     keep = find_front(costs(figures))
     keep = keep[np.lexsort((figures.kbit[keep], figures.price[keep]))]
     return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in keep)
 
 
 def costs(figures: Figures) -> Float64[np.ndarray, "n 3"]:
-    """Costs of a front, each the less the better: -AP, kbit of the whole set, price."""
+    """Costs of a front, lower is better.
+
+    The costs are -AP, kbit of the whole set, and price.
+    """
     return np.stack([-figures.ap, figures.kbit, figures.price], axis=1)
 
 
 def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
-    """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the first is kept.
+    """Rows that no other row beats.
+
+    A row beats another if it is no higher in any column and lower in one. Of equal rows the first is kept.
 
     >>> find_front(np.array([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]))
     array([0, 1])

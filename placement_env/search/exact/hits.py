@@ -1,8 +1,8 @@
-"""The most expected hits with a proven bound: the surrogate's probabilities in steps, solved by CP-SAT.
+"""The most expected hits, with a proven bound.
 
-Where coverage counts an object as seen or not, here it counts by how likely the surrogate's model takes it to be hit,
-in steps that cut the curve in the middle (`placement_env.search.exact.programme`). The bound is of this programme; of
-sets that are equal there the objective says which is the best.
+The surrogate's probabilities are taken in steps and solved by CP-SAT. Coverage counts an object as seen or not; here it
+counts by the surrogate's hit probability, in steps that cut the curve in the middle
+(`placement_env.search.exact.programme`). The bound is of this programme. The objective decides among equal sets.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ def search(
     evaluations: int | None = None,
     workers: int = 1,
 ) -> Result:
-    """The set of most expected hits, and its score by the objective. The certificate is of the share of hits in steps.
+    """The set of most expected hits, and its score.
 
-    It begins at greedy's set; seconds: 60 if None; evaluations: of greedy and of the choice among equals. Raises
-    ValueError for another fidelity than the surrogate, or hybrid fusion; ImportError without OR-Tools.
+    The score is the objective's; the certificate is of the share of hits in steps. The search starts at greedy's set;
+    seconds: 60 if None; evaluations: of greedy and of the choice among equals. Raises ValueError for fidelities other
+    than the surrogate, or hybrid fusion; ImportError without OR-Tools.
     """
     surrogate = objective.scored_by
     if not isinstance(surrogate, Surrogate):

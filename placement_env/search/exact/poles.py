@@ -1,4 +1,6 @@
-"""What sensors on poles share, as constraints of an integer programme: places, links, and the price of the pole.
+"""Shared constraints of sensors on poles.
+
+An integer programme takes from here places, links, and the price of the pole.
 
     Σ_{c on m} x_c <= places_m,   Σ_{c on m} load_c x_c <= 1 link
     Σ_c price_c x_c + Σ_m shared_m z_m <= money,   z_m >= x_c
@@ -25,9 +27,12 @@ LINK = 1 << 40  # whole units of a link
 
 
 class Prices(NamedTuple):
-    """Prices in whole units small enough that nothing is lost. each: of the candidates, with their mounts where these
-    have one place; shared: of the mount where it has more, which is paid once; mount: of each candidate; most: that
-    all may cost together. Prices are rounded down, the sum up, so that no set within the money is excluded."""
+    """Prices in exact whole units.
+
+    each: of the candidates, with their mounts where these have one place; shared: of a mount with more places, which is
+    paid once; mount: of each candidate; most: limit on the total. Prices are rounded down, the limit up, so that no set
+    within the money is excluded.
+    """
 
     each: Int64[np.ndarray, " C"]
     shared: Int64[np.ndarray, " C"]
@@ -55,11 +60,11 @@ class Prices(NamedTuple):
 
     @property
     def alone(self) -> Int64[np.ndarray, " C"]:
-        """Price of each candidate as the only one of its mount."""
+        """Price of each candidate if alone on its mount."""
         return self.each + self.shared
 
     def select(self, kept: Int64[np.ndarray, " k"]) -> Prices:
-        """Those of some candidates."""
+        """Prices of some candidates."""
         return Prices(self.each[kept], self.shared[kept], self.mount[kept], self.most)
 
     def total(self, chosen: list[int]) -> int:
@@ -68,7 +73,10 @@ class Prices(NamedTuple):
         return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
 
     def expression(self, model: Any, built: list[IntVar], *, times: int = 1, plus: int = 0) -> Any:
-        """The price of what is built, times a number, and another for each sensor."""
+        """Price of the built sensors, scaled.
+
+        The price is multiplied by a number; another is added for each sensor.
+        """
         linear = cp_model().LinearExpr
         parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
         for here in np.unique(self.mount[self.shared > 0]):
@@ -81,7 +89,10 @@ class Prices(NamedTuple):
 
 
 class Poles(NamedTuple):
-    """mount: of each candidate; places: on it; load: of its link by the candidate, in parts of `LINK`."""
+    """Places and links of the mounts.
+
+    mount: of each candidate; places: on it; load: of its link by the candidate, in parts of `LINK`.
+    """
 
     mount: Int64[np.ndarray, " C"]
     places: Int64[np.ndarray, " C"]
@@ -102,13 +113,16 @@ class Poles(NamedTuple):
 
     @property
     def apart(self) -> Int64[np.ndarray, " C"]:
-        """Mounts as they are, where they have one place, else a mount of its own for every candidate: what no set may
-        be better than where each has one place, none may be on these."""
+        """Mount of each candidate, for bounds.
+
+        Mounts with one place stay as they are; otherwise every candidate gets a mount of its own. A bound that holds
+        with one place on each of these holds for every set.
+        """
         count = int(self.mount.max(initial=-1)) + 1
         return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
 
     def select(self, kept: Int64[np.ndarray, " k"]) -> Poles:
-        """Those of some candidates."""
+        """Poles of some candidates."""
         return Poles(self.mount[kept], self.places[kept], self.load[kept])
 
     def beside(self, chosen: list[int]) -> Bool[np.ndarray, " C"]:

@@ -1,4 +1,6 @@
-"""Integer programmes over sensor sets whose objects are worth more the more is known of them, solved by CP-SAT.
+"""Integer programmes whose objects gain worth with evidence.
+
+CP-SAT solves them over sensor sets.
 
     Σ_c known[c, o] x_c >= threshold[j, o] l_jo      level j of object o is reached, which is worth gain[j, o]
     Σ_c x_c <= budget, and what `placement_env.search.exact.poles` says of places, links and money
@@ -32,8 +34,11 @@ HIT_STEPS = (0.25, 0.5, 0.75, 0.9)  # shares of the highest probability at which
 
 
 class Levels(NamedTuple):
-    """known: what each candidate adds of each object, whole numbers; threshold, gain: of each level of each object;
-    parties: which of k rows of worth an object counts in, the least of which counts."""
+    """Levels of evidence and their worth.
+
+    known: amount that each candidate adds to each object, whole numbers; threshold, gain: of each level of each object;
+    parties: rows of worth, k of them, that an object counts in; the least counts.
+    """
 
     known: Int64[np.ndarray, "C O"]
     threshold: Int64[np.ndarray, "J O"]
@@ -41,12 +46,15 @@ class Levels(NamedTuple):
     parties: Bool[np.ndarray, "k O"]
 
     def worth(self, chosen: list[int]) -> int:
-        """Worth of the levels that a set reaches, of the party that has least."""
+        """Worth of the levels that a set reaches.
+
+        The party with the least counts.
+        """
         reached = self.known[chosen].sum(axis=0) >= self.threshold
         return int((self.parties @ (self.gain * reached).sum(axis=0)).min())
 
     def surviving(self, chosen: list[int]) -> int:
-        """Rest of that when the sensor fails whose failure leaves least."""
+        """Worth that survives the worst failure of one sensor."""
         return min((self.worth([c for c in chosen if c != gone]) for gone in chosen), default=0)
 
     @property
@@ -56,8 +64,11 @@ class Levels(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """chosen: candidates, ascending, None where there is no such set; figure: worth, or price in whole units; bound: no
-    set has more worth, or costs less; optimal: whether they are the same."""
+    """Solution of a programme.
+
+    chosen: candidates, ascending, None where no set satisfies it; figure: worth, or price in whole units; bound: no set
+    has more worth, or costs less; optimal: whether the two are equal.
+    """
 
     chosen: list[int] | None
     figure: int
@@ -66,7 +77,10 @@ class Solved(NamedTuple):
 
 
 def levels_of_coverage(seen: Bool[np.ndarray, "C O"], parties: Bool[np.ndarray, "k O"] | None = None) -> Levels:
-    """Every object is worth the same once a candidate sees it; parties: all objects in one where not given."""
+    """Equal worth for every object that a candidate sees.
+
+    parties: one with all objects by default.
+    """
     count = seen.shape[1]
     own = np.ones((1, count), np.bool_) if parties is None else parties
     return Levels(seen.astype(np.int64), np.ones((1, count), np.int64), np.ones((1, count), np.int64), own)
@@ -75,8 +89,11 @@ def levels_of_coverage(seen: Bool[np.ndarray, "C O"], parties: Bool[np.ndarray, 
 def levels_of_hits(
     powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool, parties: Bool[np.ndarray, "k O"] | None = None
 ) -> Levels:
-    """Steps of the probability that each object is hit, from n ^ norm of each candidate and object. above: none of the
-    steps lies below the curve, else each cuts it in the middle. The floor, which only lowers it, is left out."""
+    """Steps of each object's hit probability.
+
+    They come from n ^ norm of each candidate and object. above: no step lies below the curve, else each cuts it in the
+    middle. The floor, which only lowers the probability, is left out.
+    """
     count = powers.shape[1]
     e = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(model.density, 1e-9)
     needed = np.expm1(np.clip(model.norm * e, 1e-12, 500.0))
@@ -113,13 +130,15 @@ def solve(
     failing: int = 0,
     lost: Sequence[Bool[np.ndarray, " C"]] = (),
 ) -> Solved:
-    """The set of most worth, or where `at_least` is given the cheapest by `prices` that is worth so much; of equally
-    cheap ones that of fewest sensors.
+    """The set of most worth, or the cheapest.
 
-    shared: what of each price is that of a mount that may carry several, None for nothing; poles: places and links,
-    None for one place on each mount; money: what all may cost; start: a set to begin from; effort: see `cpsat.search`;
-    failing: 1 for the worth that is left whichever sensor of the set fails (levels of threshold 1 alone); lost: for the
-    worth that is left without these candidates, the least of several cases, of levels of any threshold.
+    Where `at_least` is given, it is the cheapest by `prices` with that worth, and of equally cheap ones that of fewest
+    sensors.
+
+    shared: part of each price that belongs to a mount with several places, None for nothing; poles: places and links,
+    None for one place on each mount; money: limit on the total; start: an initial set; effort: see `cpsat.search`;
+    failing: 1 for the worth that is left whichever sensor of the set fails (levels of threshold 1 alone); lost:
+    candidates without which worth is counted, the least of several cases, for levels of any threshold.
     """
     cp = cp_model()
     model = cp.CpModel()
@@ -192,8 +211,10 @@ def _reached(model: Any, built: list[IntVar], levels: Levels, may_stand: Bool[np
 
 
 def _surviving(model: Any, built: list[IntVar], levels: Levels, may_stand: Bool[np.ndarray, " C"]) -> list[Any]:
-    """Rest of it, of each party, whichever sensor fails: of an object that two see nothing is lost, of one that
-    one alone sees all, if it is that one which fails."""
+    """Worth of each party that survives any one failure.
+
+    An object that two sensors see loses nothing. An object that one sensor sees is lost when that sensor fails.
+    """
     cp = cp_model()
     once: list[IntVar] = []
     twice: list[IntVar] = []

@@ -1,7 +1,8 @@
-"""Ties: of sets that are equal in what a programme counts, the one that the objective finds best.
+"""Ties: choose among sets that a programme finds equal.
 
-Coverage has many optima (a set of coverage 1.000 may have AP 0.918 while its neighbour has 0.98), and a solver answers
-with any of them. From its answer on, one sensor after another is changed where the count stays and the reward grows.
+The objective decides. Coverage has many optima (a set of coverage 1.000 may have AP 0.918 while its neighbour has
+0.98), and a solver may answer with any of them. Starting from its answer, one sensor after another is changed where the
+count stays and the reward grows.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ Count = Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]]  # what a 
 
 
 def best_of_equals(progress: Progress, chosen: Sequence[int], count: Count) -> list[int]:
-    """The best set by the objective that is reached from one by changes of one sensor that keep the count, as far as
-    the limits go."""
+    """Best set reachable by changes that keep the count.
+
+    Each change replaces one sensor; the objective decides which set is best, as far as the limits go.
+    """
     objective = progress.objective
     best = sorted(int(c) for c in chosen)
     if not best:

@@ -1,4 +1,7 @@
-"""Several searches together, judged by a more accurate fidelity on traffic that none of them saw."""
+"""Several searches together, judged accurately on fresh traffic.
+
+None of the searches saw that traffic.
+"""
 
 from lazy_loader import attach_stub
 

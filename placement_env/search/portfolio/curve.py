@@ -1,9 +1,9 @@
-"""Budget curve: the best AP for every number of sensors, or every amount of money, up to a most, on fresh traffic.
+"""Budget curve: the best AP for every budget.
 
-The searches of a portfolio run for each number or amount; the entrants of each race among each other, those of an
-amount also with the winner of the amount before, and the winners are judged together on the third part of traffic, with
-the same resamples, so that their AP compare. A checkpoint keeps how far searches are and who won the races that have
-ended; what was detected is in the cache.
+The budget is a number of sensors or an amount of money, up to a limit; AP is measured on fresh traffic. The searches of
+a portfolio run for each budget. Its entrants race each other, and those of an amount also race the winner of the amount
+before. All winners are judged together on the third part of traffic, with the same resamples, so their AP is
+comparable. A checkpoint keeps the progress of searches and the winners of finished races; detections are in the cache.
 """
 
 from __future__ import annotations
@@ -42,11 +42,14 @@ SUMS = 4096  # of prices that are told apart
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """The best set of a number of sensors, or for an amount of money (infinite where numbers were asked for). searches:
-    that answered with it, none where it is a neighbour; predicted: AP by the objective that was searched; ap, low,
-    high: on traffic that neither searches nor race saw; confidence: that no other entrant of as many sensors, or for
-    that money, is better by more than 0.01; pays: whether no set of the curve that costs as little or less has as much
-    AP; by_errors: AP at each error profile by itself, where there are several."""
+    """The best set for one budget.
+
+    The budget is a number of sensors, or an amount of money (infinite for numbers). searches: those that answered with
+    it, empty for a neighbour; predicted: AP by the searched objective; ap, low, high: on traffic that neither searches
+    nor race saw; confidence: that no other entrant with as many sensors, or within that money, is better by more than
+    0.01; pays: whether no set of the curve costs as little or less and has as much AP; by_errors: AP at each error
+    profile by itself, where there are several.
+    """
 
     sensors: int
     subset: tuple[int, ...]
@@ -65,8 +68,10 @@ class CurvePoint:
 
 @dataclass(frozen=True, eq=False)
 class _Winner:
-    """Winner of a race: its set, what found it, its AP as searched, how sure it is, and the money it was to cost at
-    most."""
+    """Winner of a race.
+
+    It holds its set, the searches that found it, the AP they predicted, its confidence, and its price limit.
+    """
 
     row: Bool[np.ndarray, " C"]
     searches: tuple[str, ...]
@@ -98,11 +103,12 @@ def budget_curve(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> tuple[CurvePoint, ...]:
-    """A point for each number of sensors from 1 to `most` of which a set may be built, by number.
+    """Points of a budget curve, by number or amount.
 
-    Where `amounts` of money are given (`list_amounts`), a point for each at which another set of at most so many
-    sensors is the best, by amount. Other arguments as of `placement_env.search.portfolio.portfolio.search`; seconds: of
-    all searches, races and the judgement together. Raises ValueError as that does.
+    There is one for each number of sensors from 1 to `most` with a feasible set. Where `amounts` of money are given
+    (`list_amounts`), there is one for each amount with a new best set of at most `most` sensors. Other arguments as in
+    `placement_env.search.portfolio.portfolio.search`; seconds: of all searches, races and the judgement together.
+    Raises ValueError as that does.
     """
     check_whole("budget", most, least=1)
     Limits(seconds, evaluations)
@@ -160,8 +166,11 @@ def budget_curve(
 
 
 def list_amounts(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
-    """Amounts of money, ascending, at which a set of at most `most` sensors may cost as much: all up to `money` where
-    these are no more than `count`, else so many, spread evenly and as great as can be."""
+    """Amounts of money for a curve, ascending.
+
+    Each is the price of some set of at most `most` sensors. All amounts up to `money` are listed where these are no
+    more than `count`, else `count` of them, evenly spread and as large as possible.
+    """
     check_whole("budget", most, least=1)
     candidates, alone = objective.candidates, objective.allowed([])
     prices = np.unique(candidates.prices[alone])
@@ -179,7 +188,10 @@ def list_amounts(objective: Objective, most: int, money: float, count: int = AMO
 
 
 def _different(sums: Float64[np.ndarray, " n"], money: float) -> Float64[np.ndarray, " k"]:
-    """Sums within the money that differ, ascending; of too many those that differ by more than a `SUMS`th of it."""
+    """Distinct sums within the money, ascending.
+
+    If too many, only those that differ by more than a `SUMS`th of it are kept.
+    """
     within = np.unique(sums[sums <= money * (1 + 1e-9)])
     cells = np.floor(within / max(money, 1e-300) * (1 << 30 if len(within) <= SUMS else SUMS))
     return np.asarray(within[np.append(np.diff(cells) > 0, True)])
@@ -200,7 +212,7 @@ def _of_sizes(
 def _of_amounts(
     objective: Objective, amounts: tuple[float, ...], search: Callable[..., Entrants], checkpoint: Checkpoint
 ) -> Iterator[tuple[float, Entrants]]:
-    """The entrants of each amount of money for which there is a set."""
+    """Entrants of each amount of money with a set."""
     for money in sorted(amounts):
         limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
         found = search(limited, checkpoint=checkpoint.part(f"{money!r}"))

@@ -1,4 +1,7 @@
-"""The budget curve as a picture: AP with its interval for every number of sensors, or over money."""
+"""The budget curve as a picture.
+
+It shows AP with its interval over numbers of sensors or money.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ CURVE_HEAD = 0.7  # inches of it above the axes
 
 
 def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, currency: str = "") -> None:
-    """Write the picture as PNG or SVG, by the file's suffix.
+    """Write the picture as PNG or SVG, by suffix.
 
     The line goes through the sets that pay; other sets are hollow, and crosses show predictions. judge: fidelity that
     measured the AP.

@@ -1,10 +1,10 @@
-"""Entrants: the sensor sets that are worth a detector's judgement, found by several searches with a fast fidelity.
+"""Entrants: sensor sets worth a detector's judgement.
 
-No fast score is right everywhere, and a search goes where its score is wrong. So different searches answer by different
-scores: greedy and swap by the objective, swap by perception entropy (Ma, Liu, Li), CP-SAT by coverage where OR-Tools is
-installed, every set where the candidates are few, and where prices differ a thrifty search for sets that cost less.
-To their answers come neighbours: the best by the objective, and those that no other beats in the objective's reward,
-perception entropy and coverage at once.
+Several searches with a fast fidelity find them. No fast score is right everywhere, and a search exploits the errors of
+its score. So different searches use different scores: greedy and swap the objective, swap perception entropy (Ma, Liu,
+Li), CP-SAT coverage where OR-Tools is installed. Every set is tried where candidates are few, and where prices differ a
+thrifty search looks for cheaper sets. Neighbours join their answers: the best by the objective, and those that no other
+beats in the objective's reward, perception entropy and coverage at once.
 """
 
 from __future__ import annotations
@@ -43,8 +43,11 @@ FRONT_OF = 400  # neighbours of an answer, the best by reward, of which the fron
 
 @dataclass(frozen=True, eq=False)
 class Entrants:
-    """sets: rows of booleans, all feasible and different, small ones first; predicted: AP by the fidelity of the
-    searches; searches: those that answered with each; considered: how many sets were scored in all."""
+    """Sets that enter a race.
+
+    sets: rows of booleans, all feasible and different, small ones first; predicted: AP by the fidelity of the searches;
+    searches: those that answered with each; considered: number of sets scored in all.
+    """
 
     sets: Bool[np.ndarray, "n C"]
     predicted: Float64[np.ndarray, " n"]
@@ -66,9 +69,11 @@ class Entrants:
 
 @dataclass(frozen=True)
 class Effort:
-    """Limits of the searches. sizes: most sensors of each run of the searches, such as 1, 2, 3; seconds,
-    evaluations: of each search at each size, None for as much as it does by itself; neighbours: that join the answers
-    of each size."""
+    """Limits of the searches.
+
+    sizes: most sensors of each run of the searches, such as 1, 2, 3; seconds, evaluations: of each search at each size,
+    None for its default; neighbours: number that join the answers of each size.
+    """
 
     sizes: tuple[int, ...]
     seconds: float | None = None
@@ -148,7 +153,10 @@ def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint:
 
 @dataclass(frozen=True)
 class _Swapped:
-    """Swap for at most `size` sensors, from greedy's set and drawn ones."""
+    """Swap search for at most `size` sensors.
+
+    It starts from greedy's set and random ones.
+    """
 
     size: int
     effort: Effort
@@ -166,7 +174,7 @@ class _Swapped:
 
 
 def _searches(objective: Objective, swapped: _Swapped) -> Iterator[tuple[str, Callable[[], Result]]]:
-    """The searches for as many sensors as swap has, by name."""
+    """Searches with the same sensor limit as swap, by name."""
     size, effort, seed = swapped.size, swapped.effort, swapped.seed
     limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
     count = len(objective.candidates)
@@ -187,8 +195,10 @@ def _searches(objective: Objective, swapped: _Swapped) -> Iterator[tuple[str, Ca
 
 
 def entropy_objective(objective: Objective) -> Objective | None:
-    """Same candidates, weights and budget by the published perception entropy of what they see; None where it is
-    not known what they see."""
+    """Same objective scored by published perception entropy.
+
+    Candidates, weights and budget stay. None where the candidates' visibility is unknown.
+    """
     seen = objective.visibility
     if seen is None:
         return None
@@ -200,8 +210,11 @@ def entropy_objective(objective: Objective) -> Objective | None:
 def _neighbours(
     objective: Objective, answers: Bool[np.ndarray, "n C"], count: int
 ) -> tuple[Bool[np.ndarray, "k C"], int]:
-    """The best feasible neighbours of some answers, at most one for each change of mount, and how many were scored. Up
-    to half of them are of the front of several scores, where it is known what candidates see."""
+    """Best feasible neighbours of some answers.
+
+    At most one is taken per change of mount. The number of sets scored comes too. Up to half of them are from the front
+    of several scores, where the candidates' visibility is known.
+    """
     best: list[tuple[float, Bool[np.ndarray, " C"]]] = []
     considered = 0
     for answer in answers:
@@ -229,7 +242,10 @@ def _one_a_mount(
     kept: dict[bytes, Bool[np.ndarray, " C"]],
     most: int,
 ) -> dict[bytes, Bool[np.ndarray, " C"]]:
-    """The sets kept, and the first of the rows on other mounts than any before, up to `most`."""
+    """Kept sets and the first rows on new mounts.
+
+    Stops at `most` sets.
+    """
     kept = dict(kept)
     for row in rows:
         if len(kept) >= most:
@@ -239,7 +255,10 @@ def _one_a_mount(
 
 
 def _front(objective: Objective, sets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, "k C"]:
-    """Sets that no other beats in reward, perception entropy and coverage at once, by reward."""
+    """Sets that no other beats, by reward.
+
+    A set is beaten in reward, perception entropy and coverage at once.
+    """
     by_entropy, seen = entropy_objective(objective), objective.visibility
     if by_entropy is None or seen is None:
         return sets[:0]

@@ -1,8 +1,9 @@
-"""Evaluators: sensor sets scored on fresh traffic, with resamples of blocks of frames that are drawn alike for all.
+"""Evaluators score sensor sets on fresh traffic.
 
-`DetectorEvaluator` detects; `FastEvaluator` has another fidelity, such as the surrogate, score batches of the frames,
-where there is no detector. Both know one error profile and give figures at every IoU threshold; `CasesEvaluator` makes
-one figure of them. Frames of one block of `BLOCK_FRAMES` show the same objects, so that blocks are drawn whole.
+Resamples of blocks of frames are the same for all sets. `DetectorEvaluator` detects. Without a detector,
+`FastEvaluator` lets another fidelity, such as the surrogate, score batches of the frames. Both know one error profile
+and give figures at every IoU threshold; `CasesEvaluator` combines them into one figure. Frames of one block of
+`BLOCK_FRAMES` show the same objects, so blocks are drawn whole.
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ BATCHES = 12  # of frames, at most, that a fast fidelity scores apart
 
 
 class Evaluated(NamedTuple):
-    """AP, kbit and resampled AP of n sets on some frames; the draws are the same for all sets.
+    """Figures of n sets on some frames.
 
-    frames: number of those asked for, from the first, where time was up; None for all.
+    They are AP, kbit and resampled AP; the draws are the same for all sets. frames: number of requested frames used,
+    from the first, where time ran out; None for all.
     """
 
     ap: Float64[np.ndarray, " n"]
@@ -48,7 +50,10 @@ class ThresholdFigures(NamedTuple):
 
 @runtime_checkable
 class Evaluator(Protocol):
-    """Scores sets of candidates on frames of traffic that no search saw."""
+    """Score sets of candidates on unseen traffic.
+
+    No search saw these frames.
+    """
 
     @property
     def name(self) -> str:
@@ -70,7 +75,10 @@ class Evaluator(Protocol):
         frames: Int64[np.ndarray, " k"],
         progress: Callable[[int], None] | None = None,
     ) -> Evaluated:
-        """Figures of the sets on these frames. progress: called with the number of frames done."""
+        """Figures of the sets on these frames.
+
+        progress: called with the number of frames done.
+        """
         ...
 
 
@@ -97,12 +105,18 @@ class ProfileEvaluator(Protocol):
         frames: Int64[np.ndarray, " k"],
         progress: Callable[[int], None] | None = None,
     ) -> ThresholdFigures:
-        """Figures of the sets on these frames. progress: called with the number of frames done."""
+        """Figures of the sets on these frames.
+
+        progress: called with the number of frames done.
+        """
         ...
 
 
 def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: int = 0) -> CasesEvaluator:
-    """Evaluator of a preparation's traffic by a fidelity, over its setting's cases. seed: of the resamples."""
+    """Evaluator of a preparation's traffic by a fidelity.
+
+    It covers the cases of its setting. seed: of the resamples.
+    """
     cases = preparation.setting.cases
     profiles: list[ProfileEvaluator] = []
     for errors in cases.profiles:
@@ -114,9 +128,10 @@ def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: i
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
-    """Frames of a race: one of every block, in random order, then a second of every block, and so on.
+    """Frames of a race, spread over all blocks.
 
-    So the first few show traffic as different as can be.
+    One frame of every block comes in random order, then a second of every block, and so on. So the first few show
+    traffic as varied as possible.
     """
     rng = np.random.default_rng(seed)
     blocks = rng.permutation(-(-frames // BLOCK_FRAMES))
@@ -127,10 +142,11 @@ def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
 
 @dataclass(frozen=True, eq=False)
 class CasesEvaluator:
-    """Evaluator over cases; kbit are those of intact sets in all the frames.
+    """Evaluate over cases.
 
-    profiles: one for each error profile; levels: frames of each level of traffic, none where traffic is undivided. In
-    a resample each level is drawn from its own blocks, and the worst case is that of the resample.
+    kbit are those of intact sets in all frames. profiles: one for each error profile; levels: frames of each level of
+    traffic, empty where traffic is undivided. A resample draws each level from its own blocks, and the worst case is
+    found within the resample.
     """
 
     profiles: tuple[ProfileEvaluator, ...]
@@ -164,7 +180,10 @@ class CasesEvaluator:
         return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), over)
 
     def at_each(self, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> dict[str, Evaluated]:
-        """Figures of the sets at each error profile, by its name."""
+        """Figures of the sets at each error profile.
+
+        They are keyed by the profile's name.
+        """
         each = zip(self.cases.names, *self._at_profiles(sets, frames), strict=True)
         return {name: Evaluated(*figures) for name, *figures in each}
 
@@ -196,7 +215,10 @@ class CasesEvaluator:
 
 @dataclass(frozen=True, eq=False)
 class DetectorEvaluator:
-    """Evaluator by detection; what was detected is kept where `detected` keeps it. seed: of the resamples."""
+    """Evaluate by detection.
+
+    Detections are kept where `detected` keeps them. seed: of the resamples.
+    """
 
     detected: Detected
     ious: tuple[float, ...] = (0.7,)
@@ -241,10 +263,10 @@ class DetectorEvaluator:
 
 
 class FastEvaluator:
-    """Evaluator by a fidelity that scores what candidates see; only sets asked for are rendered.
+    """Evaluate by a fidelity that scores visibility.
 
-    The AP is that of all frames together; its resamples are means over batches of blocks drawn with replacement, moved
-    so that their mean is that AP. seed: of the resamples.
+    Only requested sets are rendered. The AP is that of all frames together; its resamples are means over batches of
+    blocks drawn with replacement, shifted so that their mean is that AP. seed: of the resamples.
     """
 
     def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int = 0) -> None:

@@ -1,9 +1,10 @@
-"""Portfolio: several searches, whose answers and neighbours race by the detector on traffic that no search saw.
+"""Portfolio: several searches whose answers race by the detector.
 
-Three parts of traffic: the searches see the objective's own, the entrants race on the second until it is sure enough
-which is the best (`placement_env.racing.race_until`), and what is said of the answer is from the third. So the AP
-stated carries neither the optimism of the searches nor that of the race: picking the best of many by noisy or biased
-scores overrates it (the winner's curse), by as much as `Contender.curse` says of each search.
+Neighbours of the answers race too, on traffic that no search saw. Traffic has three parts. The searches see the
+objective's own; the entrants race on the second until the best is known confidently enough
+(`placement_env.racing.race_until`); the figures of the answer come from the third. So the stated AP carries neither the
+optimism of the searches nor that of the race. Picking the best of many by noisy or biased scores overrates it (the
+winner's curse), by the amount that `Contender.curse` gives for each search.
 """
 
 from __future__ import annotations
@@ -64,9 +65,10 @@ class Judging:
     def build_evaluators(
         self, objective: Objective, schedule: Schedule, *, seed: int = 0
     ) -> tuple[Evaluator, Evaluator]:
-        """Evaluators of race and assessment, on as many frames as a schedule has time for. seed: of the resamples.
+        """Evaluators of race and assessment.
 
-        Raises ValueError where the objective has no site, and so no fresh traffic.
+        They use as many frames as a schedule allows. seed: of the resamples. Raises ValueError where the objective has
+        no site, and so no fresh traffic.
         """
         if self.evaluators is not None:
             return self.evaluators
@@ -97,12 +99,13 @@ def search(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Winner of the race. `Result.best` is its score by the objective, `Result.assessment` that of the judge.
+    """Winner of the race.
 
-    The assessment is of each search's own answer too, on the third part of traffic. seconds: of searches, race and
-    assessment together, shared out by `placement_env.search.portfolio.schedule`: then there are fewer frames, and the
-    answers of searches for which there was no time are not assessed; evaluations: of each search; checkpoint: keeps how
-    far the searches are (what race and assessment detect is in the cache). Raises ValueError where these do not fit.
+    `Result.best` is its score by the objective, `Result.assessment` that of the judge. The assessment also covers each
+    search's own answer, on the third part of traffic. seconds: of searches, race and assessment together, divided by
+    `placement_env.search.portfolio.schedule`. With less time there are fewer frames, and some searches' answers are not
+    assessed. evaluations: of each search; checkpoint: keeps the progress of the searches (race and assessment
+    detections are in the cache). Raises ValueError where these do not fit.
     """
     check_whole("budget", budget, least=1)
     limits, confidence = Limits(seconds, evaluations), judging.confidence
@@ -146,9 +149,10 @@ def contest(
     most: float = SET_FRAMES,
     stop: Callable[[], bool] = lambda: False,
 ) -> Contest:
-    """Race of some sets by their reward, with an evaluator's AP and the objective's prediction.
+    """Race sets by their reward.
 
-    most: set-frames to be scored; stop: asked after each rung whether to end.
+    The reward uses an evaluator's AP and the objective's prediction. most: set-frames to be scored; stop: called after
+    each rung, true to end.
     """
 
     def rewards(rows: Bool[np.ndarray, "m C"], frames: Int64[np.ndarray, " k"]) -> Resampled:
@@ -168,13 +172,19 @@ def contest(
 def weigh_costs(
     objective: Objective, sets: Bool[np.ndarray, "n C"], kbit: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, " n"]:
-    """Costs of communication and building of sets, in AP. kbit: that each sends in all."""
+    """Costs of communication and building, in AP.
+
+    kbit: total that each set sends.
+    """
     per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
     return np.asarray(objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets))
 
 
 def find_entrants(objective: Objective, effort: Effort, seed: int, checkpoint: Checkpoint = NOWHERE) -> Entrants:
-    """Entrants of an objective, from its run's cache where it keeps them."""
+    """Entrants of an objective, cached where possible.
+
+    The cache is that of its run.
+    """
     made = objective.preparation
     cache = None if made is None else objective.run.memo
     depends_on = "" if made is None else made.traffic.digest()
@@ -184,7 +194,10 @@ def find_entrants(objective: Objective, effort: Effort, seed: int, checkpoint: C
 def _assess(
     objective: Objective, found: Entrants, ran: Contest, judging: tuple[Evaluator, Schedule], *, asked: float
 ) -> Assessment:
-    """Judge the winner and, as far as there is time, the answer of each search on the third part of the traffic."""
+    """Judge the winner and each search's answer.
+
+    The third part of the traffic is used. The winner comes first, the others as far as time allows.
+    """
     winner, (final, schedule) = int(ran.ranking[0]), judging
     rows = np.array([winner, *(i for i, names in enumerate(found.searches) if names and i != winner)])
     rows, judged, frames = judge_in_time(
@@ -222,7 +235,10 @@ def _several_profiles(final: Evaluator) -> TypeGuard[CasesEvaluator]:
 def aps_at_profiles(
     final: Evaluator, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]
 ) -> list[tuple[ProfileAP, ...]]:
-    """AP of each set at each error profile by itself, none where there is one profile."""
+    """AP of each set at each error profile separately.
+
+    Empty where there is one profile.
+    """
     if not _several_profiles(final):
         return [()] * len(sets)
     each = final.at_each(sets, frames)
@@ -242,9 +258,10 @@ def judge_in_time(
     schedule: Schedule,
     report: Callable[[int], None] | None = None,
 ) -> tuple[Int64[np.ndarray, " m"], Evaluated, Int64[np.ndarray, " f"]]:
-    """Rows for which there was time, their figures on the third part of the traffic, and its frames, the same for all.
+    """Judge rows on the third part of the traffic.
 
-    The first row is judged whatever time there is.
+    Returns the rows judged in time, their figures, and the frames, the same for all. The first row is judged regardless
+    of time.
     """
     every = np.arange(final.frames)
     if schedule.seconds is None:

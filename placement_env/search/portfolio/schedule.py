@@ -1,8 +1,8 @@
-"""Time of a portfolio: searches, race and judgement each get a share; what one leaves goes to the next.
+"""Time of a portfolio, shared by its stages.
 
-The searches together may take `SEARCHING` of it; races and judgement share what is then left alike. They look at the
-clock after every few frames and make do with the frames there was time for, so that the whole takes hardly longer than
-it may; less time also means fewer frames to simulate and render.
+Searches, race and judgement each get a share; unused time goes to the next. The searches together may take `SEARCHING`
+of it; races and judgement share the rest equally. They check the clock every few frames and stop when time is up, so
+the whole hardly exceeds its limit. Less time also means fewer frames to simulate and render.
 """
 
 from __future__ import annotations
@@ -25,9 +25,12 @@ FEWEST = 2 * BLOCK_FRAMES  # frames of a part of traffic
 
 @dataclass(eq=False)
 class TimedEvaluator:
-    """An evaluator that goes on from frame to frame until time is up, on the monotonic clock (s), and says how many it
-    did. It is asked for the same frames in the same order every time, of which it has done some already, for fewer and
-    fewer sets. at_once: frames between two looks at the clock; least: that are done whatever the time."""
+    """Evaluate frame by frame until time is up.
+
+    It uses the monotonic clock (s) and reports the number of frames done. It is called with the same frames in the same
+    order every time, some of them already done, for fewer and fewer sets. at_once: frames between two looks at the
+    clock; least: frames done regardless of time.
+    """
 
     evaluator: Evaluator
     until: float
@@ -60,7 +63,7 @@ class TimedEvaluator:
         frames: Int64[np.ndarray, " k"],
         progress: Callable[[int], None] | None = None,
     ) -> Evaluated:
-        """The sets on as many of the frames as there is time for."""
+        """Evaluate the sets on as many frames as time allows."""
         while self.done < len(frames) and not (self.done >= self.least and self.spent):
             part = frames[self.done : self.done + self.at_once]
             self.evaluator.evaluate(sets, part)
@@ -74,7 +77,10 @@ class TimedEvaluator:
 
 @dataclass(frozen=True)
 class Schedule:
-    """seconds: for everything from now on, None for no limit; at_once: frames between two looks at the clock."""
+    """Time limit and batch size.
+
+    seconds: for everything from now on, None for no limit; at_once: frames between two looks at the clock.
+    """
 
     seconds: float | None = None
     at_once: int = 1
@@ -82,7 +88,7 @@ class Schedule:
 
     @staticmethod
     def of(seconds: float | None, processes: Processes) -> Schedule:
-        """Schedule that takes as many frames at once as keep the processes busy."""
+        """Schedule with batches that keep the processes busy."""
         return Schedule(seconds, 16 if processes.ray else 1 if processes.alone else 2 * processes.count)
 
     @property
@@ -95,18 +101,27 @@ class Schedule:
         return None if self.seconds is None else self.seconds * SEARCHING / searches
 
     def frames(self, frames: int) -> int:
-        """Number of frames of a part of traffic there is time for, in whole blocks."""
+        """Number of frames that fit, in whole blocks.
+
+        They are of one part of traffic.
+        """
         if self.seconds is None or self.seconds >= LONG_ENOUGH:
             return frames
         blocks = int(frames * self.seconds / LONG_ENOUGH) // BLOCK_FRAMES
         return min(frames, max(FEWEST, blocks * BLOCK_FRAMES))
 
     def racing(self, evaluator: Evaluator, races: int = 1) -> Evaluator:
-        """The evaluator of a race that begins now, of so many that are still to come with it."""
+        """Evaluator of a race that begins now.
+
+        The number of races still to come includes this one.
+        """
         return self._limit(evaluator, self.left / (races + 1), 1)
 
     def judging(self, evaluator: Evaluator) -> Evaluator:
-        """The evaluator of sets that are judged from now on, on `FEWEST` frames at least: fewer say nothing."""
+        """Evaluator of sets that are judged from now on.
+
+        It uses at least `FEWEST` frames: fewer say nothing.
+        """
         return self._limit(evaluator, self.left, FEWEST)
 
     def _limit(self, evaluator: Evaluator, seconds: float, least: int) -> Evaluator:
