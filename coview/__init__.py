@@ -1,7 +1,7 @@
-"""Plan roadside perception: what to build at a junction, and what it will see.
+"""Plan roadside perception.
 
-The names below are all that most programs need; nothing loads before it is used. More is in the faces of the floors,
-`toolkit`, `models` and `placement_env`.
+Decide what to build at a junction, and see what it will see. The names below are all that most programs need; nothing
+loads before it is used. More is in the faces of the floors, `toolkit`, `models` and `placement_env`.
 
 >>> from coview import load_site
 >>> load_site("tjunction").name

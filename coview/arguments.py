@@ -1,4 +1,7 @@
-"""Checks of single arguments, made before any work begins and in the words of the command line."""
+"""Checks of single arguments, made before any work.
+
+Errors use the words of the command line.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,19 @@ Combine = Literal["mean", "worst"]
 
 
 def check_least(option: str, value: float | None, least: float, remedy: str = "") -> None:
-    """Raise ValueError where a number is below the least there may be; None is none."""
+    """Check that a number reaches its minimum.
+
+    Raises ValueError if it is below; None passes.
+    """
     if value is not None and not least <= value < float("inf"):
         raise ValueError(f"{option} must be at least {least:g}, got {value:g}{remedy and ': '}{remedy}")
 
 
 def check_positive(option: str, value: float | None) -> None:
-    """Raise ValueError where a number is not above 0; None is none."""
+    """Check that a number is above 0.
+
+    Raises ValueError if it is not; None passes.
+    """
     if value is not None and not 0 < value < float("inf"):
         raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
 
@@ -33,7 +42,10 @@ def refuse_given(options: dict[str, bool], why: str) -> None:
 
 
 def check_share(option: str, value: float) -> None:
-    """Raise ValueError where a number does not lie between 0 and 1."""
+    """Check that a number lies between 0 and 1.
+
+    Raises ValueError if it does not.
+    """
     if not 0 < value < 1:
         raise ValueError(f"{option} must lie between 0 and 1, got {value:g}")
 
@@ -46,7 +58,10 @@ def check_ious(values: Iterable[float]) -> None:
 
 
 def check_schemes(names: Iterable[str]) -> None:
-    """Raise ValueError, which lists what there is, where a fusion scheme is none."""
+    """Check that all fusion schemes exist.
+
+    Raises ValueError, which lists the known ones, for an unknown scheme.
+    """
     from toolkit.detection.schemes import SCHEMES
 
     for name in names:
@@ -55,15 +70,20 @@ def check_schemes(names: Iterable[str]) -> None:
 
 
 def check_errors(name: str) -> None:
-    """Raise ValueError, which lists what there is, where an error profile is none."""
+    """Check that an error profile exists.
+
+    Raises ValueError, which lists the known ones, for an unknown profile.
+    """
     from toolkit.sensors.error_profiles import find_profile
 
     find_profile(name)
 
 
 def parse_classes(names: Sequence[str], weights: Sequence[float] | None, combine: Combine, small_iou: float) -> Classes:
-    """The classes that --classes, --class-weights, --combine and --small-iou mean. Raise ValueError where these do not
-    fit."""
+    """Return the classes that the class options mean.
+
+    The options are --classes, --class-weights, --combine and --small-iou. Raises ValueError where they do not fit.
+    """
     from placement_env.classes import SMALL, SMALL_IOU, Classes
 
     if not 0 < small_iou <= 1:
@@ -94,5 +114,5 @@ def split_names(text: str) -> list[str] | None:
 
 
 def site_file(site: str | None) -> list[Path]:
-    """The file that a site is read from, if it is one."""
+    """File that a site is read from, if any."""
     return [Path(site)] if site is not None and Path(site).is_file() else []

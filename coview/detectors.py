@@ -1,7 +1,7 @@
-"""The detector that --detector names.
+"""Detectors that --detector names.
 
-A name with `+background` behind it is of a detector that knows the empty site: what it takes for somebody and stands
-there in every frame is left out.
+A name followed by `+background` means a detector that knows the empty site. It leaves out what it takes for a road user
+but stands there in every frame.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 def recording_detector(
     name: str | None, recording: Recording, place: Place | None = None, scenes: Scenes | None = None
 ) -> Detector:
-    """Return the detector for a recording: cluster, which learns its empty site, or one of `site_detector`.
+    """Return the detector for a recording.
 
-    name: None for cluster at a known site, else general. +background: the site's, of what the recording shows behind
-    all that moves where the site has no scenery. place: where it will detect, where that is not the site itself;
-    scenes: empty ones to learn from.
+    cluster learns the recording's empty site; any other is one of `site_detector`. name: None for cluster at a known
+    site, else general. +background: that of the site, or where the site has no scenery, of what the recording shows
+    behind all that moves. place: where it will detect, where that is not the site itself; scenes: empty ones to learn
+    from.
     """
     from toolkit.detection.place import Place
 
@@ -84,7 +85,10 @@ def site_detector(name: str, site: Site) -> Detector:
 
 
 def place_detector(name: str, place: Place) -> Detector:
-    """Return a detector for frames of any recording, in points counted from the middle of the place."""
+    """Return a detector for frames of any recording.
+
+    It takes points counted from the middle of the place.
+    """
     import numpy as np
 
     from toolkit.sites.site import Site
@@ -98,7 +102,9 @@ def place_detector(name: str, place: Place) -> Detector:
 
 
 def split_background(name: str) -> tuple[str, bool]:
-    """Return the name of a detector without `BACKGROUND`, and True if that was behind it.
+    """Split a detector's name from `BACKGROUND`.
+
+    The second value is True if `BACKGROUND` followed the name.
 
     >>> split_background("general+background")
     ('general', True)
@@ -107,7 +113,10 @@ def split_background(name: str) -> tuple[str, bool]:
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:
-    """Raise ValueError where detections are to be kept and the detector does not say what they depend on."""
+    """Check that a detector's detections can be kept.
+
+    Raises ValueError where they are to be kept and the detector does not say what they depend on.
+    """
     if not hasattr(detector, "digest"):
         raise ValueError(
             f"detector {name} needs an attribute digest, a text that changes with all it depends on{remedy}"

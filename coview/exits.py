@@ -1,4 +1,4 @@
-"""Exit codes of the command line, and its last words after an error.
+"""Exit codes of the command line, and its last words.
 
 Bad input gets one line, a fault of coview its traceback.
 """
@@ -56,7 +56,7 @@ def _is_ours(module: str | None) -> bool:
 
 
 def _explain(error: OSError) -> str:
-    """Describe what the system refused to do with a file, without the error's number."""
+    """Describe a refused file operation without its error number."""
     if error.filename is None or error.strerror is None:
         return str(error)
     return f"cannot use {error.filename}: {error.strerror}; give another path, or make this one readable and writable"

@@ -1,4 +1,7 @@
-"""The command line: find a command, call it, and turn its result or error into an exit code."""
+"""Command line: find a command and call it.
+
+Its result or error becomes an exit code.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,10 @@ worker died, 70 a fault of coview, 130 stopped, 141 nobody reads the output.
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command line, by default the process's own, and exit."""
+    """Run a command line and exit.
+
+    By default it is the process's own.
+    """
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 
@@ -102,7 +108,10 @@ def overview() -> str:
 
 
 def _call(arguments: Sequence[str]) -> int:
-    """Return the exit code of the command, or of the parser after --help and unknown arguments."""
+    """Return the exit code of the command.
+
+    It is the parser's after --help and unknown arguments.
+    """
     import io
     import warnings
     from contextlib import redirect_stderr
@@ -131,7 +140,10 @@ def _call(arguments: Sequence[str]) -> int:
 
 
 def _delay(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
-    """Wrap a command so that parsing its arguments does not run it yet."""
+    """Wrap a command to delay its run.
+
+    Parsing its arguments does not run it yet.
+    """
     from functools import partial, wraps
 
     @wraps(command)
@@ -142,7 +154,10 @@ def _delay(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
 
 
 def _find_refusal(stopped: SystemExit) -> ValueError | None:
-    """Find the error of one of our dataclasses behind the parser's exit."""
+    """Find the dataclass error behind the parser's exit.
+
+    The dataclass is one of ours.
+    """
     from traceback import walk_tb
 
     from coview.exits import OURS
@@ -158,7 +173,10 @@ def _find_refusal(stopped: SystemExit) -> ValueError | None:
 
 
 def _load_commands(arguments: Sequence[str]) -> dict[str, Callable[..., int]]:
-    """Load the command in the arguments, or all of them if they name none."""
+    """Load the command in the arguments.
+
+    All commands are loaded if they name none.
+    """
     wanted = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
     return {name: command(name) for name in wanted}
 
@@ -171,9 +189,9 @@ def command(name: str) -> Callable[..., int]:
 
 
 def refuse_hidden_packages() -> None:
-    """Raise ValueError if a file of the user hides one of our packages.
+    """Refuse a user's file that hides our packages.
 
-    Python takes the first `models` on its path. The error names the file.
+    Raises ValueError, which names the file. Python takes the first `models` on its path.
     """
     from importlib.util import find_spec
     from pathlib import Path

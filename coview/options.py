@@ -1,6 +1,7 @@
-"""Groups of options that commands share: each dataclass is a group in their --help, with the fields' texts.
+"""Groups of options that commands share.
 
-`placement_env.cases.Cases`, `placement_env.setting.Weights` and `toolkit.runtime.run.Run` are groups of options too.
+Each dataclass is a group in their --help, with the fields' texts. `placement_env.cases.Cases`,
+`placement_env.setting.Weights` and `toolkit.runtime.run.Run` are groups of options too.
 """
 
 from __future__ import annotations
@@ -49,7 +50,10 @@ class ClassOptions:
     """IoU from which cyclists and pedestrians count, in place of --iou."""
 
     def build(self) -> Classes:
-        """Classes that the options mean. Raises ValueError where these do not fit."""
+        """Return the classes that the options mean.
+
+        Raises ValueError where these do not fit.
+        """
         from placement_env.classes import SMALL, SMALL_IOU, Classes
 
         names, weights = self.classes, self.class_weights
@@ -85,9 +89,10 @@ class CandidateOptions:
         return math.inf if self.money is None else self.money
 
     def build(self, site: Site) -> tuple[Candidates, str]:
-        """Candidates at a site, and the currency of their prices ("" for those of one ordinary pole).
+        """Return the candidates at a site, and their currency.
 
-        Raises ValueError where the options do not fit, and what the files raise.
+        It is the currency of their prices ("" for prices in poles of the ordinary kind). Raises ValueError where the
+        options do not fit, and what the files raise.
         """
         from placement_env.candidates.pool import choose_candidates, with_terms
         from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
@@ -134,7 +139,10 @@ class SettingOptions:
     """File of coview table, for fidelity table in place of the shipped ones."""
 
     def build(self, site: Site, run: Run) -> tuple[Setting, str]:
-        """Setting at a site, and the currency of its prices. Raises ValueError where the options do not fit."""
+        """Return the setting at a site, and its currency.
+
+        It is the currency of the site's prices. Raises ValueError where the options do not fit.
+        """
         from placement_env.setting import Setting
         from toolkit.detection.link.range_images import find_codec
 
@@ -160,9 +168,10 @@ class SettingOptions:
 
 
 def load_own_detector(name: str | None, site: Site, run: Run) -> Detector | None:
-    """Detector that --detector names at a site, None for the shipped one.
+    """Load the detector that --detector names at a site.
 
-    Raises ValueError where what it detects is to be kept and it does not say what that depends on.
+    None for the shipped one. Raises ValueError where its detections are to be kept and it does not say what they depend
+    on.
     """
     from coview.detectors import check_digest, site_detector
 

@@ -1,4 +1,4 @@
-"""Checks of output paths, made before a command works for minutes."""
+"""Checks of output paths, made before long work."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from toolkit.runtime.files import check_output
 
 
 def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may write a file; None is always fine.
+    """Check that a command may write a file.
 
-    Raises ValueError if `out` is an input, OSError if it cannot be written or exists without `overwrite`.
+    None is always fine. Raises ValueError if `out` is an input, OSError if it cannot be written or exists without
+    `overwrite`.
     """
     if out is None:
         return
@@ -23,14 +24,20 @@ def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool
 
 
 def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may write the file `holds` into a folder, new or old."""
+    """Check that a command may write into a folder.
+
+    It will write the file `holds`. The folder may be new or old.
+    """
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
     check_file(out / holds, inputs=inputs, overwrite=overwrite)
 
 
 def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may fill a folder: empty, new, or to be overwritten."""
+    """Check that a command may fill a folder.
+
+    It must be empty, new, or to be overwritten.
+    """
     check_output(out, inputs=inputs, overwrite=overwrite)
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")
@@ -38,7 +45,10 @@ def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool 
 
 
 def check_writable(folder: Path, out: Path) -> None:
-    """Raise OSError if the folder of `out` cannot be made or written."""
+    """Check that the folder of `out` can be written.
+
+    Raises OSError if it cannot be made or written.
+    """
     there = next(each for each in (folder, *folder.parents) if each.exists())
     if not there.is_dir():
         raise NotADirectoryError(f"cannot write {out}: {there} is no folder; give another path")

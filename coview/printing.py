@@ -1,4 +1,7 @@
-"""Output of a command: text for people, or one line of JSON."""
+"""Output of a command: text or JSON.
+
+Text is for people; JSON is one line.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Progress of long work on stderr: a bar on a terminal, else a line now and then; nothing where JSON is asked for."""
+"""Progress of long work on stderr.
+
+A terminal shows a bar, anything else a line now and then. Nothing is shown where JSON is asked for.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,10 @@ EVERY_S = 10.0  # between two lines where there is no terminal
 
 
 class Bar:
-    """Shows absolute counts, as the callbacks of the toolkit tell them."""
+    """Progress bar of absolute counts.
+
+    The counts are those of the toolkit's callbacks.
+    """
 
     def __init__(self, bar: Any, hidden: bool, unit: str = "") -> None:
         self._bar, self._hidden, self._stage = bar, hidden, unit
@@ -23,19 +29,22 @@ class Bar:
         self._began = time.monotonic()
 
     def to(self, done: int) -> None:
-        """Show that so many are done."""
+        """Show the number done."""
         if done < self._done:  # the stage begins anew
             self._began, self._first = time.monotonic(), done
         self._bar.update(done - self._bar.n)
         self._done = done
 
     def of(self, done: int, total: int) -> None:
-        """Show that so many of so many are done."""
+        """Show the number done and the total."""
         self._bar.total = total
         self.to(done)
 
     def stage(self, name: str, done: int, total: int | None) -> None:
-        """Show that so many of a stage are done; at a new stage the bar begins anew."""
+        """Show the progress of a stage.
+
+        At a new stage the bar begins anew.
+        """
         if name != self._stage:
             self._stage, self._done, self._first, self._began = name, 0, 0, time.monotonic()
             self._bar.reset(total)
@@ -53,7 +62,10 @@ class Bar:
             self._bar.write(text, file=sys.stderr)
 
     def describe(self) -> str:
-        """Words for where the work is: stage, done, to do, and time left at the pace of this stage."""
+        """Describe the current state of the work.
+
+        Stage, done, to do, and time left at the pace of this stage.
+        """
         done, total, spent = self._done, self._bar.total, time.monotonic() - self._began
         text = f"{self._stage or 'working'}: {done}{f' of {total}' if total else ''}"
         if not total or done <= self._first:
@@ -80,7 +92,10 @@ def _talk(bar: Bar, ended: Event) -> None:
 
 @contextmanager
 def progress_bar(unit: str, total: int | None = None, *, hidden: bool = False) -> Iterator[Bar]:
-    """Bar while the block runs; without a terminal a line every `EVERY_S` seconds."""
+    """Show a bar while the block runs.
+
+    Without a terminal it is a line every `EVERY_S` seconds.
+    """
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
         bar, ended = Bar(inner, hidden, unit), Event()
         if not hidden and not sys.stderr.isatty():

@@ -1,4 +1,4 @@
-"""The recording a command reads: how it is opened, by options that all commands share."""
+"""Recordings that commands read, and their shared options."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Opening:
-    """How recordings are opened."""
+    """Options for opening a recording."""
 
     layout: str | None = None
     """folder, kitti, openlabel, dair, opv2v, v2xset, v2xreal, rcooper, nuscenes, argoverse, sustech, rosbag, hdf5, or
@@ -40,7 +40,10 @@ class Opening:
 
     @contextmanager
     def open(self, path: Path) -> Iterator[Recording]:
-        """Open a recording. Raises what `open_recording` raises, with the option that helps."""
+        """Open a recording.
+
+        Raises what `open_recording` raises, with the option that helps.
+        """
         from toolkit.datasets.dataset import UnknownSite
         from toolkit.datasets.published_layout import InvalidObjects
         from toolkit.datasets.recordings import open_recording
@@ -68,7 +71,10 @@ class Opening:
 def count_passing(
     frames: Iterable[Frame], problems: dict[str, int], progress: Callable[[int], None]
 ) -> Iterator[Frame]:
-    """Yield frames; the bar moves, and what was left out in reading them is added up."""
+    """Yield frames and count them.
+
+    The bar moves, and what reading left out is added up.
+    """
     from toolkit.datasets.records import add_problems
 
     for done, frame in enumerate(frames, 1):
@@ -79,7 +85,10 @@ def count_passing(
 
 @contextmanager
 def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) -> Iterator[CoopDataset]:
-    """Open a recording of a known site, for commands that need one."""
+    """Open a recording of a known site.
+
+    For commands that need one.
+    """
     with Opening("hdf5", site=site, drop_invalid=drop_invalid).open(path) as recording:
         if recording.site is None:
             raise ValueError(f"{path} holds recorded clouds of an unknown site: give a recording of coview simulate")

@@ -1,9 +1,10 @@
-"""One of the paper's experiments as rows of figures, ours beside the paper's, with reasons for large differences.
+"""Comparison of one paper experiment with ours.
 
-A reason is put together from measurements of its own row: the share of vehicles on which the sensors have a point,
-which no detector can exceed, the share of these that is found, how well the boxes fit, and the AP of the same
-detections by the published code's counting. The letters stand for the causes listed on the page; each is measured in
-`docs/figures.md` or `docs/model-card.md`, or stated by the paper.
+Rows put our figures beside the paper's, with reasons for large differences. A reason is put together from measurements
+of its own row: the share of vehicles on which the sensors have a point, which no detector can exceed, the share of
+these that is found, how well the boxes fit, and the AP of the same detections by the published code's counting. The
+letters stand for the causes listed on the page; each is measured in `docs/figures.md` or `docs/model-card.md`, or
+stated by the paper.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ TableRow = tuple[str | float, ...]
 
 @dataclass(frozen=True)
 class Compared:
-    """One figure, ours and the paper's.
+    """Figure of ours beside the paper's.
 
     labels: a cell for each of the experiment's heads; ours, paper: None if missing; interval: of ours; relation: of the
     paper's statement to its figure; reason: for a large difference, "" for none.
@@ -48,7 +49,10 @@ class Compared:
 
     @property
     def difference(self) -> float | None:
-        """Our figure minus the paper's; 0 if ours keeps a bound in the paper; None if one is missing."""
+        """Our figure minus the paper's.
+
+        0 if ours keeps a bound in the paper; None if one is missing.
+        """
         if self.ours is None or self.paper is None or isnan(self.ours):
             return None
         difference = self.ours - self.paper
@@ -62,7 +66,10 @@ class Compared:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """The row as text: labels, unit, ours, interval, paper's, difference, reason."""
+        """Return the row as text.
+
+        Labels, unit, ours, interval, paper's, difference, reason.
+        """
         digits, blank = DIGITS[self.unit], "–"
         ours = blank if self.ours is None or isnan(self.ours) else f"{self.ours:.{digits}f}"
         interval = blank if self.interval is None else "–".join(f"{end:.{digits}f}" for end in self.interval)
@@ -166,7 +173,9 @@ GIVEN = "The detector is not the shipped one: what the causes say about the ship
 
 
 def explain_difference(ours: float, paper: float, evidence: RowEvidence, *, iou: float = 0.7) -> str:
-    """Explain in one line why an AP differs from the paper's; "" if by no more than `LARGE`.
+    """Explain in one line a difference from the paper's AP.
+
+    "" if it is no more than `LARGE`.
 
     >>> explain_difference(0.24, 0.29, RowEvidence(0.25, 0.25))
     ''

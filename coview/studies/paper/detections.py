@@ -1,6 +1,6 @@
-"""Detections of every scheme and sensor set in the paper's experiments, kept on disk per frame, and their AP.
+"""Detections of the paper's experiments, and their AP.
 
-Two kinds of value are kept for each frame:
+They cover every scheme and sensor set and are kept on disk per frame. Two kinds of value are kept for each frame:
 
     truth    scored vehicles, and the points of each sensor on each of them
     run      detections of one sensor set in one scheme: boxes and scores after fusion, their hits at each IoU of `IOUS`
@@ -42,7 +42,10 @@ from toolkit.sites.site import Site
 
 
 class SchemeRun(NamedTuple):
-    """A scheme, by name, and the sensors (ascending numbers) that take part."""
+    """Name of a scheme, and its sensors.
+
+    Sensors are ascending numbers.
+    """
 
     scheme: str
     sensors: tuple[int, ...]
@@ -105,7 +108,10 @@ class StoredDetections:
         return sum(self.to_find)
 
     def points(self, sensors: tuple[int, ...]) -> Int64[np.ndarray, " vehicles"]:
-        """Points on each vehicle in the fused cloud of a sensor set, frame after frame."""
+        """Points on each vehicle in a fused cloud.
+
+        The cloud is that of a sensor set; frame after frame.
+        """
         counts = [truth.points[:, list(sensors)].sum(axis=1) for truth in self.truths]
         return np.concatenate([np.zeros(0, np.int64), *counts])
 
@@ -120,10 +126,10 @@ def detect_runs(
     processes: Processes = Processes(),
     stage: str = "frames detected",
 ) -> StoredDetections:
-    """Detect each run in the first `frames` frames, or take it from the memo.
+    """Detect each run in the first `frames` frames.
 
-    stage: name of this work to whoever watches its progress, who hears nothing if all frames are kept. Raises
-    ValueError for a detector without `digest`, or if fewer frames were recorded.
+    Runs in the memo are taken from it. stage: name of this work for the progress callback, which is not called if all
+    frames are kept. Raises ValueError for a detector without `digest`, or if fewer frames were recorded.
     """
     digest = getattr(detector, "digest", None)
     if digest is None:
@@ -162,7 +168,7 @@ def detect_runs(
 
 @dataclass(frozen=True)
 class _FrameJob:
-    """The truth of one frame, and the runs that are missing there."""
+    """Truth of one frame, and the runs missing there."""
 
     renders: Measured
     detector: Detector
@@ -229,9 +235,9 @@ class RunHits(NamedTuple):
 
 
 class ApScore(NamedTuple):
-    """AP at one IoU, its interval, recall of all detections, vehicles to find, mean IoU of the hits.
+    """AP at one IoU, with its interval and companions.
 
-    NaN where a figure is undefined.
+    Recall of all detections, vehicles to find, mean IoU of the hits. NaN where a figure is undefined.
     """
 
     ap: float
@@ -242,9 +248,9 @@ class ApScore(NamedTuple):
 
 
 def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
-    """Select the boxes whose centre every sensor has in its field of view, occluded or not.
+    """Select boxes that every sensor has in view.
 
-    This is the region of the paper's table 3.
+    Their centre is in its field of view, occluded or not. This is the region of the paper's table 3.
     """
     views = [s.model.in_view(transform(invert(s.pose), boxes[:, :3])) for s in sensors]
     return np.logical_and.reduce([np.ones(len(boxes), bool), *views])
@@ -284,7 +290,10 @@ def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region
 
 
 def compute_published_ap(stored: StoredDetections, run: SchemeRun, iou: float = 0.7) -> float:
-    """AP of a run by the protocol `published` of `toolkit.detection.metrics`; NaN without vehicles."""
+    """Compute the AP of a run by protocol `published`.
+
+    See `toolkit.detection.metrics`. NaN without vehicles.
+    """
     row = IOUS.index(iou)
     frames = [f for truth, f in zip(stored.truths, stored.runs[run], strict=True) if len(truth.boxes)]
     if not frames:
@@ -301,12 +310,18 @@ def kbit_per_sensor(stored: StoredDetections, run: SchemeRun) -> float:
 
 
 def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
-    """Median time from measurement to fused boxes, with sensors working in parallel."""
+    """Median time from measurement to fused boxes.
+
+    Sensors work in parallel.
+    """
     return float(np.median([f.ms[0] for f in stored.runs[run]]))
 
 
 def visible_share(stored: StoredDetections, sensors: tuple[int, ...], region: tuple[int, ...] = ()) -> float:
-    """Share of the vehicles, in a region if given, on which a set has a point; NaN without vehicles."""
+    """Share of vehicles on which a set has a point.
+
+    Vehicles are those of a region, if given. NaN without vehicles.
+    """
     boxes = np.concatenate([np.zeros((0, 7)), *(truth.boxes for truth in stored.truths)])
     there = in_view_of_all([stored.sensors[c] for c in region], boxes)
     points = stored.points(sensors)[there]

@@ -1,4 +1,6 @@
-"""Figures of the paper: PR curves, point density of the best sensor sets, and IoU against point density.
+"""Figures of the paper, drawn from our detections.
+
+PR curves, point density of the best sensor sets, and IoU against point density.
 
 IoU against density is binned and fitted as in the paper. Every scored vehicle counts once for each of the best sensor
 sets (early fusion): its point density in the fused cloud, and the IoU of the detection that overlaps it most, 0 without
@@ -57,7 +59,10 @@ def curve_runs(site: str) -> list[SchemeRun]:
 
 
 def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """PR curves: early fusion with the best set of each size, at IoU 0.7."""
+    """Compare PR curves at IoU 0.7.
+
+    Early fusion with the best set of each size.
+    """
     curves = {run.sensors: count_hits(stored, run).curve for run in curve_runs(site)}
     rows = [_ap_row(stored, site, sensors) for sensors in curves]
     rows += [_statement_row(stored, each, curves[each.sensors]) for each in CURVE_STATEMENTS[site]]
@@ -93,7 +98,9 @@ def max_recall(curve: Curve) -> float:
 
 
 def interpolate_precision(curve: Curve, recall: float) -> float:
-    """Best precision at this recall or above, 0 if it is not reached.
+    """Best precision at this recall or above.
+
+    0 if it is not reached.
 
     >>> interpolate_precision(Curve(np.array([1.0, 0.5]), np.array([0.5, 0.9]), np.array([0.9, 0.1])), 0.8)
     0.5
@@ -103,7 +110,7 @@ def interpolate_precision(curve: Curve, recall: float) -> float:
 
 
 def steps(curve: Curve) -> Bool[np.ndarray, " k"]:
-    """Select the last point of a curve in each step of recall."""
+    """Select a curve's last point in each recall step."""
     number = np.floor(curve.recall / RECALL_STEP)
     return np.append(number[1:] != number[:-1], True)[: len(number)]
 
@@ -135,7 +142,10 @@ def _curve_points(curves: dict[SensorSet, Curve]) -> list[TableRow]:
 
 
 def density_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Point density: points of the best sensor sets on a vehicle, as cumulative shares."""
+    """Compare point densities of the best sensor sets.
+
+    Points on a vehicle, as cumulative shares.
+    """
     sets = sensor_sets(site).best_early
     paper = {(says.of, says.sensors): says for says in DENSITY_STATEMENTS[site]}
     rows = []
@@ -173,7 +183,10 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
 
 
 def _share_below(stored: StoredDetections, sensors: SensorSet, below: int) -> tuple[float, Interval]:
-    """Share of the vehicles with fewer points than `below`, and its interval."""
+    """Share of vehicles with fewer points than `below`.
+
+    Its interval is returned too.
+    """
     few = [int((truth.points[:, list(sensors)].sum(axis=1) < below).sum()) for truth in stored.truths]
     share = sum(few) / stored.vehicles if stored.vehicles else float("nan")
     return share, ratio_interval(few, list(stored.to_find))
@@ -187,7 +200,10 @@ def _density_curves(stored: StoredDetections, sets: tuple[SensorSet, ...]) -> li
 
 
 class BinnedIou(NamedTuple):
-    """Bins with vehicles: mean density, mean IoU and number of the vehicles in each."""
+    """Bins with vehicles.
+
+    Mean density, mean IoU and number of the vehicles in each.
+    """
 
     density: Float64[np.ndarray, " bins"]
     iou: Float64[np.ndarray, " bins"]
@@ -195,13 +211,18 @@ class BinnedIou(NamedTuple):
 
 
 class LogFit(NamedTuple):
-    """IoU = intercept + slope · ln(points); NaN with fewer than two bins."""
+    """Fit of IoU = intercept + slope · ln(points).
+
+    NaN with fewer than two bins.
+    """
 
     intercept: float
     slope: float
 
     def density_needed(self, iou: float) -> float:
-        """Points from which the fit reaches an IoU; infinite if it never does.
+        """Points from which the fit reaches an IoU.
+
+        Infinite if it never does.
 
         >>> round(LogFit(0.2, 0.1).density_needed(0.7), 1)
         148.4
@@ -212,7 +233,10 @@ class LogFit(NamedTuple):
 
 
 def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """IoU against density; the paper gives no coefficients: poor below 70 points, much better above 100."""
+    """Compare IoU against density.
+
+    The paper gives no coefficients: poor below 70 points, much better above 100.
+    """
     density, iou = densities_and_ious(stored, site)
     bins = bin_iou(density[density > 0], iou[density > 0])
     fit = fit_log(bins)
@@ -256,7 +280,10 @@ def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experimen
 def densities_and_ious(
     stored: StoredDetections, site: str
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Point density and IoU of every vehicle with each of the best sets."""
+    """Point density and IoU of every vehicle.
+
+    They are given with each of the best sets.
+    """
     density, iou = [np.zeros(0)], [np.zeros(0)]
     for run in curve_runs(site):
         density.append(stored.points(run.sensors).astype(np.float64))
@@ -265,7 +292,9 @@ def densities_and_ious(
 
 
 def bin_iou(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], bins: int = IOU_BINS) -> BinnedIou:
-    """Average over bins of equal width from 0 to the maximum density.
+    """Average IoU over bins of equal width.
+
+    Bins run from 0 to the maximum density.
 
     >>> bin_iou(np.array([0.0, 1.0, 9.0, 10.0]), np.array([0.0, 0.2, 0.8, 1.0]), bins=2).iou
     array([0.1, 0.9])
@@ -279,7 +308,10 @@ def bin_iou(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], 
 
 
 def fit_log(bins: BinnedIou) -> LogFit:
-    """Fit by weighted least squares over the bins whose density is above 0."""
+    """Fit IoU to log density by weighted least squares.
+
+    Bins whose density is above 0 take part.
+    """
     above = bins.density > 0
     if above.sum() < 2:
         return LogFit(float("nan"), float("nan"))
@@ -288,7 +320,9 @@ def fit_log(bins: BinnedIou) -> LogFit:
 
 
 def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], wanted: float) -> float | None:
-    """Least density from which the mean IoU, made monotone, reaches the wanted one; None if it never does.
+    """Least density for a wanted mean IoU.
+
+    The mean IoU is made monotone. None if it never reaches the wanted one.
 
     >>> density_needed(np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.6, 0.4, 0.9]), 0.5)
     2.0
@@ -304,7 +338,10 @@ def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, 
 
 
 def _mean_row(stored: StoredDetections, site: str, name: str, low: float, high: float) -> Compared:
-    """Mean IoU of the vehicles with `low` points or more, but fewer than `high`."""
+    """Mean IoU of vehicles with `low` to `high` points.
+
+    `low` is included, `high` is not.
+    """
     sums, counts = np.zeros(stored.frames), np.zeros(stored.frames)
     for run in curve_runs(site):
         for k, (truth, found) in enumerate(zip(stored.truths, stored.runs[run], strict=True)):

@@ -1,4 +1,4 @@
-"""The page of the paper's experiments, and its charts.
+"""Page of the paper's experiments, and its charts.
 
 Every experiment has its picture and a table of our figures, the paper's and the differences, in one file that opens
 from disk, requests nothing and prints. In charts ours is filled and the paper's hatched or hollow, so that the two are
@@ -103,7 +103,10 @@ def _row(row: Compared, labels: int) -> str:
 
 
 def _kind(place: int) -> str:
-    """Class of a cell after the labels: unit and reason are words, the others numbers."""
+    """Class of a cell after the labels.
+
+    Unit and reason are words, the others numbers.
+    """
     return ' class="number"' if 1 <= place <= 4 else ""
 
 
@@ -136,7 +139,10 @@ def draw_pairs(pairs: Sequence[Pair], out: Path, *, title: str) -> None:
 
 
 def draw_agreement(groups: Mapping[str, Sequence[tuple[str, float, float]]], out: Path, *, title: str) -> None:
-    """Draw ours over the paper's: a marker for each (name, paper, ours) of each group, and the diagonal."""
+    """Draw our figures over the paper's.
+
+    Each (name, paper, ours) of each group has a marker; the diagonal is drawn too.
+    """
     with _chart(out, 6.0, 5.2) as axes:
         axes.plot([0, 1], [0, 1], color="#888888", linewidth=0.8, linestyle="dashed")
         for (group, rows), (colour, marker) in zip(
@@ -161,7 +167,10 @@ def draw_log_fit(
     *,
     title: str,
 ) -> None:
-    """Draw mean IoU over point density, a marker for each bin, and intercept + slope · ln(density)."""
+    """Draw mean IoU over point density, and its fit.
+
+    Each bin has a marker. The fit is intercept + slope · ln(density).
+    """
     with _chart(out, 6.0, 4.2) as axes:
         axes.scatter(density, iou, s=12, color=OUR_COLOUR, label="mean of a bin", zorder=3)
         intercept, slope = coefficients
@@ -176,7 +185,10 @@ def draw_log_fit(
 
 @contextmanager
 def _chart(out: Path, width: float, height: float) -> Iterator[Axes]:
-    """Axes to draw on, written at the end: the same bytes for the same figures."""
+    """Axes to draw on, written at the end.
+
+    The same figures give the same bytes.
+    """
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,4 +1,6 @@
-"""Figures that the paper reports in its evaluation, each with its table, figure or section.
+"""Figures that the paper reports in its evaluation.
+
+Each is given with its table, figure or section.
 
 Arnold, Dianati, de Temple and Fallah: Cooperative Perception for 3D Object Detection in Driving Scenarios Using
 Infrastructure Sensors, IEEE T-ITS 2020, arXiv 1912.12147. Sensors go by the paper's numbers, which are those of the
@@ -26,7 +28,10 @@ Relation = Literal["is", "more than", "less than"]
 
 
 class SchemeRow(NamedTuple):
-    """Table 1: AP at IoU 0.7, 0.8 and 0.9, kbit per sensor and frame, ms per frame on the authors' GPU."""
+    """Row of table 1: a fusion scheme.
+
+    AP at IoU 0.7, 0.8 and 0.9, kbit per sensor and frame, ms per frame on the authors' GPU.
+    """
 
     ap: tuple[float, float, float]
     kbit: float
@@ -34,7 +39,10 @@ class SchemeRow(NamedTuple):
 
 
 class SetRow(NamedTuple):
-    """Table 2: a sensor set and its AP with early and late fusion."""
+    """Row of table 2: a sensor set.
+
+    AP with early and late fusion.
+    """
 
     sensors: SensorSet
     early: float
@@ -42,7 +50,10 @@ class SetRow(NamedTuple):
 
 
 class RegionRow(NamedTuple):
-    """Table 3: AP of early fusion with these sensors, in the region that both sensors of a pair have in view."""
+    """Row of table 3: a region shared by two sensors.
+
+    AP of early fusion with these sensors, in the region that both sensors of a pair have in view.
+    """
 
     region: SensorSet
     sensors: SensorSet
@@ -62,7 +73,10 @@ class Statement(NamedTuple):
 
 
 class BenchmarkRow(NamedTuple):
-    """Table 4: a method, and its reported AP with one sensor and with two."""
+    """Row of table 4: a method.
+
+    Its reported AP with one sensor and with two.
+    """
 
     method: str
     single: tuple[float, ...]
@@ -159,15 +173,18 @@ BENCHMARK_PAIR: dict[str, SensorSet] = {"tjunction": (1, 5), "roundabout": (1, 7
 
 @dataclass(frozen=True)
 class Listed:
-    """Table 2 of one site: its rows in the paper's order."""
+    """Table 2 of one site.
+
+    Its rows are in the paper's order.
+    """
 
     rows: tuple[SetRow, ...]
 
     @property
     def best_early(self) -> tuple[SensorSet, ...]:
-        """Best set of each size with early fusion, most sensors first.
+        """Best set of each size with early fusion.
 
-        These are the rows in bold; the paper draws PR curves and density curves of them.
+        Most sensors first. These are the rows in bold; the paper draws PR curves and density curves of them.
         """
         return self._best(1)
 

@@ -1,4 +1,6 @@
-"""`run_reproduction`: the paper's experiments at one of its sites, from simulating the test recording to the page.
+"""`run_reproduction`: the paper's experiments at one of its sites.
+
+It goes from simulating the test recording to the page.
 
 Everything that takes long is kept in the folder, so that an interrupted run resumes: the recording
 (`recording_1000.hdf5`, its blocks beside it), detections (`detections.sqlite`), and a table of all sensor sets if the
@@ -48,7 +50,7 @@ PAGE, FIGURES = "index.html", "reproduction.json"
 
 @dataclass(frozen=True)
 class Reproduction:
-    """The experiments at a site, and the path of the page."""
+    """Experiments at a site, and the path of the page."""
 
     site: str
     frames: int
@@ -58,12 +60,18 @@ class Reproduction:
 
     @property
     def large(self) -> tuple[tuple[str, Compared], ...]:
-        """AP values that differ much from the paper's, each with the name of its experiment."""
+        """AP values that differ much from the paper's.
+
+        Each has the name of its experiment.
+        """
         return tuple((each.name, row) for each in self.experiments for row in each.rows if row.large)
 
     @property
     def summary(self) -> str:
-        """Table for terminals: how far the AP of each experiment is from the paper's."""
+        """Table of AP differences for terminals.
+
+        It shows how far the AP of each experiment is from the paper's.
+        """
         table = [["experiment", "AP compared", f"beyond {LARGE:g}", "mean difference", "greatest"]]
         for each in self.experiments:
             differences = [row.difference for row in each.rows if row.unit == "AP" and row.difference is not None]
@@ -89,7 +97,9 @@ def run_reproduction(
     recorded: int = TEST_FRAMES,
     processes: Processes = Processes(),
 ) -> Reproduction:
-    """Run the paper's experiments at one of its sites and write them into a folder.
+    """Run the paper's experiments and write them.
+
+    They run at one of its sites and are written into a folder.
 
     frames: of the test recording that are evaluated; detector: makes one for the recording, None for the site's shipped
     network; table: file of `coview table` with the AP of all sensor sets, None for the shipped table, or for a new one
@@ -125,7 +135,10 @@ _OTHER_CAUSES = CAUSES | {"!": GIVEN}
 
 
 def check_paper_site(site: str) -> None:
-    """Raise ValueError for a site that the paper has no figures for."""
+    """Check that the paper has figures for a site.
+
+    Raises ValueError if it has none.
+    """
     if site not in PAPER_SITES:
         raise ValueError(f"the paper has figures for {' and '.join(PAPER_SITES)}, not for {site!r}: choose one of them")
 
@@ -155,7 +168,10 @@ def open_test_recording(site: str, out: Path, frames: int, processes: Processes)
 def all_experiments(
     stored: StoredDetections, seen: StoredDetections, table: Table, site: str
 ) -> tuple[Experiment, ...]:
-    """Every experiment, in the paper's order. seen: the frames of the table, without runs."""
+    """Run every experiment, in the paper's order.
+
+    seen: the frames of the table, without runs.
+    """
     basis = f"{stored.frames} frames, {stored.vehicles} vehicles"
     return (
         scheme_experiment(stored, site, basis),
@@ -176,7 +192,10 @@ def write_experiments(
     conditions: dict[str, str],
     causes: dict[str, str],
 ) -> None:
-    """Write CSV and SVG of each experiment, all figures as JSON, and the page: all of them or none."""
+    """Write all experiments and the page.
+
+    CSV and SVG of each experiment, all figures as JSON, and the page: all of them or none.
+    """
     with writing_together(out) as folder:
         pictures = {}
         for each in experiments:
@@ -213,7 +232,10 @@ def _shipped_detector(site: str, recording: CoopDataset) -> Detector:
 
 
 def _shipped_table(site: str, recording: CoopDataset, detector: Detector) -> Table | None:
-    """The shipped table, if it was measured at this site with this detector."""
+    """Shipped table, if it fits.
+
+    It must be measured at this site with this detector.
+    """
     table = load_table(site)
     place = hash_site(recording.site, recording.sensors)
     fits = table.origin.place == place and table.origin.detector == getattr(detector, "digest", None)
@@ -234,7 +256,10 @@ def _own_table(
     frames: int,
     processes: Processes,
 ) -> Table:
-    """The table of all sensor sets over these frames; made if it is missing."""
+    """Table of all sensor sets over these frames.
+
+    Made if it is missing.
+    """
     with suppress(ValueError, FileNotFoundError):  # damaged, or not made yet
         return load_table(path)
     return make_table(renders, detector, path, frames=frames, seed=NOISE_SEED, processes=processes)

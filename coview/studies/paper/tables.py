@@ -1,4 +1,6 @@
-"""Tables 1 to 4 of the paper: fusion schemes, sensor sets, shared regions, and other benchmarks.
+"""Tables 1 to 4 of the paper.
+
+Fusion schemes, sensor sets, shared regions, and other benchmarks.
 
 Table 2 is compared with an exact table of every sensor set (`placement_env.fidelity.table`). A region of table 3 is
 where both sensors of a pair have a vehicle's centre in their field of view, occluded or not.
@@ -54,7 +56,10 @@ def scheme_runs(sensors: int) -> list[SchemeRun]:
 
 
 def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Table 1: late, hybrid and early fusion of all sensors, in AP, kbit per sensor and time."""
+    """Compare table 1: fusion of all sensors.
+
+    Late, hybrid and early fusion, in AP, kbit per sensor and time.
+    """
     rows = []
     for run in scheme_runs(len(stored.sensors)):
         rows += _scheme_rows(stored, run, SCHEME_TABLE[site][run.scheme])
@@ -106,7 +111,10 @@ def _scheme_rows(stored: StoredDetections, run: SchemeRun, paper: SchemeRow) -> 
 
 
 def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
-    """Explain the counting: boxes of 256 bit in late fusion, far points of 96 bit in hybrid."""
+    """Explain the counting of bits.
+
+    Boxes of 256 bit in late fusion, far points of 96 bit in hybrid.
+    """
     if run.scheme == "late":
         boxes = kbit_per_sensor(stored, run) / 0.256
         return f"{boxes:.1f} boxes of 256 bit a sensor here, {paper / 0.256:.1f} in the paper"
@@ -118,7 +126,10 @@ def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str
 
 
 def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experiment:
-    """Table 2: AP of all sensor sets, the best three of each size. seen: points in the table's frames, for reasons."""
+    """Compare table 2: AP of all sensor sets.
+
+    The best three of each size. seen: points in the table's frames, for reasons.
+    """
     listed, origin = sensor_sets(site), table.origin
     rows = [row for scheme in SET_SCHEMES for row in _compare_sets(table, seen, listed, scheme)]
     paper = {row.sensors for row in listed.rows}
@@ -157,7 +168,9 @@ def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experimen
 
 
 def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
-    """Spearman's rank correlation, ties sharing their rank; NaN if one side is constant.
+    """Spearman's rank correlation.
+
+    Ties share their rank; NaN if one side is constant.
 
     >>> round(rank_correlation([1, 2, 3, 4], [10, 30, 20, 40]), 3)
     0.8
@@ -170,7 +183,10 @@ def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
 
 
 def places_of_best(table: Table, listed: Listed, scheme: str) -> dict[int, int]:
-    """Rank, among all our sets of the same size, of the paper's best set of each size."""
+    """Rank of the paper's best set of each size.
+
+    It is ranked among all our sets of the same size.
+    """
     ours = best_sets(table, scheme, top=1 << len(table.origin.sensors))
     best = {"early": listed.best_early, "late": listed.best_late}[scheme]
     return {len(each): [mine.sensors for mine in ours[len(each)]].index(each) + 1 for each in best}
@@ -224,7 +240,10 @@ def region_runs(site: str) -> list[SchemeRun]:
 
 
 def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Table 3: gain from spatial diversity where two sensors share their field of view."""
+    """Compare table 3: gain from spatial diversity.
+
+    Two sensors share their field of view.
+    """
     ours = {(row.region, row.sensors): _score_region(stored, row) for row in REGION_TABLE[site]}
     rows = []
     for row in REGION_TABLE[site]:
@@ -260,7 +279,10 @@ def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
 
 
 def benchmark_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Table 4: the paper's figures for other methods, its own, and ours for the same pair."""
+    """Compare table 4: other methods.
+
+    The paper's figures for other methods, its own, and ours for the same pair.
+    """
     pair = BENCHMARK_PAIR[site]
     paper = {row.sensors: row.ap for row in REGION_TABLE[site] if row.region == pair}
     rows = []

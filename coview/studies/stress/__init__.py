@@ -1,1 +1,4 @@
-"""What a deployed set of sensors runs into, and how much of its AP is left."""
+"""Stress tests of a deployed set of sensors.
+
+They measure how much of its AP is left.
+"""

@@ -1,4 +1,4 @@
-"""Conditions: one thing that goes wrong, at one level; and the systems that are put under them.
+"""Conditions: one fault at one level, and tested systems.
 
     bytes     nothing goes wrong; every scheme in every encoding
     pose      sensors are not where they are believed to be, by 0 to 1 m and 0 to 1°; benchmarks of cooperative
@@ -65,7 +65,10 @@ class Condition:
 
 
 def make_conditions(kind: str, names: Sequence[str]) -> list[Condition]:
-    """Return the conditions of a kind for sensors with these names. Raises ValueError for an unknown kind."""
+    """Return the conditions of a kind for these sensors.
+
+    Sensors are given by name. Raises ValueError for an unknown kind.
+    """
     if kind not in KINDS:
         raise ValueError(f"there is no kind of stress {kind!r}: choose among {', '.join(KINDS)}")
     return _MAKERS[kind](names)
@@ -158,7 +161,10 @@ IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close
 
 @dataclass(frozen=True)
 class System:
-    """A fusion scheme and its codec, under its name in tables."""
+    """Fusion scheme and its codec.
+
+    Tables show it under its name.
+    """
 
     scheme: Scheme
     codec: Codec
@@ -166,7 +172,7 @@ class System:
 
 
 def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
-    """Return the systems that are put under conditions of a kind.
+    """Return the systems to test in a kind of condition.
 
     Every scheme sends bytes. Under `bytes` it is counted the paper's way as well, and schemes that send points do so in
     all steps.

@@ -1,9 +1,9 @@
-"""Levels at which one scheme overtakes another as a condition gets worse.
+"""Levels at which one scheme overtakes another.
 
-AP is taken as linear between two levels. The second scheme overtakes the first at the level from which its AP is higher
-up to the greatest level tried; if one of them never leads by `LEAST_LEAD`, neither overtakes. The interval of that
-level comes from draws of blocks of frames, the same draws for both schemes; a draw in which the second scheme never
-overtakes counts as infinite.
+The condition gets worse with its level. AP is taken as linear between two levels. The second scheme overtakes the first
+at the level from which its AP is higher up to the greatest level tried; if one of them never leads by `LEAST_LEAD`,
+neither overtakes. The interval of that level comes from draws of blocks of frames, the same draws for both schemes; a
+draw in which the second scheme never overtakes counts as infinite.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ LEAST_LEAD = 0.005  # AP by which one scheme must lead to count as better
 
 @dataclass(frozen=True)
 class Crossing:
-    """The level from which scheme `after` has a higher AP than `before`.
+    """Level from which scheme `after` beats `before`.
 
-    low, high: interval of the level, infinite beyond what was tried; share: of the draws with a crossing at all.
+    It has a higher AP from there. low, high: interval of the level, infinite beyond what was tried; share: of the draws
+    with a crossing at all.
     """
 
     kind: str
@@ -47,7 +48,10 @@ class Crossing:
 
 @dataclass(frozen=True)
 class BestScheme:
-    """The scheme with the highest AP between two levels, each a level tried or a crossing."""
+    """Scheme with the highest AP between two levels.
+
+    Each level was tried or is a crossing.
+    """
 
     kind: str
     iou: float
@@ -57,7 +61,10 @@ class BestScheme:
 
 
 def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ...]:
-    """Find every pair of schemes that change places, per kind and IoU, lowest level first."""
+    """Find every pair of schemes that change places.
+
+    Per kind and IoU, lowest level first.
+    """
     found: list[Crossing] = []
     for (kind, iou), schemes in _group_by_scheme(rows).items():
         levels = np.array([row.amount for row in next(iter(schemes.values()))])
@@ -100,7 +107,9 @@ def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
 
 
 def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -> float:
-    """Level from which a lead, linear between levels, stays above 0 up to the last; infinite if it never does.
+    """Level from which a lead stays above 0.
+
+    It stays so up to the last level, linear between levels. Infinite if it never does.
 
     >>> crossing_level(np.array([0.0, 0.2, 0.4]), np.array([-0.1, -0.1, 0.3]))
     0.25
@@ -117,7 +126,10 @@ def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, 
 
 
 def _group_by_scheme(rows: Sequence[StressRow]) -> dict[tuple[str, float], dict[str, list[StressRow]]]:
-    """Rows with an amount, ascending, by kind and IoU, then scheme; only groups of two schemes and levels or more."""
+    """Group rows with an amount by kind and IoU.
+
+    Then by scheme, amounts ascending. Groups with fewer than two schemes or levels are left out.
+    """
     found: dict[tuple[str, float], dict[str, list[StressRow]]] = {}
     for row in rows:
         if row.amount is not None:

@@ -1,9 +1,10 @@
-"""Time until the fusion centre notices that a sensor fails, and its false alarms.
+"""Time to notice a failing sensor, and false alarms.
 
-In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch began: it falls silent, repeats what it
-measured then, or sees nothing any more. Its monitor (`toolkit.detection.sensor_monitor`) looks at what arrives, once
-with whole images and once with foreground. A sensor must see the objects that the centre detects in all messages and
-that have points from other sensors. False alarms are counted over the same traffic with nothing wrong but the link.
+The fusion centre does the noticing. In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch
+began: it falls silent, repeats what it measured then, or sees nothing any more. Its monitor
+(`toolkit.detection.sensor_monitor`) looks at what arrives, once with whole images and once with foreground. A sensor
+must see the objects that the centre detects in all messages and that have points from other sensors. False alarms are
+counted over the same traffic with nothing wrong but the link.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ SENT_AS = ("whole images", "foreground")
 
 @dataclass(frozen=True)
 class Noticed:
-    """Seconds until a fault was noticed: median and maximum over all cases.
+    """Seconds until a fault was noticed.
 
-    Infinite for a fault that was not noticed within `TIME_ALLOWED`.
+    Median and maximum over all cases. Infinite for a fault that was not noticed within `TIME_ALLOWED`.
     """
 
     fault: str
@@ -57,7 +58,10 @@ class Noticed:
 
 @dataclass(frozen=True)
 class FalseAlarms:
-    """Alarms about sensors that work, and sensor-minutes watched, over one kind of link."""
+    """Alarms about working sensors over one kind of link.
+
+    The sensor-minutes watched are given too.
+    """
 
     link: str
     sent_as: str
@@ -72,10 +76,11 @@ class FalseAlarms:
 def time_faults(
     recording: SiteRecording, detector: Detector, run: Run = Run()
 ) -> tuple[tuple[Noticed, ...], tuple[FalseAlarms, ...]]:
-    """Time every fault of every sensor in every stretch of traffic, and count false alarms over every link.
+    """Time every fault of every sensor.
 
-    recording: frames close together; run: with the seed of noise and links, and the number of first frames. Raises
-    ValueError if no stretch of traffic is longer than `ONSET`.
+    In every stretch of traffic; false alarms are counted over every link. recording: frames close together; run: with
+    the seed of noise and links, and the number of first frames. Raises ValueError if no stretch of traffic is longer
+    than `ONSET`.
     """
     count, seed = min(len(recording), run.frames_or(len(recording))), run.seed
     scenes, links = Scenes(ReadRecording(recording, Reads(noise_seed=seed))), _links()
@@ -125,13 +130,16 @@ def _stretches(recording: SiteRecording, count: int, seed: int) -> Iterator[list
 
 
 class _Centre:
-    """The fusion centre: what it receives of each frame, and detects in it."""
+    """Fusion centre: messages it receives and detections it makes."""
 
     def __init__(self, recording: SiteRecording, detector: Detector, scenes: Scenes) -> None:
         self._site, self._detector, self.scenes = recording.site, detector, scenes
 
     def shown(self, frame: Frame, sensor: int, way: str, time: float) -> Shown:
-        """Message of a sensor: the whole image, or the foreground of its crop in the finest step."""
+        """Message of a sensor.
+
+        The whole image, or the foreground of its crop in the finest step.
+        """
         if way == SENT_AS[0]:
             return Shown(time, np.asarray(frame.images[sensor], np.float32))
         captured = frame_view(frame, self._detector, self._site).captured(sensor)
@@ -141,7 +149,10 @@ class _Centre:
         return Shown(time, steps, image > 0, out.missing)
 
     def monitor(self, frame: Frame, sensor: int, start: float) -> SensorMonitor:
-        """Monitor of a sensor that should send from `start` on; frame: any one with that sensor."""
+        """Monitor of a sensor that starts sending at `start`.
+
+        frame: any one with that sensor.
+        """
         captured, scene = frame_view(frame, self._detector, self._site).captured(sensor), self.scenes(sensor)
         view = np.zeros(scene.first.size, bool)
         view[draw_scene(captured, scene).pixels] = True
@@ -162,7 +173,7 @@ class _Centre:
 
 
 def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, fault: Fault, way: str) -> float:
-    """Seconds from the onset of a fault until the monitor raises an alarm."""
+    """Seconds between a fault's onset and the alarm."""
     begin = stretch[0].time
     onset = next(k for k, frame in enumerate(stretch) if frame.time - begin >= ONSET - 1e-9)
     monitor = centre.monitor(stretch[0], sensor, begin)
@@ -181,7 +192,10 @@ def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, faul
 
 
 def _break_sensor(frame: Frame, first: Frame, sensor: int, fault: Fault) -> Frame:
-    """Frame in which one sensor measures nothing, or what it measured first."""
+    """Frame in which one sensor is broken.
+
+    It measures nothing, or what it measured first.
+    """
     instead = {
         Fault.BLINDED: np.zeros_like(frame.images[sensor]),
         Fault.FROZEN: first.images[sensor],
@@ -190,7 +204,10 @@ def _break_sensor(frame: Frame, first: Frame, sensor: int, fault: Fault) -> Fram
 
 
 def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], sensor: int, way: str) -> int:
-    """Number of alarms that the monitor of a working sensor raises."""
+    """Count alarms about a working sensor.
+
+    Its monitor raises them.
+    """
     monitor, before, count = centre.monitor(shown[0][0], sensor, shown[0][0].time), None, 0
     last: Shown | None = None
     for frame, ages in shown:
@@ -205,5 +222,8 @@ def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], se
 
 
 def _median(seconds: Sequence[float]) -> float:
-    """Middle value; of an even number, the later of the middle two."""
+    """Middle value.
+
+    Of an even number, the later of the middle two.
+    """
     return sorted(seconds)[len(seconds) // 2]

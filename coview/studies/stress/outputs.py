@@ -1,4 +1,7 @@
-"""A stress test as text, JSON and SVG; and, from a table of every set, what is left when sensors fail for good."""
+"""Results of a stress test as text, JSON and SVG.
+
+A table of every set adds what is left when sensors fail for good.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +30,10 @@ STRESS_FILES = ("stress.json", "stress.svg")
 
 @dataclass(frozen=True)
 class ExactFailure:
-    """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail.
+    """AP of all sensors, and after failures.
 
-    without: names of the sensors whose failure leaves the least.
+    Its mean and minimum over every choice of `failing` sensors that fail. without: names of the sensors whose failure
+    leaves the least.
     """
 
     scheme: str
@@ -48,9 +52,9 @@ class ExactFailure:
 def exact_failures(
     table: Table, *, ious: Sequence[float] = (0.7,), label: str = LABELS[VEHICLE]
 ) -> tuple[ExactFailure, ...]:
-    """N-1 and N-2 of every scheme in the table, at those IoUs that it holds.
+    """Compute N-1 and N-2 of every scheme.
 
-    Raises ValueError if it holds none of the IoUs, or not this class.
+    At those IoUs that the table holds. Raises ValueError if it holds none of the IoUs, or not this class.
     """
     names = table.origin.sensors
     at = table.origin.ious[table.origin.classes.index(label)] if label in table.origin.classes else table.origin.ious[0]
@@ -77,9 +81,10 @@ def _look_up(
 
 @dataclass(frozen=True)
 class StressResults:
-    """All that a stress test found; what was not looked at is None.
+    """Results of a stress test.
 
-    rows: of each scheme, condition and IoU; noticed, false_alarms: of the sensors' monitors; exact: from a table.
+    None where nothing was examined. rows: of each scheme, condition and IoU; noticed, false_alarms: of the sensors'
+    monitors; exact: from a table.
     """
 
     rows: tuple[StressRow, ...]
@@ -104,7 +109,7 @@ class StressResults:
 
 
 def format_rows(rows: Sequence[StressRow]) -> str:
-    """A line for each scheme under each condition at each IoU."""
+    """Format a line per scheme, condition and IoU."""
     table = [["stress", "level", "scheme", "sent as", "IoU", "AP", "95 % interval", "kbit/sensor", "age"]]
     for row in rows:
         judged = row.judged
@@ -114,7 +119,10 @@ def format_rows(rows: Sequence[StressRow]) -> str:
 
 
 def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -> str:
-    """Best scheme per range of levels, and where schemes overtake each other; empty if no level is a number."""
+    """Format the best schemes and their crossings.
+
+    Best scheme per range of levels, and where schemes overtake each other. Empty if no level is a number.
+    """
     best = [["highest AP", "IoU", "scheme", "from", "to"]]
     best += [[b.kind, f"{b.iou:g}", b.scheme, f"{b.start:.2f}", f"{b.end:.2f}"] for b in best_schemes(rows)]
     table = [["overtaken", "IoU", "scheme", "by", "from level", "95 % interval", "of draws"]]
@@ -126,7 +134,10 @@ def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -
 
 
 def format_noticed(noticed: Sequence[Noticed], alarms: Sequence[FalseAlarms]) -> str:
-    """Table of how soon faults are noticed, and one of false alarms."""
+    """Format the times to notice faults.
+
+    A second table shows false alarms.
+    """
     table = [["fault", "sent as", "cases", "noticed", "median", "worst"]]
     for each in noticed:
         times = [f"{seconds:.1f} s" for seconds in (each.median, each.worst)]
@@ -154,7 +165,10 @@ def write_rows(rows: Sequence[StressRow], provenance: Mapping[str, object], fold
 
 
 def write_stress(results: StressResults, provenance: Mapping[str, object], folder: str | Path) -> None:
-    """Write `STRESS_FILES` into a folder, made if missing: all of them or, if that fails (OSError), none."""
+    """Write `STRESS_FILES` into a folder.
+
+    The folder is made if missing. All files are written or, if that fails (OSError), none.
+    """
     named = [(f"{r.kind} {r.level}: {r.scheme}, {r.codec}, IoU {r.iou:g}", r.judged) for r in results.rows]
     content = results.as_dict(provenance)
     with writing_together(folder) as unfinished:

@@ -1,4 +1,6 @@
-"""`run_stress`: AP of fusion schemes under every condition, with intervals, and what the schemes send.
+"""`run_stress`: AP of fusion schemes under every condition.
+
+Intervals are given, and the bits that schemes send.
 
 Objects centred in the site's area are to be found, by protocol `exact`. Where frames lie close together, the first
 second after traffic starts afresh is not scored under any condition, because late messages cannot have arrived yet.
@@ -48,7 +50,7 @@ Needed = Callable[[int], Sequence[int]]  # messages that must have arrived befor
 
 @dataclass(frozen=True, kw_only=True)
 class StressQuestion:
-    """What is put under stress, and what is to be found.
+    """Schemes and conditions to test, and objects to find.
 
     schemes: all by default; kinds: of stress, all that the recording can show by default; label, ious: class of the
     objects to find and the thresholds of a hit. Raises ValueError without a scheme or an IoU, and for unknown ones.
@@ -95,14 +97,18 @@ class StressRow:
 
 
 def is_sequence(recording: SiteRecording) -> bool:
-    """Return whether frames lie close enough together to show what is late or lost."""
+    """Return whether frames lie close enough together.
+
+    They must show what is late or lost.
+    """
     return 0 < _frame_spacing(recording) <= MOST_APART
 
 
 def choose_kinds(recording: SiteRecording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the given kinds of stress, or all that a recording can show.
+    """Return the given kinds of stress.
 
-    Raises ValueError for an unknown kind, and for one that needs frames closer together.
+    By default all that a recording can show. Raises ValueError for an unknown kind, and for one that needs frames
+    closer together.
     """
     for kind in kinds:
         make_conditions(kind, ())
@@ -122,14 +128,14 @@ def _frame_spacing(recording: SiteRecording) -> float:
 
 
 class KeptDetections:
-    """A detector that is asked once for each cloud.
+    """Detector that is asked once for each cloud.
 
-    Under most conditions most sensors measure what they measure under others, and boxes of one sensor are the same
-    whichever way points are sent, so most clouds come again. Kept on disk as well, an interrupted stress test resumes,
-    and one with other schemes, levels or IoU thresholds detects only what is new.
+    Under most conditions most sensors measure what they measure under others, and the boxes of one sensor are the same
+    however its points are sent, so most clouds come again. If detections are kept on disk too, an interrupted stress
+    test resumes, and one with other schemes, levels or IoU thresholds detects only what is new.
 
-    detector: asked for clouds that are not kept; cache: where detections are kept, None for memory alone.
-    Raises ValueError for a cache with a path and a detector without the attribute `digest`.
+    detector: asked for clouds that are not kept; cache: where detections are kept, None for memory alone. Raises
+    ValueError for a cache with a path and a detector without the attribute `digest`.
     """
 
     def __init__(self, detector: Detector, cache: Cache | None = None) -> None:
@@ -144,7 +150,10 @@ class KeptDetections:
 
     @staticmethod
     def of(detector: Detector, cache: Cache | None = None) -> KeptDetections:
-        """Return the detector itself if it keeps detections already, else one that does."""
+        """Return a detector that keeps its detections.
+
+        It is the detector itself if it keeps them already.
+        """
         return detector if isinstance(detector, KeptDetections) else KeptDetections(detector, cache)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
@@ -194,7 +203,10 @@ def run_stress(
 
 @dataclass(frozen=True, eq=False)
 class _ConditionJob:
-    """All systems under one of several conditions; report: called with the frames done, None in other processes."""
+    """Work on all systems under one of several conditions.
+
+    report: called with the frames done, None in other processes.
+    """
 
     recording: SiteRecording
     detector: KeptDetections
@@ -240,9 +252,10 @@ class _ConditionJob:
     def _look(
         self, trials: Sequence[Trial], lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
     ) -> None:
-        """Fuse one frame by every system; systems that send alike share views.
+        """Fuse one frame by every system.
 
-        Chained messages follow from frames as they were measured, whichever arrive, and restore whole images.
+        Systems that send alike share views. Chained messages follow from frames as they were measured, whichever
+        arrive, and restore whole images.
         """
         frame, site, views = lagged.frame, self.recording.site, {}
         sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
@@ -263,7 +276,7 @@ class _ConditionJob:
 
 
 class Trial:
-    """One system under one condition: its detections, frame after frame."""
+    """Detections of one system under one condition, by frame."""
 
     def __init__(self, system: System, label: str, ious: Sequence[float]) -> None:
         self.system, self._label, self._ious = system, label, tuple(ious)
@@ -275,7 +288,10 @@ class Trial:
         self._tracks, self._last = Tracks(), -np.inf
 
     def track(self, detections: Detections, now: float, age: float, *, begins: bool) -> Detections:
-        """Move detections in measurements of an age to where they are now."""
+        """Move old detections to their present places.
+
+        The measurements have an age.
+        """
         if begins:
             self._tracks, self._last = Tracks(), -np.inf
         if age != age:
@@ -316,7 +332,10 @@ def _judge(tally: Tally, label: str, seed: int) -> Judgement:
 
 
 def _group_by_needed(trials: Sequence[Trial]) -> list[tuple[list[Trial], Needed | None]]:
-    """Trials whose messages can be read when they arrive, then each of those that need earlier messages."""
+    """Group trials by the earlier messages they need.
+
+    First the trials whose messages can be read when they arrive, then each of those that need earlier messages.
+    """
     alone: list[Trial] = []
     chained: list[tuple[list[Trial], Needed | None]] = []
     for trial in trials:
@@ -328,7 +347,10 @@ def _group_by_needed(trials: Sequence[Trial]) -> list[tuple[list[Trial], Needed 
 
 
 class _RedrawnErrors:
-    """Frames whose sensor errors are drawn anew for every block of frames."""
+    """Frames whose sensor errors are redrawn per block.
+
+    A block is one of frames.
+    """
 
     def __init__(self, recording: SiteRecording, errors: ErrorProfile, seed: int) -> None:
         self._recording, self._errors, self._seed = recording, errors, seed
