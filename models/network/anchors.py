@@ -1,4 +1,6 @@
-"""Anchors, and boxes as residuals to them (paper, section III-D; Zhou and Tuzel 2018).
+"""Anchors, and boxes as residuals to them.
+
+From the paper, section III-D; Zhou and Tuzel 2018.
 
 Residuals of a box (x y z l w h ψ) to an anchor (a):
 
@@ -71,7 +73,10 @@ def decode(
 
 
 def faces_back(boxes: Float[Tensor, "*n 7"], anchors: Float[Tensor, "*n 7"]) -> Bool[Tensor, "*n"]:
-    """Direction bit: True if a heading is more than 90° off its anchor's."""
+    """Direction bit of a heading.
+
+    True if it is more than 90° off its anchor's.
+    """
     return torch.cos(boxes[..., 6] - anchors[..., 6]) < 0
 
 

@@ -1,4 +1,6 @@
-"""Candidates: boxes in a network's maps, scored, without duplicates or rivals.
+"""Candidates: scored boxes from a network's maps.
+
+Duplicates and rivals are removed.
 
 A score says how sure the network is: the probability of the anchor's class, lowered by the IoU predicted for the box,
 and calibrated. Boxes suppress only boxes of their own class, so a person on a bicycle may be found as a cyclist and as
@@ -44,7 +46,10 @@ class Candidates(NamedTuple):
         return Candidates(*(column[rows] for column in self))
 
     def best(self) -> tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]:
-        """Return boxes and scores of one cloud, at most the `MOST_CANDIDATES` surest."""
+        """Return boxes and scores of one cloud.
+
+        At most the `MOST_CANDIDATES` surest.
+        """
         if len(self.item) <= MOST_CANDIDATES:
             return self.boxes, self.scores
         chosen = torch.topk(self.scores.amax(-1), MOST_CANDIDATES).indices
@@ -73,7 +78,7 @@ def all_candidates(
     thresholds: Sequence[float],
     corner: Int64[Tensor, "B 2"] | None = None,
 ) -> Candidates:
-    """Return the boxes of all anchors above the threshold of a label.
+    """Return the boxes of anchors above a label's threshold.
 
     corner: first cell of the map in each item, if the items are tiles of it; anything beyond the map is left out.
     """
@@ -118,7 +123,10 @@ def _scores(
     label: Int64[Tensor, "*m"],
     config: VoxelNetConfig,
 ) -> Float[Tensor, "*n L"]:
-    """Score anchors of these labels: all anchors, or those of one cell."""
+    """Score anchors of these labels.
+
+    All anchors, or those of one cell.
+    """
     if config.head == "published":
         return torch.softmax(logits, -1)[..., 1:]
     scores = torch.sigmoid(logits)
@@ -147,9 +155,10 @@ def _calibration(label: Tensor, config: VoxelNetConfig, like: Tensor) -> tuple[T
 def hopeful(
     logits: Float[Tensor, "B H W A K"], least: Float[Tensor, " L"], config: VoxelNetConfig
 ) -> Bool[Tensor, "B H W A"]:
-    """Find the few anchors that can score above a label's threshold.
+    """Find the few anchors that can pass the threshold.
 
-    The class alone decides: a predicted IoU only lowers a score, so no anchor left out here would pass later.
+    It is that of a label. The class alone decides: a predicted IoU only lowers a score, so no anchor left out here
+    would pass later.
     """
     if config.head == "published":
         return (torch.softmax(logits, -1)[..., 1:] > least).any(-1)
@@ -177,7 +186,7 @@ def suppress(
 
 
 def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
-    """Replace each kept box by the mean of its overlapping candidates.
+    """Average each kept box with its overlapping candidates.
 
     Averaged are boxes of its class with a footprint IoU above the threshold, weighted by squared scores: neighbouring
     anchors err independently ("box voting", Gidaris and Komodakis 2015).
@@ -200,9 +209,10 @@ _NEVER_SURE = 1e-6  # scores are clipped to this distance from 0 and 1
 
 
 def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndarray, "n L"]:
-    """Greatest score of each label on the ground of every detection.
+    """Greatest score of each label at each detection.
 
-    It is 0 for the detection's own label and without a rival of at least `LEAST_RIVAL`.
+    A rival stands on the detection's ground. It is 0 for the detection's own label and without a rival of at least
+    `LEAST_RIVAL`.
     """
     strongest = np.zeros((len(found), len(config.labels)))
     if not len(found):
@@ -216,7 +226,9 @@ def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndar
 
 
 def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
-    """Lower scores where other classes claim the same place, by `config.rivalry`.
+    """Lower scores where other classes claim the place.
+
+    `config.rivalry` says by how much.
 
     score = sigmoid(slope · logit(score) + intercept - Σ weight of a label · score of its strongest rival).
     """
@@ -238,7 +250,10 @@ def rescore(
 
 
 def logit(scores: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Log odds of scores, clipped to 1e-6 from 0 and 1 as in the detector."""
+    """Log odds of scores.
+
+    Scores are clipped to 1e-6 from 0 and 1 as in the detector.
+    """
     cut = np.clip(scores, _NEVER_SURE, 1 - _NEVER_SURE)
     return np.log(cut / (1 - cut))
 

@@ -1,15 +1,16 @@
-"""Faces: a second stage that moves each face of a box to the end of the points.
+"""Faces: a second stage that moves a box's faces.
 
-Sizes are measured rather than recalled. In the frame of a box (u ahead, v to the left, t above its floor) the points
-about a face are counted by their distance beyond it, in steps of 4 cm and three zones:
+Each face is moved to the end of the points, so sizes are measured rather than recalled. In the frame of a box (u ahead,
+v to the left, t above its floor) the points about a face are counted by their distance beyond it, in steps of 4 cm and
+three zones:
 
     front, rear    low, middle and high: bumpers, bonnet or boot, windows
     left, right    low; high ahead; high behind: mirrors stand out high ahead only
     top            ahead, middle, behind
 
 From these counts and those of the opposite face a tiny network per sort of face (end, side, top) says how far outwards
-the face belongs (m), and how far off that may be. Where that is no nearer than the box is anyhow, as where no points
-are, the face stays. What the networks know of cars is thus what an end of points looks like, and no sizes.
+the face belongs (m), and how far off that may be. A face stays where the answer is no nearer than the box already is,
+as where there are no points. The networks thus know what an end of points looks like, and no sizes.
 """
 
 from __future__ import annotations
@@ -50,7 +51,9 @@ class FaceFeatures(NamedTuple):
 
 
 class FaceNetworks(nn.Module):
-    """Three networks: features (n, F) to shift outwards (m) and log mean error (m).
+    """Three networks: features (n, F) to shifts outwards.
+
+    Each gives a shift (m) and its log mean error (m).
 
     >>> sum(each.numel() for each in FaceNetworks().parameters())
     35118
@@ -65,13 +68,19 @@ class FaceNetworks(nn.Module):
     """Mean error of each sort of face as it is detected (m): a surer answer moves the face."""
 
     def answers(self, sort: str, features: Float[Tensor, "n F"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-        """Shift outwards (m) and log mean error (m) of faces of one sort."""
+        """Shift of faces outwards, and its error.
+
+        Shift (m) and log mean error (m) of faces of one sort.
+        """
         shift, spread = getattr(self, sort)(features).unbind(1)
         return shift / 4, spread - 3
 
     @torch.inference_mode()
     def shifts(self, features: FaceFeatures) -> list[Float[np.ndarray, " k"]]:
-        """Shift outwards (m) of each face, by sort; 0 without evidence."""
+        """Shift outwards (m) of each face, by sort.
+
+        0 without evidence.
+        """
         found = []
         for number, sort in enumerate(SORTS):
             shift, spread = self.answers(sort, torch.from_numpy(features[number]))
@@ -131,7 +140,7 @@ def move_faces(
 def face_offsets(
     boxes: Float[np.ndarray, "n 7"], truths: Float[np.ndarray, "n 7"]
 ) -> tuple[Float[np.ndarray, " 2*n"], Float[np.ndarray, " 2*n"], Float[np.ndarray, " n"]]:
-    """Shifts outwards (m) that turn each box into its true box.
+    """Shifts outwards (m) that turn boxes into true boxes.
 
     These are the arguments of `move_faces`. A true box that faces the other way is taken by the faces on the same
     sides.
@@ -146,7 +155,10 @@ def face_offsets(
 def face_features(
     points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
 ) -> FaceFeatures:
-    """Count points about each face of each box; ignore points that are not finite."""
+    """Count points about each face of each box.
+
+    Points that are not finite are ignored.
+    """
     count = len(boxes)
     row, (u, v, t) = _near_points(points, boxes)
     length, width, height = boxes[row, 3:6].T
@@ -164,7 +176,10 @@ def face_features(
 
 
 def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows for a network: counts of each face, of the opposite one, size and class."""
+    """Rows for a network.
+
+    Counts of each face, of the opposite one, size and class.
+    """
     faces = len(own)
     totals = own.sum(axis=2)
     histograms = [own, own[::-1]] if faces == 2 else [own]
@@ -178,7 +193,10 @@ def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.
 def _counts(
     distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray, row: np.ndarray, boxes: int
 ) -> Float[np.ndarray, "n F"]:
-    """Count the chosen points of each box (row) by zone and step of distance."""
+    """Count points of boxes by zone and distance.
+
+    Each row is a box; distances are in steps.
+    """
     step = np.floor((distance - NEAREST) / STEP)
     inside = chosen & (step >= 0) & (step < BINS)
     place = (row[inside] * ZONES + zone[inside]) * BINS + step[inside].astype(np.int64)

@@ -1,9 +1,9 @@
-"""Sparse inference: the same maps in a fraction of the time, on CPU and CUDA.
+"""Sparse inference: the same maps in less time.
 
-Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights. So voxel features
-exist for occupied voxels only, 3D convolutions run on reached cells (`SparseMiddle`), and the light network's first
-convolution on occupied columns (`SparseColumns`). BatchNorm is folded into the layer before it, and so are the linear
-layers before the published head.
+It takes a fraction of the time, on CPU and CUDA. Points touch a few percent of the voxels, and an empty grid's response
+is a constant of the weights. So voxel features exist for occupied voxels only, 3D convolutions run on reached cells
+(`SparseMiddle`), and the light network's first convolution on occupied columns (`SparseColumns`). BatchNorm is folded
+into the layer before it, and so are the linear layers before the published head.
 """
 
 from __future__ import annotations
@@ -60,7 +60,10 @@ class SparseVoxelNet(nn.Module):
 
     @torch.inference_mode()
     def forward(self, voxels: Voxels) -> Prediction:
-        """Return raw maps of a batch of clouds, as `network.eval()(voxels)` would."""
+        """Return raw maps of a batch of clouds.
+
+        They are what `network.eval()(voxels)` would return.
+        """
         return self.rpn(self.middle(self.features(voxels), voxels))
 
 
@@ -68,7 +71,10 @@ ONES = 8  # channels that carry the biases; a multiple of what the convolution k
 
 
 def fold_norm(layer: nn.Module, norm: nn.Module) -> tuple[Tensor, Tensor]:
-    """Fold a trained BatchNorm into the layer before it: weight and bias."""
+    """Fold a trained BatchNorm into the layer before it.
+
+    Returns weight and bias.
+    """
     assert isinstance(layer, nn.Linear | nn.Conv2d | nn.Conv3d)
     scale, shift = scale_and_shift(norm)
     bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
@@ -198,7 +204,10 @@ def _bias(layer: nn.Conv2d) -> Tensor:
 
 
 def _compose(transposed: Tensor, conv3x3: Tensor) -> Tensor:
-    """Kernel (I, O, k + 2, k + 2) of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3, 3)."""
+    """Compose the kernels of two convolutions.
+
+    The result is (I, O, k + 2, k + 2), of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3, 3).
+    """
     return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
 
 
@@ -279,7 +288,10 @@ class SparseColumns(nn.Module):
 
 
 def _taps(odd: int) -> tuple[tuple[int, int], ...]:
-    """Kernel taps that see an even or odd place along one axis, and their offsets."""
+    """Kernel taps and their offsets along one axis.
+
+    They are the taps that see an even or odd place.
+    """
     return ((0, 1), (2, 0)) if odd else ((1, 0),)
 
 
@@ -288,10 +300,10 @@ SMALL = 2 * BORDER + 1  # cells along x and y of the small empty grid
 
 
 class Plane(NamedTuple):
-    """Cells of B maps of H x W cells in one plane with margins.
+    """Cells of B maps (H x W cells) with margins.
 
-    A margin of one cell around each map makes every neighbour a fixed step away; a neighbour beyond the border is a
-    cell that is never reached.
+    All lie in one plane. A margin of one cell around each map makes every neighbour a fixed step away; a neighbour
+    beyond the border is a cell that is never reached.
     """
 
     items: int
@@ -308,7 +320,10 @@ class Plane(NamedTuple):
         return (item * (self.nx + 2) + ix + 1) * (self.ny + 2) + iy + 1
 
     def cell(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Batch item, and indices along x and y, of a place."""
+        """Batch item and indices of a place.
+
+        Indices run along x and y.
+        """
         row = place // (self.ny + 2)
         return row // (self.nx + 2), row % (self.nx + 2) - 1, place % (self.ny + 2) - 1
 
@@ -329,12 +344,12 @@ class Reached(NamedTuple):
 
 
 class SparseMiddle(nn.Module):
-    """The three 3D convolutions on reached cells, and a constant everywhere else.
+    """Three 3D convolutions on reached cells.
 
-    A convolution is linear: its output is that of an empty grid plus that of the difference between its input and an
-    empty grid's. The difference is zero wherever no point reaches, so only rows of reached cells are kept and
-    multiplied. An empty grid's response varies only at its borders, so a small empty grid tells all of it. Channels are
-    last in memory, ordered level by level.
+    Everywhere else the result is a constant. A convolution is linear: its output is that of an empty grid plus that of
+    the difference between its input and an empty grid's. The difference is zero wherever no point reaches, so only rows
+    of reached cells are kept and multiplied. An empty grid's response varies only at its borders, so a small empty grid
+    tells all of it. Channels are last in memory, ordered level by level.
     """
 
     def __init__(self, middle: MiddleLayers) -> None:
@@ -429,7 +444,10 @@ def _sum_neighbours(
     mask: Bool[Tensor, " P"],
     around: Int32[Tensor, "m 9"],
 ) -> Float32[Tensor, "m K"]:
-    """Sum over set neighbours of each output cell: row times weight of that neighbour."""
+    """Sum weighted rows over set neighbours.
+
+    For each output cell: row times weight of that neighbour.
+    """
     products = rows.new_empty(len(rows) + 1, weight.shape[1])
     torch.mm(rows, weight, out=products[:-1])
     products[-1] = 0
@@ -440,5 +458,8 @@ def _sum_neighbours(
 
 
 def _kind(index: Tensor, n: int) -> Tensor:
-    """Place of a cell in the small empty grid: its distance from a border, or the middle."""
+    """Place of a cell in the small empty grid.
+
+    Its distance from a border, or the middle.
+    """
     return torch.where(index < n - BORDER, index.clamp(max=BORDER), index - n + SMALL)

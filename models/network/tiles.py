@@ -1,4 +1,6 @@
-"""`TiledVoxelNet`: the light network on many unions of the same clouds at once.
+"""`TiledVoxelNet`: the light network on many unions at once.
+
+All are unions of the same clouds.
 
 Every set of a site's sensors is such a union. A cell of a map depends on the points within some metres of it, and few
 sensors see anything there. So the maps are cut into tiles, and the part that several unions share is computed once: for
@@ -41,10 +43,10 @@ class Crowded(NamedTuple):
 
 
 class PlacedClouds(NamedTuple):
-    """Points of all clouds in one grid, so that unions need no new voxels.
+    """Points of all clouds in one grid.
 
-    Cloud after cloud: the cloud of each point, its voxel (indices along x, y and z), the voxel's number, and the points
-    of all clouds in that voxel.
+    Unions need no new voxels. Cloud after cloud: the cloud of each point, its voxel (indices along x, y and z), the
+    voxel's number, and the points of all clouds in that voxel.
     """
 
     points: Float32[Tensor, "n 3"]
@@ -109,7 +111,10 @@ class PlacedClouds(NamedTuple):
         return PointsByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
 
     def batch(self, rows: Int64[Tensor, " n"], item: Int64[Tensor, " n"], items: int, config: VoxelNetConfig) -> Voxels:
-        """Return the voxels of a batch: points, and the item of each."""
+        """Return the voxels of a batch.
+
+        Points, and the item of each.
+        """
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
         occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
@@ -130,7 +135,10 @@ class PointsByTile(NamedTuple):
     points: Int64[np.ndarray, "tiles clouds"]
 
     def rows(self, tiles: np.ndarray, union: np.ndarray) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
-        """Points of some tiles in unions, and the number of the tile for each."""
+        """Points of some tiles in unions.
+
+        The number of the tile is given for each.
+        """
         clouds = self.begin.shape[1]
         count = np.where(union, self.points[tiles], 0).ravel()
         total = int(count.sum())
@@ -157,7 +165,10 @@ class Entries(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Clouds and crowded voxels within reach of each tile, by layer."""
+    """Clouds and crowded voxels within reach of each tile.
+
+    Layer by layer.
+    """
 
     clouds: list[Bool[np.ndarray, "tiles C"]]
     crowd: list[Bool[np.ndarray, " tiles"]]
@@ -201,17 +212,20 @@ class TiledVoxelNet:
         self._raised = [_cell_by_cell(layer) for layer in raised]
 
     def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> UnionPlan:
-        """Plan the work for unions of clouds: points in the frame of the grid, m."""
+        """Plan the work for unions of clouds.
+
+        Points are in the frame of the grid, m.
+        """
         placed = PlacedClouds.of(clouds, self.config)
         return UnionPlan(placed, self._seen(placed), unions, placed.find_crowded(unions, self.config.max_points))
 
     def gains(self, plan: UnionPlan) -> bool:
-        """Compare the shared work with that of one union after the other."""
+        """Compare shared work with one union after another."""
         distinct = len(_entries(plan, -1).tile)
         return distinct <= MOST_OWN * len(plan.seen.clouds[-1]) * len(plan.unions)
 
     def __call__(self, plan: UnionPlan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
-        """Yield groups of unions, as many at once as memory allows.
+        """Yield groups of unions, as large as memory allows.
 
         Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all of them.
         """
@@ -254,7 +268,10 @@ class TiledVoxelNet:
         return Seen([each[:, :-1] for each in found], [each[:, -1] for each in found])
 
     def _first(self, plan: UnionPlan, entries: Entries) -> Iterator[Float32[Tensor, "m t t K"]]:
-        """Convolve the columns in and about each entry's tile for the first time."""
+        """Run the first convolution on each entry's columns.
+
+        They are the columns in and about its tile.
+        """
         wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
         placed, crowded = plan.placed, plan.crowded
         by_tile = placed.by_tile(self._grid, 2 * TILE, 2)
@@ -284,7 +301,10 @@ class TiledVoxelNet:
     def _patches(
         self, bank: Tensor, before: Entries, tiles: np.ndarray, union: np.ndarray, size: int
     ) -> Float32[Tensor, "m p p K"]:
-        """Tiles of unions with a border of one cell, zeros beyond the map."""
+        """Tiles of unions with a border of one cell.
+
+        Zeros beyond the map.
+        """
         patches = bank.new_zeros(len(tiles), size + 2, size + 2, bank.shape[3])
         at = self._corners(tiles)
         sides = {-1: (slice(0, 1), slice(-1, None)), 0: (slice(1, -1), slice(None)), 1: (slice(-1, None), slice(0, 1))}
@@ -333,7 +353,10 @@ class TiledVoxelNet:
 
 
 def _parts(entries: Entries) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
-    """Yield entries in groups: number of the first, tiles and unions."""
+    """Yield entries in groups.
+
+    Number of the first, tiles and unions.
+    """
     for first in range(0, len(entries.tile), AT_ONCE):
         yield first, entries.tile[first : first + AT_ONCE], entries.union[first : first + AT_ONCE]
 
@@ -349,9 +372,9 @@ def _bank(parts: Iterable[Float32[Tensor, "_ t t K"]], entries: Entries) -> Floa
 
 
 def _cell_by_cell(layer: nn.ConvTranspose2d) -> nn.Conv2d:
-    """Turn a transposed convolution with kernel = stride into a 1x1 convolution.
+    """Turn a transposed convolution into a 1x1 convolution.
 
-    Its channels are the k x k cells made from one cell, with their outputs.
+    Its kernel equals its stride. The channels are the k x k cells made from one cell, with their outputs.
     """
     inputs, outputs, k, _ = layer.weight.shape
     conv = nn.Conv2d(inputs, k * k * outputs, 1, bias=False)
@@ -366,7 +389,10 @@ def _cells(conv: nn.Conv2d, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m
 
 
 class UnionPlan(NamedTuple):
-    """Unions of clouds, their reach over the tiles, and crowded voxels."""
+    """Unions of clouds, and their reach over the tiles.
+
+    Crowded voxels are listed too.
+    """
 
     placed: PlacedClouds
     seen: Seen
@@ -380,7 +406,10 @@ class UnionPlan(NamedTuple):
 
 
 def _entries(plan: UnionPlan, layer: int) -> Entries:
-    """Find the values that unions share in each tile of a layer."""
+    """Find the values that unions share in each tile.
+
+    The tiles are those of a layer.
+    """
     clouds, unions = plan.seen.clouds[layer], plan.unions
     tiles, count = len(clouds), len(unions)
     code = np.repeat(np.arange(tiles), count)

@@ -1,1 +1,4 @@
-"""Training: packed recordings, examples, losses, the loop and the second stage."""
+"""Training of the networks.
+
+Packed recordings, examples, losses, the loop and the second stage.
+"""

@@ -1,7 +1,7 @@
-"""The training loop, the same on CPU and CUDA, which resumes after a kill.
+"""Training loop that resumes after a kill.
 
-Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are the whole state. The
-log is a CSV file in long format: step, epoch, name, value.
+It is the same on CPU and CUDA. Step s of a run always sees the same examples, so weights, optimiser, schedule and step
+number are the whole state. The log is a CSV file in long format: step, epoch, name, value.
 """
 
 from __future__ import annotations
@@ -94,7 +94,9 @@ def make_config(
 
 
 def window(area: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """Middle of an area (xmin ymin xmax ymax, m), at most `WINDOW` wide.
+    """Middle of an area, at most `WINDOW` wide.
+
+    The area is xmin ymin xmax ymax, m.
 
     >>> window((-40.0, -20.0, 40.0, 10.0))
     (-20.0, -20.0, 20.0, 10.0)
@@ -141,14 +143,20 @@ def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) 
 
 
 def cut_log(path: Path, step: int) -> None:
-    """Drop log rows after `step`, the last checkpoint: those steps are done again."""
+    """Drop log rows after `step`, the last checkpoint.
+
+    Those steps are done again.
+    """
     if path.exists():
         kept = [row for row in _rows(path) if row.count(",") == 3 and _step_number(row) <= step]
         write_text(path, "\n".join([",".join(HEADER), *kept, ""]))
 
 
 def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
-    """Read epochs and values of each figure, in order of first appearance."""
+    """Read epochs and values of each figure.
+
+    In order of first appearance.
+    """
     found: dict[str, tuple[list[float], list[float]]] = {}
     with path.open(newline="") as file:
         for row in csv.DictReader(file):

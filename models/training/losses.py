@@ -43,7 +43,9 @@ def assign(
     ignored: Float[np.ndarray, "k 7"] | None = None,
     margin: float = 0.0,
 ) -> Assignment:
-    """Match anchors of a grid to objects by footprint IoU, yaws snapped to 0 or 90°.
+    """Match anchors of a grid to objects.
+
+    By footprint IoU, with yaws snapped to 0 or 90°.
 
     An anchor is positive above `positive`, and so is the best anchor of each object if it reaches `best`. Up to
     `negative` it is negative; in between it is ignored. A negative anchor inside one of the boxes `ignored` is ignored
@@ -83,7 +85,7 @@ def assign_by_kind(
     labels: Int64[np.ndarray, " n"],
     asked: Bool[np.ndarray, " n"],
 ) -> Assignment:
-    """Match the anchors of each kind to objects of its class alone.
+    """Match anchors to objects of their own class.
 
     asked: objects that should be found; negatives on the others of that class are ignored. Owners are rows of `boxes`.
     """
@@ -126,9 +128,9 @@ def _enlarge(boxes: np.ndarray, margin: float) -> np.ndarray:
 
 
 def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, slice]:
-    """Rows and columns of the grid within `reach` (m) of the circle round a box.
+    """Rows and columns of the grid near a box.
 
-    No other anchor can touch it.
+    They lie within `reach` (m) of the circle round it. No other anchor can touch it.
     """
     reach += np.hypot(box[3], box[4]) / 2
     rows = np.searchsorted(anchors[:, 0, 0, 0], [box[0] - reach, box[0] + reach])
@@ -137,7 +139,10 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
 
 
 def _snap_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"]:
-    """Axis-aligned IoU of anchors and a box, each turned to the nearest multiple of 90°."""
+    """Axis-aligned IoU of anchors and a box.
+
+    Each is turned to the nearest multiple of 90°.
+    """
     size, box_size = _snap_size(anchors), _snap_size(box)
     gap = np.abs(anchors[..., :2] - box[:2])
     shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
@@ -145,7 +150,10 @@ def _snap_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"
 
 
 def _snap_size(boxes: np.ndarray) -> np.ndarray:
-    """Extent along x and y with the yaw snapped to a multiple of 90°."""
+    """Extent along x and y after snapping yaw.
+
+    The yaw is snapped to a multiple of 90°.
+    """
     across = np.abs(np.sin(boxes[..., 6:])) > np.abs(np.cos(boxes[..., 6:]))
     return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 
@@ -163,9 +171,10 @@ def _choose(mask: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
 def paper_loss(
     prediction: Prediction, labels: Shaped[Tensor, "B H W A"], boxes: Float[Tensor, "B H W A 7"], anchors: Tensor
 ) -> dict[str, Tensor]:
-    """Published loss: cross-entropy of sampled anchors, smooth L1 (σ = 3) of residuals.
+    """Published loss of sampled anchors.
 
-    labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7).
+    Cross-entropy, and smooth L1 (σ = 3) of residuals. labels: of an `Assignment`; boxes: target of each positive
+    anchor; anchors: (H, W, A, 7).
     """
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)
@@ -228,9 +237,10 @@ def focal_loss(
     alpha: float = 0.25,
     gamma: float = 2.0,
 ) -> Tensor:
-    """Sum over anchors of α (1 - p)^γ · cross-entropy · weight.
+    """Focal loss summed over anchors.
 
-    p is the probability of the truth; counted: weights, or bool for all or nothing.
+    It is α (1 - p)^γ · cross-entropy · weight. p is the probability of the truth; counted: weights, or bool for all or
+    nothing.
     """
     signed = torch.where(positive, logits, -logits)
     weight = torch.where(positive, alpha, 1 - alpha) * counted
@@ -238,10 +248,10 @@ def focal_loss(
 
 
 def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]) -> Float[Tensor, " n"]:
-    """3D IoU of box pairs, exact for equal yaws and differentiable in any overlap.
+    """3D IoU of box pairs, differentiable in any overlap.
 
-    A yaw difference δ takes a quarter of the other side times sin δ off each shared side, the first-order loss of two
-    rectangles turned against each other about a common centre.
+    It is exact for equal yaws. A yaw difference δ takes a quarter of the other side times sin δ off each shared side,
+    the first-order loss of two rectangles turned against each other about a common centre.
     """
     cos, sin = torch.cos(wanted[:, 6]), torch.sin(wanted[:, 6])
     dx, dy, dz = (boxes - wanted)[:, :3].unbind(1)

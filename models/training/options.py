@@ -1,7 +1,8 @@
-"""`TrainingOptions`: the one list of a training's arguments, for `coview train` and for `python -m models.train`.
+"""`TrainingOptions`: the one list of training arguments.
 
-The second runs on a machine that has no more than torch, numpy, h5py, safetensors, scipy, shapely and tqdm, so its
-parser is made here with the standard library, from the same fields and the same texts.
+It serves `coview train` and `python -m models.train`. The second runs on a machine that has no more than torch, numpy,
+h5py, safetensors, scipy, shapely and tqdm, so its parser is made here with the standard library, from the same fields
+and the same texts.
 """
 
 from __future__ import annotations

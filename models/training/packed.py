@@ -1,4 +1,6 @@
-"""Packed recordings in memory: the empty site once, then only differences.
+"""Packed recordings in memory: empty site and differences.
+
+The empty site is held once.
 
 The packed file needs numpy and h5py alone, so training can move to a machine that has neither Open3D nor SUMO.
 Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat
@@ -44,9 +46,10 @@ Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
 
 class PackedFrames:
-    """A packed file in memory: points and objects of frame k, in its site's frame.
+    """Packed file in memory.
 
-    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file.
+    Points and objects of frame k are in its site's frame. Raises FileNotFoundError; ValueError if the file is damaged
+    or not a packed file.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -70,7 +73,10 @@ class PackedFrames:
             ) from error
 
     def _check(self) -> None:
-        """Raise ValueError if numbers of the file do not fit each other."""
+        """Check that numbers of the file fit each other.
+
+        Raises ValueError if they do not.
+        """
         frames = len(self)
         if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
             raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
@@ -96,34 +102,50 @@ class PackedFrames:
         return self.rigs[self._rig_of_frame[k]]
 
     def objects(self, k: int) -> Objects:
-        """Ground truth of frame k, inside the area and around it, on its slope."""
+        """Ground truth of frame k.
+
+        Inside the area and around it, on its slope.
+        """
         rows = slice(*self._box_ends[k : k + 2])
         return Objects(self._boxes[rows], self._labels[rows])
 
     def level_objects(self, k: int) -> Objects:
-        """Ground truth of frame k on level ground, as `points` are."""
+        """Ground truth of frame k on level ground.
+
+        `points` are on level ground too.
+        """
         objects, slope = self.objects(k), self.rig(k).slope
         return objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
 
     def is_recorded(self, k: int) -> bool:
-        """True for frames of recorded clouds, which have neither an empty site nor drawn errors."""
+        """True for frames of recorded clouds.
+
+        These have neither an empty site nor drawn errors.
+        """
         return k in self._clouds.places
 
     def changes(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Pixels of frame k that differ from the empty site, and their steps, per sensor."""
+        """Pixels of frame k that differ from the empty site.
+
+        Their steps are given too, per sensor.
+        """
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
 
     def metres(self, steps: Shaped[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-        """Convert steps of changed pixels to metres, 0 for no return."""
+        """Convert steps of changed pixels to metres.
+
+        0 for no return.
+        """
         return steps.astype(np.float32) / STEPS_PER_METRE
 
     def points(
         self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
     ) -> list[Float32[np.ndarray, "_ 3"]]:
-        """Points inside the crop of each chosen sensor (None: all) of frame k.
+        """Points of frame k inside the crop.
 
-        rng: of fresh noise, None for none. The ground is levelled: a network knows nothing else.
+        They are those of each chosen sensor (None: all). rng: of fresh noise, None for none. The ground is levelled: a
+        network knows nothing else.
         """
         rig = self.rig(k)
         chosen = range(len(rig.sensors)) if sensors is None else sensors
@@ -139,9 +161,9 @@ class PackedFrames:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Sensors that do not move, and their view of the empty site inside the crop.
+    """Fixed sensors, and their view of the empty site.
 
-    The crop is the area (xmin ymin xmax ymax, m) up to the height (m) above the sloping ground plane.
+    The view is inside the crop: the area (xmin ymin xmax ymax, m) up to the height (m) above the sloping ground plane.
     """
 
     sensors: tuple[Sensor, ...]
@@ -159,7 +181,10 @@ class Rig:
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
     ) -> Rig:
-        """Build a rig from images (rows, columns) of the empty site."""
+        """Build a rig from images of the empty site.
+
+        Each has rows and columns.
+        """
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
         pixels, depth = [], []
@@ -198,7 +223,10 @@ class Rig:
     def world(
         self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
     ) -> Float32[np.ndarray, "n 3"]:
-        """Positions measured by pixels of sensor s, in the site's frame."""
+        """Positions measured by pixels of sensor s.
+
+        In the site's frame.
+        """
         sensor = self.sensors[s]
         rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[:3, :3].T.astype(np.float32)
         rays *= depth[:, None]
@@ -206,7 +234,10 @@ class Rig:
         return rays
 
     def in_crop(self, points: Float32[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Mark points (world frame) in the crop, widened by a margin (m)."""
+        """Mark points in the crop.
+
+        Points are in the world frame; the crop is widened by a margin (m).
+        """
         (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
         return inside & (z > -margin) & (z < self.height + margin)
@@ -214,7 +245,10 @@ class Rig:
 
 @dataclass(frozen=True, eq=False)
 class RecordedClouds:
-    """Frames of recorded clouds: their places, where points begin, and points in steps."""
+    """Frames of recorded clouds.
+
+    Their places, where points begin, and points in steps.
+    """
 
     places: dict[int, int]
     ends: Shaped[np.ndarray, "f _"]
@@ -226,9 +260,9 @@ class RecordedClouds:
         return self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
     def check(self, sensors: Sequence[int]) -> None:
-        """Raise ValueError if the numbers do not fit the file's frames.
+        """Check that the numbers fit the file's frames.
 
-        sensors: number of sensors of each frame.
+        Raises ValueError if they do not. sensors: number of sensors of each frame.
         """
         total = len(sensors)
         if len(self.places) != len(self.ends) or any(not 0 <= k < total for k in self.places):
@@ -292,7 +326,10 @@ def _parse_rig(
 
 
 def _ascends(ends: np.ndarray, total: int) -> bool:
-    """True if the numbers ascend from 0 or more to at most the total, row after row."""
+    """True if the numbers ascend, row after row.
+
+    They run from 0 or more to at most the total.
+    """
     flat = ends.ravel().astype(np.int64)
     return not len(flat) or bool((np.diff(flat) >= 0).all() and flat[0] >= 0 and flat[-1] <= total)
 

@@ -1,4 +1,7 @@
-"""Writer of packed files (`models.training.packed`): only pixels that differ from the empty site."""
+"""Writer of packed files (`models.training.packed`).
+
+Only pixels that differ from the empty site are written.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,10 @@ _CHUNK = 1 << 18
 
 @dataclass(frozen=True)
 class Change:
-    """One frame: differences from the empty site per sensor, or recorded clouds (m)."""
+    """Changes of one frame.
+
+    Differences from the empty site per sensor, or recorded clouds (m).
+    """
 
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     steps: tuple[Shaped[np.ndarray, " _"], ...]
@@ -49,7 +55,10 @@ class PackedRecording:
 
 @runtime_checkable
 class OnLevelGround(Protocol):
-    """One sample of recorded clouds, such as a `LevelSample` of the toolkit."""
+    """One sample of recorded clouds.
+
+    `LevelFrame` of the toolkit is one.
+    """
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -58,7 +67,10 @@ class OnLevelGround(Protocol):
 
     @property
     def clouds(self) -> tuple[np.ndarray, ...]:
-        """Points (n, 3) of each sensor, m, in the area and on level ground."""
+        """Points (n, 3) of each sensor, m.
+
+        In the area and on level ground.
+        """
         ...
 
     @property
@@ -74,7 +86,10 @@ class OnLevelGround(Protocol):
 
 @runtime_checkable
 class Drawn(Protocol):
-    """Frames of a random site, and measurements of the empty site."""
+    """Frames of a random site.
+
+    Measurements of the empty site are given too.
+    """
 
     @property
     def site(self) -> Site:
@@ -101,7 +116,9 @@ def recording(
     count: int | None = None,
     slope: Slope = LEVEL,
 ) -> PackedRecording:
-    """Return frames of fixed sensors; each is read when it is written.
+    """Return frames of fixed sensors.
+
+    Each is read when it is written.
 
     area: xmin ymin xmax ymax (m), height: of the crop (m); empty: measurements of the empty site per sensor, None to
     take them from the frames; count: only the first frames; slope: of the ground (m per m, x and y).
@@ -124,9 +141,9 @@ def drawn_recording(drawn: Drawn) -> PackedRecording:
 
 
 def sample_recordings(samples: Iterable[OnLevelGround], height: float = 4.0) -> Iterator[PackedRecording]:
-    """Yield a recording for each run of samples with the same sensors and area.
+    """Yield a recording for each run of samples.
 
-    They must be written in order.
+    A run has the same sensors and area. Recordings must be written in order.
     """
     for (sensors, area), group in groupby(samples, key=lambda each: (each.sensors, each.area)):
         nothing = tuple(np.zeros(0, np.uint32) for _ in sensors)
@@ -159,24 +176,27 @@ def drawn_file(drawn: Drawn) -> bytes:
 
 
 def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
-    """Write several packed files as one and return the number of frames.
+    """Write several packed files as one.
 
-    Raises ValueError without any frame.
+    Returns the number of frames. Raises ValueError without any frame.
     """
     with hdf5_file(unfinished) as (file, check):
         return _write(file, (each for path in paths for each in read_recordings(path)), check, None)
 
 
 def change(rig: Rig, frame: Frame) -> Change:
-    """Find pixels that show something in the crop that the empty site does not, or the reverse."""
+    """Find pixels that differ from the empty site.
+
+    They show something in the crop that the empty site does not, or the reverse.
+    """
     found = [_find_changes(rig, s, measurement) for s, measurement in enumerate(frame.images)]
     return Change(tuple(pixels for pixels, _ in found), tuple(steps for _, steps in found), frame.objects)
 
 
 def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: Callable[[int], None] | None = None) -> int:
-    """Write a packed file, complete or not at all, and return its number of frames.
+    """Write a packed file, complete or not at all.
 
-    Raises ValueError without any frame, OSError if the disk is full.
+    Returns its number of frames. Raises ValueError without any frame, OSError if the disk is full.
     """
     with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
         return _write(file, recordings, check, progress)
@@ -263,7 +283,10 @@ def _find_changes(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray
 
 
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack rows of ends, padded with empty parts where a rig has fewer sensors."""
+    """Stack rows of ends, padded with empty parts.
+
+    Padding is needed where a rig has fewer sensors.
+    """
     most = max(map(len, ends))
     return np.stack([np.pad(each, (0, most - len(each)), mode="edge") for each in ends])
 
@@ -294,7 +317,10 @@ class _Clouds:
 
 
 class _Column:
-    """Growing array of a file, written a few chunks at a time."""
+    """Growing array of a file.
+
+    Written a few chunks at a time.
+    """
 
     def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
         options = {"chunks": (_CHUNK,), "compression": "gzip", "compression_opts": 1, "shuffle": True}

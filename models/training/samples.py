@@ -1,4 +1,6 @@
-"""Training examples: a packed frame with fresh noise, augmented and voxelised, and its targets.
+"""Training examples: a packed frame and its targets.
+
+The frame gets fresh noise, and is augmented and voxelised.
 
 Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes.
 """
@@ -72,9 +74,9 @@ def random_errors(rng: np.random.Generator) -> ErrorProfile:
 def with_errors(
     frames: PackedFrames, k: int, errors: ErrorProfile, seed: int, sensors: Iterable[int] | None = None
 ) -> list[Float32[np.ndarray, "_ 3"]]:
-    """Points in the crop of each chosen sensor of frame k, with random errors.
+    """Points of frame k with random sensor errors.
 
-    sensors: None for all. The ground is levelled.
+    They lie in the crop of each chosen sensor. sensors: None for all. The ground is levelled.
     """
     rig, objects = frames.rig(k), frames.objects(k)
     pixels, steps = frames.changes(k)
@@ -109,7 +111,10 @@ def _read(
 
 
 def thin(points: Float32[np.ndarray, "n 3"], rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
-    """Keep a random share of the points, from a tenth to all of them."""
+    """Keep a random share of the points.
+
+    The share is from a tenth to all of them.
+    """
     return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
 
 
@@ -119,9 +124,9 @@ def tilt(
     centre: Float[np.ndarray, "2"],
     rng: np.random.Generator,
 ) -> tuple[Float32[np.ndarray, "n 3"], Float[np.ndarray, "m 7"]]:
-    """Lift the ground by N(0, 7 cm) and slope it by N(0, 0.6 %) along x and y.
+    """Lift and tilt the ground at random.
 
-    It turns about `centre`. Boxes stay upright.
+    It is lifted by N(0, 7 cm) and sloped by N(0, 0.6 %) along x and y. It turns about `centre`. Boxes stay upright.
     """
     lift, slope = rng.normal(0, LIFT), rng.normal(0, SLOPE, 2)
     points, boxes = points.copy(), boxes.copy()
@@ -174,7 +179,10 @@ class SampleRecipe:
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
-    """Example (epoch, k) of a packed file: reproducible, and different in every epoch."""
+    """Samples of a packed file, by epoch and k.
+
+    A sample (epoch, k) is reproducible, and different in every epoch.
+    """
 
     def __init__(self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int) -> None:
         self.frames, self.config, self.recipe, self.seed = frames, config, recipe, seed
@@ -214,7 +222,10 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return Assignment(found.labels, np.append(rows, 0)[found.owner])
 
     def _scene(self, k: int, rng: np.random.Generator) -> tuple[Float32[np.ndarray, "n 3"], Objects, np.ndarray]:
-        """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
+        """Points and objects of frame k.
+
+        They are in the grid's frame. A mask marks the objects in the detection area.
+        """
         points = read_points(self.frames, k, rng, subsets=self.recipe.subsets, errors=self.recipe.errors)
         objects, area = self.frames.level_objects(k), np.array(self.frames.rig(k).area)
         boxes, inside = objects.boxes.copy(), has_centre_inside(objects.boxes, area)
@@ -235,7 +246,10 @@ class Samples(torch.utils.data.Dataset[Batch]):
     def _roughen(
         self, points: np.ndarray, boxes: np.ndarray, centre: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Thin points and tilt the ground as the recipe says; draw no numbers without either."""
+        """Thin points and tilt the ground.
+
+        The recipe says how; no numbers are drawn without either.
+        """
         if self.recipe.thinned and rng.random() < self.recipe.thinned:
             points = thin(points, rng)
         if self.recipe.tilted and rng.random() < self.recipe.tilted:
@@ -243,7 +257,10 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return points, boxes
 
     def _choose_class(self, there: Shaped[np.ndarray, " n"], rng: np.random.Generator) -> int:
-        """Draw the class near which the window lies, each present class as often."""
+        """Draw the class near which the window lies.
+
+        Each present class is drawn equally often.
+        """
         known = [label_index(name) for name in self.config.labels]
         if len(known) == 1:
             return known[0]
@@ -280,10 +297,10 @@ def window_centre(
     wanted: Float[np.ndarray, "n 2"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "2"]:
-    """Draw the centre of a window (m along x and y) in an area (xmin ymin xmax ymax, m).
+    """Draw the centre of a window in an area.
 
-    It lies near one of the places wanted, so that little of it is empty, and inside the area along each side that is at
-    least as long as the window.
+    The centre is in m along x and y, the area xmin ymin xmax ymax, m. It lies near one of the places wanted, so that
+    little of the window is empty, and inside the area along each side that is at least as long as the window.
     """
     middle, room = (area[:2] + area[2:]) / 2, ((area[2:] - area[:2] - window) / 2).clip(0)
     near = wanted[rng.integers(len(wanted))] if len(wanted) else rng.uniform(area[:2], area[2:])
@@ -298,9 +315,10 @@ def jitter_objects(
     yaw: float = np.deg2rad(18.0),
     shift: float = 0.5,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turn and shift each object with its points (paper, training process).
+    """Turn and shift each object with its points.
 
-    Turns are up to ±yaw (rad), shifts N(0, shift) (m) in the plane. An object that would then touch another stays put.
+    From the paper, training process. Turns are up to ±yaw (rad), shifts N(0, shift) (m) in the plane. An object that
+    would then touch another stays put.
     """
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
@@ -324,7 +342,10 @@ def turn_scene(
     centre: Float[np.ndarray, "2"],
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the scene about `centre` by any angle, and mirror every second one."""
+    """Turn the scene about `centre` by any angle.
+
+    Every second scene is mirrored.
+    """
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
     matrix = _rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
     points, boxes = points.copy(), boxes.copy()

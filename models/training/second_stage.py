@@ -1,4 +1,6 @@
-"""The second stage of a network: calibrated scores, measured faces, more classes.
+"""Second stage of a network.
+
+Calibrated scores, measured faces, more classes.
 
 Calibration turns scores into shares of true detections and finds thresholds above which nearly all are true. Faces are
 fitted to boxes as detected and to boxes displaced at random: those are displaced more than the detector errs on
@@ -31,10 +33,11 @@ from toolkit.points import has_centre_inside
 
 
 def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
-    """Return a network for the classes of `config` that starts from one for others.
+    """Return a network widened to the classes of `config`.
 
-    Weights of shared classes are taken over, with their anchors; anchors of new classes start at random, always the
-    same. A network of the same classes without a second stage is returned unchanged.
+    It starts from a network for others. Weights of shared classes are taken over, with their anchors; anchors of new
+    classes start at random, always the same. A network of the same classes without a second stage is returned
+    unchanged.
     """
     if network.config.labels == config.labels and not network.config.faces:
         return network
@@ -51,7 +54,10 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
 
 
 def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
-    """Return the same weights with a changed configuration; new parts start at random."""
+    """Return the same weights with a changed configuration.
+
+    New parts start at random.
+    """
     other = VoxelNet(replace(network.config, **changes))
     state = other.state_dict()
     state |= {name: tensor for name, tensor in network.state_dict().items() if name in state}
@@ -65,7 +71,10 @@ def _heads() -> set[str]:
 
 
 def _take_rows(new: Tensor, old: Tensor, wider: VoxelNetConfig, known: VoxelNetConfig) -> Tensor:
-    """Combine a head tensor: channels of shared anchors from the old one, others as they are."""
+    """Combine a head tensor.
+
+    Channels of shared anchors come from the old one, others stay as they are.
+    """
     channels = len(new) // len(wider.anchor_labels)
     result = new.clone()
     places = {label: _channels(known, label, channels) for label in known.labels}
@@ -77,7 +86,10 @@ def _take_rows(new: Tensor, old: Tensor, wider: VoxelNetConfig, known: VoxelNetC
 
 
 def _channels(config: VoxelNetConfig, label: str, each: int) -> list[int]:
-    """Channels of a class's anchors in a map with `each` per anchor."""
+    """Channels of a class's anchors in a map.
+
+    The map has `each` per anchor.
+    """
     row = config.labels.index(label)
     anchors = [anchor for anchor, owner in enumerate(config.anchor_labels) if owner == row]
     return [anchor * each + channel for anchor in anchors for channel in range(each)]
@@ -128,10 +140,11 @@ def with_rivals(
 
 
 def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], precision: float) -> float:
-    """Lowest score above which a share `precision` of the detections is true.
+    """Lowest score with enough true detections above it.
 
-    It is 0 if that holds for all of them. If it holds for no `FEWEST` or more, the score above which that many are
-    left; but never a score that loses more than `MOST_LOST` of the true detections.
+    A share `precision` of those above must be true. It is 0 if that holds for all of them. If it holds for no `FEWEST`
+    or more, the score above which that many are left; but never a score that loses more than `MOST_LOST` of the true
+    detections.
 
     >>> lowest_threshold(np.linspace(0.01, 1, 100), np.arange(100) >= 20, 1.0)
     0.2
@@ -146,11 +159,11 @@ def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n
 
 
 def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0) -> VoxelNet:
-    """Return the network with calibration, rivalry and a threshold per class.
+    """Return the network with calibrated scores.
 
-    Each threshold is the lowest above which `PRECISION` of the detections are true, over the first `count` frames
-    (None: all) of a file that training did not use. Some frames are seen by some of the sensors, or by sensors with
-    errors.
+    It has calibration, rivalry and a threshold per class. Each threshold is the lowest above which `PRECISION` of the
+    detections are true, over the first `count` frames (None: all) of a file that training did not use. Some frames are
+    seen by some of the sensors, or by sensors with errors.
     """
     bare = rebuild(network, calibration=(), rivalry=(), thresholds=(), score_threshold=LOWEST)
     labels = bare.config.labels
@@ -180,9 +193,9 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
 def _judge(
     network: VoxelNet, frames: PackedFrames, count: int | None, seed: int
 ) -> list[tuple[Detections, Int64[np.ndarray, " n"]]]:
-    """Detections of each frame, and for each TRUE, FALSE or UNCOUNTED.
+    """Judge the detections of each frame.
 
-    A vehicle found on a heavy one is false if the network knows both.
+    Each is TRUE, FALSE or UNCOUNTED. A vehicle found on a heavy one is false if the network knows both.
     """
     judged, tells_apart = [], {"vehicle", "heavy"} <= set(network.config.labels)
     for found, truth, counted in detect_frames(
@@ -221,7 +234,10 @@ OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # sta
 
 
 class FaceExamples(NamedTuple):
-    """Training rows by sort of face: features, and offsets outwards (m)."""
+    """Training rows by sort of face.
+
+    Features, and offsets outwards (m).
+    """
 
     features: dict[str, Float32[np.ndarray, "n F"]]
     offsets: dict[str, Float32[np.ndarray, " n"]]
@@ -266,7 +282,10 @@ def face_examples(
 def train_faces(
     network: VoxelNet, frames: PackedFrames, labels: Sequence[str], *, count: int = 1000, seed: int = 0
 ) -> VoxelNet:
-    """Return the network with a second stage trained for the boxes of these labels."""
+    """Return the network with a trained second stage.
+
+    It is trained for the boxes of these labels.
+    """
     bare, staged = rebuild(network, faces=()), rebuild(network, faces=tuple(labels))
     assert staged.faces is not None
     fit_faces(staged.faces, face_examples(frames, bare, labels, count=count, seed=seed), seed=seed)
@@ -274,9 +293,9 @@ def train_faces(
 
 
 def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> Float[np.ndarray, "n 7"]:
-    """Displace boxes in place, size and yaw; a tenth faces the other way.
+    """Displace boxes in place, size and yaw.
 
-    Their floors stay.
+    A tenth faces the other way. Their floors stay.
     """
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2
@@ -319,7 +338,10 @@ def fit_faces(
 def _fit(
     networks: FaceNetworks, sort: str, features: Tensor, target: Tensor, steps: int, learning_rate: float, seed: int
 ) -> None:
-    """Fit by Adam the Laplace likelihood of the offsets under the predicted mean error."""
+    """Fit the offsets' Laplace likelihood by Adam.
+
+    It is the likelihood under the predicted mean error.
+    """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         for layer in getattr(networks, sort):

@@ -1,4 +1,7 @@
-"""Average precision of a network in training, without Open3D or a simulator."""
+"""Average precision of a network in training.
+
+It needs neither Open3D nor a simulator.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +30,10 @@ OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicl
 def detector_by_area(
     network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float = 0.05
 ) -> Callable[[Area], Detector]:
-    """Return a function that gives the network's detector for an area.
+    """Return a function that makes an area's detector.
 
-    The last few are kept: each has its anchors on the whole area, and a packed file may show thousands.
+    The detector is the network's. The last few are kept: each has its anchors on the whole area, and a packed file may
+    show thousands.
     """
 
     @lru_cache(maxsize=AREAS_KEPT)
@@ -50,10 +54,10 @@ def detect_frames(
     subsets: float = 0.0,
     errors: float = 0.0,
 ) -> list[tuple[Detections, Objects, Bool[np.ndarray, " n"]]]:
-    """Detect in the first `count` frames (None: all) by early fusion.
+    """Detect in the first `count` frames by early fusion.
 
-    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: shares of the frames
-    seen by some of the sensors, and by sensors with errors (`read_points`).
+    count: None for all. Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors:
+    shares of the frames seen by some of the sensors, and by sensors with errors (`read_points`).
     """
     training = network.training
     detector_in, results = detector_by_area(network, device), []
@@ -74,11 +78,11 @@ def average_precision(
     seed: int = 0,
     device: str | torch.device = "cpu",
 ) -> dict[str, float]:
-    """AP3D of early fusion over the first `count` frames (None: all).
+    """AP3D of early fusion over the first `count` frames.
 
-    Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes without objects are
-    left out. Only objects centred in the area count; others are neither missed nor false alarms (protocol "exact").
-    Each frame is detected in its own area. seed: of the sensors' noise.
+    count: None for all. Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes
+    without objects are left out. Only objects centred in the area count; others are neither missed nor false alarms
+    (protocol "exact"). Each frame is detected in its own area. seed: of the sensors' noise.
     """
     frame_by_frame = detect_frames(network, frames, count=count, seed=seed, device=device)
     detections, truths, counted = zip(*frame_by_frame, strict=True)

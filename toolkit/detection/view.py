@@ -251,7 +251,7 @@ class View:
         return self._sent_boxes[boxes]
 
     def suppress(self, parts: Sequence[Boxes]) -> Boxes:
-        """Merge the boxes of all parts, best first.
+        """Pool the boxes of all parts, best first.
 
         A box that overlaps a surer one of its label is dropped.
         """
