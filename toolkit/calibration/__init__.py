@@ -1,1 +1,1 @@
-"""Calibration: what a sensor knows of the place it stands at: its empty scene, the ground, and where it really is."""
+"""Calibration: each sensor's empty scene, ground and true pose."""

@@ -1,4 +1,9 @@
-"""A copy of a recording whose sensors stand where calibration found them; the measurements are the same to the byte."""
+"""Copy of a recording with corrected sensor poses.
+
+The poses are those that calibration found.
+
+Measurements are the same to the byte.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +31,10 @@ from toolkit.sites.site import Site
 
 
 def write_corrected(recording: Recording, found: Sequence[FoundPose], out: Path) -> None:
-    """Write a recording whose sensors stand where they were found: of images a copy of the file, of clouds a folder."""
+    """Write a recording whose sensors stand at their found poses.
+
+    A recording of images becomes a copy of the file, one of clouds a folder.
+    """
     if not isinstance(recording, CoopDataset):
         write_recording(Corrected.of(recording, found), out, "folder")
         return
@@ -41,11 +49,11 @@ def copy_corrected(
     *,
     note: Mapping[str, Any] | None = None,
 ) -> None:
-    """Copy a recording with other poses (site_SE3_sensor) of the sensors of these names, whole or not at all.
+    """Copy a recording with other sensor poses.
 
-    The extrinsics, the sensors of the site in the file and the plan it was made from change, nothing else; note: kept
-    as JSON in the attribute `calibration` of the file. Raises ValueError for a sensor that is not there, and for a pose
-    that is not rigid.
+    poses: site_SE3_sensor by sensor name. The file is written whole or not at all. The extrinsics, the sensors of the
+    site in the file and the plan it was made from change, nothing else. note: kept as JSON in the attribute
+    `calibration` of the file. Raises ValueError for an unknown sensor and for a pose that is not rigid.
     """
     names = [sensor.name for sensor in recording.sensors]
     for name, pose in poses.items():
@@ -88,5 +96,8 @@ def _replace_text(file: h5py.File, name: str, text: str) -> None:
 
 
 def _rounded(poses: Mapping[str, Float64[np.ndarray, "4 4"]]) -> dict[str, list[float]]:
-    """Poses as a few numbers each, to tell one recording's plan from another's."""
+    """Round each pose to a few numbers.
+
+    They tell one recording's plan from another's.
+    """
     return {name: np.asarray(pose)[:3].ravel().round(6).tolist() for name, pose in sorted(poses.items())}

@@ -1,7 +1,8 @@
-"""`EmptyScene`: one sensor's measurements of a place without road users, learnt from its frames, pixel by pixel.
+"""One sensor's view of a place without road users.
 
-The measurements of a pixel over time, sorted, fall into clusters wherever two neighbours lie farther apart than noise
-explains; "nothing returned" is a cluster of its own, the farthest one. The scene of a pixel is
+`EmptyScene` is learnt from the sensor's frames, pixel by pixel. The measurements of a pixel over time, sorted, fall
+into clusters wherever two neighbours lie farther apart than noise explains; "nothing returned" is a cluster of its
+own, the farthest one. The scene of a pixel is
 
     the farthest cluster with a tenth of the measurements: road users pass or park before the scene, never behind it;
     and a nearer cluster, if it comes and goes at least a quarter as often as random draws would, and continues the
@@ -10,7 +11,7 @@ explains; "nothing returned" is a cluster of its own, the farthest one. The scen
     car, which comes once. Where nothing returns in the rest of the time, half of the measurements suffice: drop-outs.
 
 Each of the two has a median and a spread, the median deviation scaled to a standard deviation and never below the
-sensor model's own. Road users close to a surface fall into its cluster; so where a spread is more than twice the usual
+sensor model's own. Road users close to a surface fall into its cluster. So if a spread is more than twice the usual
 one at that distance, the densest stretch of the cluster takes its place. The more frequent of the two is `first`. A
 parked car that is away a tenth of the time is not in the scene; one that never leaves is.
 
@@ -53,13 +54,13 @@ _AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 
 @dataclass(frozen=True, eq=False)
 class EmptyScene:
-    """The empty scene of one sensor (its name and model); all images are (rows, columns) float32.
+    """Empty scene of one sensor (its name and model).
 
-    first: median measurement, 0 where nothing returns; spread: its standard deviation; share: fraction of the frames
-    that show it; second, second_spread, second_share: the same for the other measurement of the scene, NaN, 0 and 0
-    where it has only one; frames: number of frames it was learnt from.
+    All images are (rows, columns) float32. first: median measurement, 0 where nothing returns; spread: its standard
+    deviation; share: fraction of the frames that show it; second, second_spread, second_share: the same for the other
+    measurement of the scene, NaN, 0 and 0 where it has only one; frames: number of frames it was learnt from.
 
-    Raises ValueError where an image does not fit the model's shape, or is negative or infinite.
+    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite.
     """
 
     name: str
@@ -81,7 +82,10 @@ class EmptyScene:
 
     @staticmethod
     def of(sensor: Sensor, image: Float32[np.ndarray, "rows columns"]) -> EmptyScene:
-        """Return the scene known from a render without noise, with the sensor model's spread."""
+        """Return the scene known from a render without noise.
+
+        Its spread is the sensor model's.
+        """
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
         always, never = np.ones_like(first), np.zeros_like(first)
@@ -90,7 +94,10 @@ class EmptyScene:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all it holds; sensor and fusion centre have the same scene if it is equal."""
+        """SHA-256 of the scene's contents.
+
+        Sensor and fusion centre have the same scene if it is equal.
+        """
         digest = sha256(json.dumps([self.name, _describe_model(self.model), self.frames], sort_keys=True).encode())
         for image in _IMAGES:
             digest.update(np.ascontiguousarray(getattr(self, image)).tobytes())
@@ -110,7 +117,10 @@ class EmptyScene:
         return np.where(there, near, (self.first == 0) | (self.second == 0))
 
     def check_shape(self, measurement: Float[np.ndarray, "..."]) -> None:
-        """Raise ValueError where an image has another shape than the scene's."""
+        """Check that an image has the scene's shape.
+
+        Raises ValueError for another shape.
+        """
         if measurement.shape != self.first.shape:
             raise ValueError(
                 f"the empty scene of {self.name!r} has {self.first.shape} pixels, got an image of {measurement.shape}: "
@@ -123,9 +133,9 @@ class EmptyScene:
 
 
 class SceneLearner:
-    """Learns the empty scene of a sensor image by image, in bounded memory.
+    """Learns a sensor's empty scene image by image.
 
-    Every 2^k-th image is kept, so that there are at most `sample`.
+    Memory is bounded: every 2^k-th image is kept, so that there are at most `sample`.
     """
 
     def __init__(self, sensor: Sensor, sample: int = SAMPLE) -> None:
@@ -148,7 +158,10 @@ class SceneLearner:
         self.frames += 1
 
     def scene(self) -> EmptyScene:
-        """Return the empty scene as known so far. Raises ValueError before the first image."""
+        """Return the empty scene as known so far.
+
+        Raises ValueError before the first image.
+        """
         if not self._kept:
             raise ValueError(f"no image of {self.sensor.name!r} yet: add one before asking for its empty scene")
         model = self.sensor.model
@@ -173,7 +186,9 @@ class SceneLearner:
 
 
 def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int | None = None) -> tuple[EmptyScene, ...]:
-    """Return the empty scene of every sensor of a recording, in their order.
+    """Learn the empty scene of every sensor of a recording.
+
+    They keep the sensors' order.
 
     sample: images that are looked at, spread over the first `frames` frames, all if None. Raises ValueError without
     frames, and for frames of clouds.
@@ -191,14 +206,20 @@ def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int |
 
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
-    """Write the empty scenes of some sensors as one .npz file with a checksum, whole or not at all."""
+    """Write empty scenes as one .npz file.
+
+    It has a checksum, and is written whole or not at all.
+    """
     said = [{"name": each.name, "model": _describe_model(each.model), "frames": each.frames} for each in scenes]
     arrays = {f"{k}_{image}": getattr(scene, image) for k, scene in enumerate(scenes) for image in _IMAGES}
     write_arrays(path, {"scenes": np.array(json.dumps(said)), **arrays})
 
 
 def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
-    """Read the empty scenes of a file. Raises FileNotFoundError; ValueError where it is damaged or holds none."""
+    """Read the empty scenes of a file.
+
+    Raises FileNotFoundError; ValueError for a file that is damaged or holds no scene.
+    """
     arrays = read_arrays(path)
     try:
         said = parse_json(str(arrays["scenes"]))
@@ -221,7 +242,9 @@ REVEAL = 60.0  # s until a farther surface is the scene
 
 
 class SceneAdaptation:
-    """An empty scene that follows slow changes without learning parked vehicles; times in s.
+    """An empty scene that follows slow changes.
+
+    It does not learn parked vehicles. Times are in s.
 
     Each image moves the scene, pixel by pixel:
 
@@ -272,7 +295,10 @@ class SceneAdaptation:
         )
 
     def update(self, measurement: Float[np.ndarray, "rows columns"], time: float) -> None:
-        """Take in an image. Raises ValueError for another shape, or a time before the last one."""
+        """Add an image to the scene.
+
+        Raises ValueError for another shape, or a time before the last one.
+        """
         self._began.check_shape(measurement)
         if self._time is not None and time < self._time:
             raise ValueError(f"images must be in order of time, got {time} s after {self._time} s")
@@ -292,7 +318,10 @@ class SceneAdaptation:
         seen: Float32[np.ndarray, "rows columns"],
         share: float,
     ) -> Bool[np.ndarray, "rows columns"]:
-        """Mask of the pixels that show a mode; its median and spread follow them."""
+        """Mask of the pixels that show a mode.
+
+        The mode's median and spread follow them.
+        """
         finite = np.isfinite(seen)
         off = np.where(finite, seen, 0) - median
         shows = finite & (median > 0) & (np.abs(off) <= SIGMAS * spread)
@@ -305,7 +334,10 @@ class SceneAdaptation:
     def _absorb(
         self, seen: Float32[np.ndarray, "rows columns"], shown: Bool[np.ndarray, "rows columns"], time: float
     ) -> None:
-        """Start, continue or end the wait of surfaces that stand out; at its end they become the scene."""
+        """Start, continue or end the wait of foreground surfaces.
+
+        At the end of the wait they become the scene.
+        """
         first, spread = self._medians[0], self._spreads[0]
         surface = np.where(first > 0, first, np.inf)
         known = np.where(np.isfinite(self._candidate), self._candidate, 0)
@@ -341,7 +373,7 @@ class _Mode(NamedTuple):
     greatest: Float32[np.ndarray, "rows columns"]
 
     def where(self, mask: Bool[np.ndarray, "rows columns"], other: _Mode) -> _Mode:
-        """Return this mode where the mask is set, else the other."""
+        """Return this mode inside the mask, the other outside."""
         return _Mode(*(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True)))
 
 
@@ -353,9 +385,10 @@ def _no_mode(shape: tuple[int, ...]) -> _Mode:
 def _clusters(
     images: Float32[np.ndarray, "n rows columns"], model: SensorModel
 ) -> tuple[_Mode, _Mode, Bool[np.ndarray, "rows columns"]]:
-    """Find two clusters per pixel, and a mask of the pixels whose nearer one flickers.
+    """Find two clusters per pixel, and a mask of flicker.
 
-    The first is the farthest that belongs to the scene, the second the largest of the nearer ones.
+    The first is the farthest that belongs to the scene, the second the largest of the nearer ones. The mask marks the
+    pixels whose nearer cluster flickers.
     """
     shape, n = images.shape[1:], len(images)
     in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
@@ -385,7 +418,10 @@ def _clusters(
 
 
 def _flicker_mask(present: Bool[np.ndarray, "pixels n"]) -> Bool[np.ndarray, " pixels"]:
-    """Mask of the pixels that something enters at least `LEAST_FLICKER` times as often as by chance."""
+    """Mask of the pixels that something enters often.
+
+    It enters at least `LEAST_FLICKER` times as often as by chance.
+    """
     share = present.mean(axis=1)
     comes = (present[:, 1:] & ~present[:, :-1]).sum(axis=1) + present[:, 0]
     return comes >= LEAST_FLICKER * share * (1 - share) * present.shape[1]
@@ -394,7 +430,10 @@ def _flicker_mask(present: Bool[np.ndarray, "pixels n"]) -> Bool[np.ndarray, " p
 def _pick_cluster(
     pixel: np.ndarray, rank: np.ndarray, eligible: np.ndarray, otherwise: np.ndarray, pixels: int
 ) -> np.ndarray:
-    """Pick the eligible cluster of highest rank for each pixel, else the one with the most of `otherwise`."""
+    """Pick the eligible cluster of highest rank for each pixel.
+
+    Without one, pick the cluster with the most of `otherwise`.
+    """
     order = np.lexsort((np.arange(len(pixel)), np.where(eligible, rank, otherwise), eligible, pixel))
     return order[np.searchsorted(pixel[order], np.arange(pixels), side="right") - 1]
 
@@ -402,7 +441,10 @@ def _pick_cluster(
 def _measure_mode(
     values: np.ndarray, starts: np.ndarray, ends: np.ndarray, chosen: np.ndarray, n: int, model: SensorModel
 ) -> _Mode:
-    """Median, spread and share of one cluster of every pixel, -1 for none; values: sorted within each."""
+    """Median, spread and share of one cluster of every pixel.
+
+    chosen is -1 for none. values: sorted within each cluster.
+    """
     first, last = starts[chosen], ends[chosen]
     size = last - first
     median = (values[first + (size - 1) // 2] + values[first + size // 2]) / 2
@@ -426,7 +468,10 @@ def _measure_mode(
 def _usual_spread(
     far: _Mode, model: SensorModel
 ) -> Callable[[Float32[np.ndarray, "rows columns"]], Float32[np.ndarray, "rows columns"]]:
-    """Return the usual spread as a function of distance, from pixels that mostly see the scene."""
+    """Return the usual spread as a function of distance.
+
+    It is taken from pixels that mostly see the scene.
+    """
     clear = (far.share >= HALF) & (far.median > 0)
     distance, spread = np.log(far.median[clear]), far.spread[clear]
     if not len(distance):
@@ -447,7 +492,10 @@ def _usual_spread(
 def _narrow_broad(
     mode: _Mode, usual: Float32[np.ndarray, "rows columns"], images: Sequence[Float32[np.ndarray, "rows columns"]]
 ) -> _Mode:
-    """Replace broad clusters by their densest stretch of `SIGMAS` usual spreads to either side."""
+    """Replace broad clusters by their densest stretch.
+
+    It is `SIGMAS` usual spreads wide to either side.
+    """
     found = _Mode(*(each.copy() for each in mode))
     every = np.flatnonzero(mode.spread > BROAD * usual)
     for first in range(0, len(every), _AT_ONCE):
@@ -476,10 +524,10 @@ def _narrow_block(
 
 
 def _continuation_mask(near: _Mode, far: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
-    """Mask of the pixels whose nearer surface is the farthest one of a pixel at most `NEIGHBOURS` off.
+    """Mask of pixels whose nearer surface continues a neighbour's farthest.
 
-    It must not be the pixel's own farthest surface going on, as the ground does below the foot of a car: planes have
-    inverse depths that are linear in the image.
+    The neighbour is at most `NEIGHBOURS` off. The surface must not be the pixel's own farthest surface going on, as the
+    ground does below the foot of a car: planes have inverse depths that are linear in the image.
     """
     within = np.maximum(SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)

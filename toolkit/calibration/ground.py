@@ -1,11 +1,11 @@
-"""The ground below a cloud of any frame: a plane z = a x + b y + c, and a map of heights upon it.
+"""Ground below a cloud: a plane and a height map.
 
-The plane is found by RANSAC among the lowest points. A roof, a wall or a row of hedges may have more points than the
-ground, and the ground may be seen on one side only. So points are thinned to the low end of each cell of a grid; cells
-that stand above others near by, by more than `max_tilt` and a kerb explain, are left out; and a hypothesis is scored by
-the cells that lie on it, less those that lie well below it, since nothing lies under the ground. The best plane is
-fitted again to the points about it, cell by cell, so that near rings of a lidar do not outweigh far ones (M. A.
-Fischler and R. C. Bolles, 1981; G. Vosselman, 2000).
+The plane is z = a x + b y + c in any frame; the map lies upon it. The plane is found by RANSAC among the lowest points.
+A roof, a wall or a row of hedges may have more points than the ground, and the ground may be seen on one side only. So
+points are thinned to the low end of each cell of a grid. Cells that stand above others near by, by more than `max_tilt`
+and a kerb explain, are left out. A hypothesis is scored by the cells that lie on it, less those that lie well below it,
+since nothing lies under the ground. The best plane is fitted again to the points about it, cell by cell, so that near
+rings of a lidar do not outweigh far ones (M. A. Fischler and R. C. Bolles, 1981; G. Vosselman, 2000).
 """
 
 from __future__ import annotations
@@ -41,10 +41,12 @@ _SLOPE_PRIOR = 1e-3  # weight of "level" in the fit, per cell: matters only wher
 def fit_plane(
     points: Float[np.ndarray, "n 3"], *, max_tilt: float = MAX_TILT, seed: int = 0
 ) -> Float64[np.ndarray, "3"]:
-    """Fit the ground plane z = a x + b y + c to points; return a, b, c.
+    """Fit the ground plane to points.
 
-    max_tilt: limit (rad) on the lean of its normal. Raises ValueError where no three cells of the grid make such a
-    plane.
+    It is z = a x + b y + c.
+
+    Returns a, b, c. max_tilt: limit (rad) on the lean of its normal. Raises ValueError if no three cells of the grid
+    make such a plane.
     """
     cells = low_points(points, GROUND_CELL)
     cells = cells[support_mask(cells, _STEP, 0.3, others=3)]
@@ -110,10 +112,10 @@ def support_mask(
 def lowest_mask(
     cells: Float64[np.ndarray, "m 3"], slope: float, step: float, *, window: float = STEP_WINDOW
 ) -> Bool[np.ndarray, " m"]:
-    """Mask of the cells that no other within the window (m) undercuts.
+    """Mask of the cells that no near cell undercuts.
 
-    A cell is undercut if another lies lower by more than the slope to it, along x and y, and a step. Raises ValueError
-    where the cells reach too far for an image of them.
+    A cell is undercut if another within the window (m) lies lower by more than the slope to it, along x and y, and a
+    step. Raises ValueError if the cells reach too far for an image of them.
     """
     from scipy.ndimage import grey_erosion
 
@@ -140,7 +142,10 @@ def _best_plane(
     slope: float,
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, "3"]:
-    """Return the highest-scoring plane through three candidates that is not too steep."""
+    """Return the highest-scoring plane through three candidates.
+
+    Planes that are too steep do not count.
+    """
     drawn = candidates[rng.integers(len(candidates), size=(_DRAWS, 3))]
     planes = np.concatenate([_triple_planes(drawn), [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
     planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= slope]
@@ -157,7 +162,10 @@ def _heights(planes: Float64[np.ndarray, "p 3"], cells: Float64[np.ndarray, "m 3
 
 
 def _triple_planes(triples: Float64[np.ndarray, "d 3 3"]) -> Float64[np.ndarray, "_ 3"]:
-    """Planes (a, b, c) through triples of points, without triples that are nearly on a line."""
+    """Planes (a, b, c) through triples of points.
+
+    Triples that are nearly on a line are left out.
+    """
     one, two = triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0]
     normal = np.cross(one, two)
     wide = np.abs(normal[:, 2]) > 0.05 * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1) + 1e-9
@@ -169,9 +177,9 @@ def _triple_planes(triples: Float64[np.ndarray, "d 3 3"]) -> Float64[np.ndarray,
 def _refine(
     plane: Float64[np.ndarray, "3"], points: Float[np.ndarray, "n 3"], slope: float
 ) -> Float64[np.ndarray, "3"]:
-    """Fit the plane again to the cells of points about it, within ever narrower bands.
+    """Fit the plane again to the cells about it.
 
-    The fit stops where it becomes too steep.
+    The bands become ever narrower. The fit stops if the plane becomes too steep.
     """
     for band in _BANDS:
         above = heights_above_plane(plane, points)
@@ -202,14 +210,19 @@ _DRAWINGS = ((0.25, np.inf), (0.25, np.inf), (0.20, np.inf), (0.20, 0.09), (0.20
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights (m) at the corners of a grid: heights[i, j] at origin + cell · (i, j)."""
+    """Heights (m) at the corners of a grid.
+
+    heights[i, j] is the height at origin + cell · (i, j).
+    """
 
     origin: Float64[np.ndarray, "2"]
     heights: Float64[np.ndarray, "rows columns"]
     cell: float = GROUND_CELL
 
     def at(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height at each place, bilinear; outside the grid that of its edge.
+        """Height at each place, interpolated bilinearly.
+
+        Outside the grid it is that of the grid's edge.
 
         >>> HeightMap(np.zeros(2), np.array([[0.0, 1.0], [2.0, 3.0]])).at(np.array([[0.5, 0.5], [9.0, 0.0]]))
         array([1.5, 2. ])
@@ -225,7 +238,9 @@ class HeightMap:
 
 
 def fit_map(points: Float[np.ndarray, "n 3"], *, reach: float = MAP_REACH) -> HeightMap:
-    """Fit a map of the ground's height to points whose ground is nearly z = 0.
+    """Fit a map of the ground's height to points.
+
+    Their ground is nearly z = 0.
 
     reach: distance (m) from the middle of the points that the map covers. Raises ValueError where it is not above 0.
     """
@@ -250,9 +265,10 @@ def fit_map(points: Float[np.ndarray, "n 3"], *, reach: float = MAP_REACH) -> He
 
 
 def _redraw(surface: HeightMap, cells: Float64[np.ndarray, "m 3"], kept: float, kerb: float) -> HeightMap:
-    """Draw the map again through the cells at most `kept` (m) above it and twice that below.
+    """Draw the map again through the cells near it.
 
-    Cells above it count little: beside a kerb, wheels stand on the lower level.
+    Cells are at most `kept` (m) above it and twice that below. Cells above it count little: beside a kerb, wheels
+    stand on the lower level.
     """
     above = cells[:, 2] - surface.at(cells[:, :2])
     some = (above < kept) & (above > -2 * kept)
@@ -263,7 +279,10 @@ def _redraw(surface: HeightMap, cells: Float64[np.ndarray, "m 3"], kept: float, 
 def _smooth(
     cells: Float64[np.ndarray, "m 3"], weight: Float64[np.ndarray, " m"], grid: HeightMap
 ) -> Float64[np.ndarray, "rows columns"]:
-    """Heights on the whole grid from the cells that have one, coarse to fine; zero far from all of them."""
+    """Heights on the whole grid from cells with a height.
+
+    They are smoothed from coarse to fine, and are zero far from all such cells.
+    """
     from scipy.ndimage import gaussian_filter
 
     known, total = np.zeros(grid.heights.shape), np.zeros(grid.heights.shape)
@@ -289,9 +308,9 @@ _FEW = 200  # points: with fewer there is no warning
 
 @dataclass(frozen=True)
 class Ground:
-    """The ground in some frame: a plane z = a x + b y + c, and a map of deviations.
+    """Ground in some frame: a plane and its deviations.
 
-    deviation: heights above the plane, once the plane is level.
+    The plane is z = a x + b y + c. deviation: heights above the plane, once the plane is level.
     """
 
     plane: Float64[np.ndarray, "3"]
@@ -304,7 +323,7 @@ class Ground:
 
     @cached_property
     def level_SE3_frame(self) -> Float64[np.ndarray, "4 4"]:
-        """Rigid motion (4, 4) from the frame of the ground to the level frame."""
+        """Rigid motion (4, 4) from the ground's frame to level."""
         a, b, c = self.plane.tolist()
         normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
         cross = np.array([[0.0, 0.0, -normal[0]], [0.0, 0.0, -normal[1]], [normal[0], normal[1], 0.0]])
@@ -314,25 +333,37 @@ class Ground:
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height (m) of the ground at places, all in the frame it was found in."""
+        """Height (m) of the ground at places.
+
+        Both are in the frame it was found in.
+        """
         xy = np.asarray(xy, np.float64)
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
 
     def points(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return points with z as their height above the ground; their dtype is kept."""
+        """Return points with z as their height above the ground.
+
+        Their dtype is kept.
+        """
         level = transform(self.level_SE3_frame, np.asarray(points, np.float64))
         level[:, 2] -= self._deviation(level[:, :2])
         return level.astype(points.dtype)
 
     def points_back(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Undo `points`: return from the level frame to the frame of the ground."""
+        """Undo `points`.
+
+        Points return from the level frame to the frame of the ground.
+        """
         raised = np.array(points, np.float64)
         raised[:, 2] += self._deviation(raised[:, :2])
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
     def boxes(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Return boxes in the level frame: centres like `points`, headings turned with the plane."""
+        """Return boxes in the level frame.
+
+        Centres change like `points`, headings turn with the plane.
+        """
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6])])
         ahead = np.column_stack([ahead, ahead @ self.plane[:2]]) @ self.level_SE3_frame[:3, :3].T
@@ -340,7 +371,10 @@ class Ground:
         return rows
 
     def boxes_back(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Undo `boxes`: return from the level frame to the frame of the ground."""
+        """Undo `boxes`.
+
+        Boxes return from the level frame to the frame of the ground.
+        """
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6]), np.zeros(len(rows))])
         ahead = ahead @ self.level_SE3_frame[:3, :3]
@@ -359,7 +393,9 @@ def level(
     reach: float = MAP_REACH,
     seed: int = 0,
 ) -> Ground:
-    """Find the ground below a cloud in any frame whose z is up to within `max_tilt` (rad).
+    """Find the ground below a cloud.
+
+    Its frame may be any whose z is up to within `max_tilt` (rad).
 
     cloud: an Open3D cloud or points (n, 3). method: "plane" for one plane, "map" for a smooth map of heights upon it,
     as far as `reach` (m) from the middle of the points. The same points and seed give the same ground. Raises
@@ -384,10 +420,11 @@ def level(
 
 
 def level_warning(cloud: PointCloud | Float[np.ndarray, "n 3"], *, height: float = 4.0, seed: int = 0) -> str | None:
-    """Return a one-line warning if the ground of a cloud is not near z = 0, else None.
+    """Return a warning for ground away from z = 0.
 
-    It warns if less than half of the ground lies within `TOLERANCE` of zero, and if there is no ground and hardly a
-    point between 0 and `height` (m). It does not warn of a cloud cropped to that slice, which has no ground left in it.
+    The warning is one line; None if there is nothing to warn of. It warns if less than half of the ground lies within
+    `TOLERANCE` of zero, and if there is no ground and hardly a point between 0 and `height` (m). It does not warn of a
+    cloud cropped to that slice, which has no ground left in it.
     """
     points = _plain_points(cloud)
     points = points[np.isfinite(points).all(axis=1)]
@@ -409,7 +446,10 @@ def level_warning(cloud: PointCloud | Float[np.ndarray, "n 3"], *, height: float
 
 
 def _plain_points(cloud: PointCloud | Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return the points (n, 3) of an array or an Open3D cloud."""
+    """Return the points (n, 3) of an array or cloud.
+
+    A cloud is one of Open3D.
+    """
     held = getattr(cloud, "point", None)
     points = np.asarray(cloud) if held is None else held.positions.cpu().numpy()
     if points.ndim != 2 or points.shape[1] != 3:

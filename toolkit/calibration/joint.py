@@ -1,11 +1,11 @@
-"""Joint alignment of sensors without a reference, by what several of them see of the same standing scene.
+"""Joint alignment of sensors without a reference.
 
-The pairs of all pairs of sensors make one linear system with six numbers per sensor (see
-`toolkit.calibration.registration`): a point of one sensor lies on the plane that another measured there. The common
-pose of all sensors is not observed, so steps are the smallest possible ones: together, the sensors keep the place where
-they were believed to be, or where the held ones stand. Motions of a sensor that shares too little with the others are
-not observed either; objects that both see at the same time can determine them (`object_pairs`). The usual errors of
-mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say.
+They are aligned by the parts of a standing scene that several of them see. The pairs of all pairs of sensors make one
+linear system with six numbers per sensor (see `toolkit.calibration.registration`): a point of one sensor lies on the
+plane that another measured there. The common pose of all sensors is not observed, so steps are the smallest possible
+ones: together, the sensors keep their believed place, or that of the held ones. Motions of a sensor that shares too
+little with the others are not observed either; objects that both see at the same time can determine them
+(`object_pairs`). The usual errors of mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say.
 """
 
 from __future__ import annotations
@@ -48,10 +48,11 @@ Poses = Sequence[Float64[np.ndarray, "4 4"]]
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Rows of the linear system; each pulls sensors `one` and `other` together along a direction.
+    """Rows of the linear system.
 
-    one_row, other_row: (n, 6) growth of the residual with the motion of each; residual: m, or rad; deviation: its
-    standard deviation, larger where rows err alike; limit: residual beyond which a row does not count.
+    Each pulls sensors `one` and `other` together along a direction. one_row, other_row: (n, 6) growth of the residual
+    with the motion of each; residual: m, or rad; deviation: its standard deviation, larger where rows err alike;
+    limit: residual beyond which a row does not count.
     """
 
     one: int
@@ -85,7 +86,10 @@ class Alignment:
     scatter: Float64[np.ndarray, " n"]
 
     def hidden_motions(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
-        """Unit motions of one sensor that nothing determines, turns times `LEVER`."""
+        """Unit motions of one sensor that nothing determines.
+
+        Turns are multiplied by `LEVER`.
+        """
         own = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
         _, size, motions = np.linalg.svd(own, full_matrices=False)
         return motions[size > 0.3]
@@ -98,11 +102,11 @@ def align(
     held: Sequence[int] = (),
     more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
 ) -> Alignment:
-    """Fit the poses of sensors to each other by their surfaces, near the believed poses.
+    """Fit sensor poses to each other by their surfaces.
 
-    surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers of sensors that
-    stay; more: returns further pairs for poses and a search radius. Raises ValueError for fewer than two sensors, and
-    for an unknown held one.
+    Poses stay near the believed ones. surfaces: each sensor's empty scene in its own frame, normals towards the sensor;
+    held: numbers of sensors that stay; more: returns further pairs for poses and a search radius. Raises ValueError for
+    fewer than two sensors, and for an unknown held one.
     """
     count = len(surfaces)
     if count != len(believed) or count < 2:
@@ -130,7 +134,10 @@ def align(
 
 
 def face_sensor(surface: Surface) -> Surface:
-    """Turn the normals of a surface, in the frame of the sensor that measured it, to the sensor."""
+    """Turn the normals of a surface towards its sensor.
+
+    The surface is in the frame of the sensor that measured it.
+    """
     away = (surface.points * surface.normals).sum(axis=1) > 0
     return Surface(surface.points, np.where(away[:, None], -surface.normals, surface.normals), surface.roughness)
 
@@ -148,7 +155,10 @@ class _Joint:
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information, and a mask of the observed ones."""
+        """Eigenvalues and eigenvectors (columns) of the information.
+
+        Returns a mask of the observed ones too.
+        """
         information = np.zeros((len(self.free), len(self.free)))
         for pair in self.pairs:
             rows, where = self._rows(pair)
@@ -170,7 +180,7 @@ class _Joint:
 
     @cached_property
     def _posterior(self) -> Float64[np.ndarray, "m m"]:
-        """Information of what is observed and of the usual errors together."""
+        """Information of the observed motions and of the usual errors."""
         values, vectors, observed = self._modes
         return (vectors * np.where(observed, values, 0.0)) @ vectors.T + np.diag(self._usual)
 
@@ -179,7 +189,10 @@ class _Joint:
         return np.tile(np.repeat([(LEVER * USUAL_TURN) ** -2, USUAL_MOVE**-2], 3), len(self.free) // 6)
 
     def step(self) -> Float64[np.ndarray, " m"]:
-        """Motion of all sensors that brings the pairs together as far as they determine it, and all else back."""
+        """Motion of all sensors that brings the pairs together.
+
+        It does so as far as the pairs determine it, and moves everything else back.
+        """
         _, vectors, observed = self._modes
         gradient = np.zeros(len(self.free))
         for pair in self.pairs:
@@ -192,7 +205,7 @@ class _Joint:
         return motion
 
     def covariance(self) -> Float64[np.ndarray, "m m"]:
-        """Covariance in rad and m, zero for sensors that are held."""
+        """Covariance in rad and m, zero for held sensors."""
         covariance = np.zeros((len(self.free),) * 2)
         free = np.ix_(self.free, self.free)
         covariance[free] = np.linalg.inv(self._posterior[free])
@@ -200,7 +213,10 @@ class _Joint:
         return unit[:, None] * covariance * unit
 
     def hidden_motions(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
-        """Orthonormal motions that hardly any pair resists, less the common ones where no sensor is held."""
+        """Orthonormal motions that hardly any pair resists.
+
+        The common ones are left out if no sensor is held.
+        """
         _, vectors, observed = self._modes
         hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
         if self.free.all():
@@ -216,7 +232,10 @@ class _Joint:
         return counts + counts.T
 
     def scatter(self) -> Float64[np.ndarray, " n"]:
-        """Robust standard deviation of the rows of each sensor, 0 without any."""
+        """Robust standard deviation of each sensor's rows.
+
+        It is 0 without any.
+        """
         own: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(len(self.free) // 6)]
         for pair in self.pairs:
             for sensor in (pair.one, pair.other):
@@ -228,7 +247,10 @@ class _Joint:
 def _surface_pairs(
     surfaces: Sequence[Surface], thinned: Sequence[np.ndarray], poses: Poses, limits: tuple[float, float]
 ) -> list[Pairs]:
-    """Pair each thinned point of each sensor with the nearest point of each other sensor that faces the same way."""
+    """Pair each thinned point with other sensors' nearest points.
+
+    The nearest point of each other sensor faces the same way.
+    """
     radius, least = limits
     made = []
     for one, (surface, some) in enumerate(zip(surfaces, thinned, strict=True)):
@@ -260,7 +282,10 @@ def _surface_pairs(
 
 
 def _common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
-    """Orthonormal motions of all sensors together, as if they hung on one frame."""
+    """Orthonormal motions of all sensors together.
+
+    They move as if they hung on one frame.
+    """
     middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
     motions = np.zeros((6, len(poses), 6))
     for axis, direction in enumerate(np.eye(3)):
@@ -280,14 +305,20 @@ _NO_MATCH = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 @dataclass(frozen=True, eq=False)
 class SeenBoxes:
-    """Objects that one sensor saw in one frame, in its own axes: centres (n, 3) and directions ahead (n, 3)."""
+    """Objects that one sensor saw in one frame.
+
+    They are in its own axes: centres (n, 3) and directions ahead (n, 3).
+    """
 
     centres: Float64[np.ndarray, "n 3"]
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
     def of(cls, boxes: Float64[np.ndarray, "n 7"], believed: Float64[np.ndarray, "4 4"]) -> SeenBoxes:
-        """Return boxes of the world in the sensor's axes; their points were placed by the believed pose."""
+        """Return boxes of the world in the sensor's axes.
+
+        Their points were placed by the believed pose.
+        """
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
 
@@ -296,7 +327,7 @@ SeenFrames = Sequence[Sequence[SeenBoxes]]  # for each frame, for each sensor
 
 
 def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> list[list[SeenBoxes]]:
-    """Detect objects in the cloud of each sensor alone, frame by frame."""
+    """Detect objects in each sensor's cloud alone, per frame."""
     seen = []
     for frame in frames:
         clouds = frame_points(frame, area=site)
@@ -306,7 +337,10 @@ def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> lis
 
 
 def object_pairs(seen: SeenFrames, poses: Poses, radius: float) -> list[Pairs]:
-    """Rows of all road users that two sensors see, at those poses: three for the centre, one for the heading."""
+    """Rows of all road users that two sensors see.
+
+    The sensors stand at `poses`. There are three rows for the centre, one for the heading.
+    """
     gate = float(np.clip(radius, _LEAST_GATE, PAIR_GATE))
     made = []
     for one in range(len(poses)):
@@ -321,7 +355,10 @@ def object_pairs(seen: SeenFrames, poses: Poses, radius: float) -> list[Pairs]:
 def _match_boxes(
     mine: SeenBoxes, theirs: SeenBoxes, pose: np.ndarray, other_pose: np.ndarray, gate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the centres by either sensor, and the first one's headings less the other's (rad)."""
+    """Match the centres seen by two sensors.
+
+    Returns the centres by either sensor, and the first one's headings less the other's (rad).
+    """
     here, there = transform(pose, mine.centres), transform(other_pose, theirs.centres)
     if not (len(here) and len(there)):
         return _NO_MATCH

@@ -1,4 +1,4 @@
-"""Poses of a recording's sensors, found again by what stands still.
+"""Poses of a recording's sensors, found from standing surfaces.
 
 Each sensor learns its empty scene and is registered against a reference, or all are aligned with each other.
 """
@@ -53,7 +53,7 @@ _SURE = 3.0  # standard deviations
 
 @dataclass(frozen=True, eq=False)
 class FoundPose:
-    """A sensor as it was believed to be mounted, and its registration.
+    """A sensor's believed mounting and its registration.
 
     registration: None if no pose was found; refusal: the reason then.
     """
@@ -81,7 +81,10 @@ class FoundPose:
 
     @property
     def drifted(self) -> bool:
-        """True if it is off by more than 0.1° or 2 cm, and by more than three standard deviations."""
+        """True if the pose is clearly off.
+
+        It must be off by more than 0.1° or 2 cm, and by more than three standard deviations.
+        """
         if self.registration is None:
             return False
         turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
@@ -101,9 +104,10 @@ class FoundPose:
         )
 
     def described(self) -> dict[str, Any]:
-        """Return its figures for files: degrees, metres, turns and moves about the world's axes.
+        """Return its figures for files.
 
-        Standard deviations are infinite for motions that are not observed.
+        They are in degrees and metres, turns and moves about the world's axes. Standard deviations are infinite for
+        motions that are not observed.
         """
         fixed = {
             "world_SE3_sensor": self.pose.tolist(),
@@ -158,15 +162,16 @@ def find_poses(
     sample: int = SAMPLE,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[FoundPose, ...]:
-    """Return the pose of every sensor of a recording, from its empty scene over the first `frames` frames.
+    """Find the pose of every sensor of a recording.
 
-    Images teach a scene as they are. A lidar known by its clouds is found by their range images; where frames are fewer
-    than five, or it moves, by its points in the first frame that has any. The pose is that in the first frame.
+    It is found from the sensor's empty scene over the first `frames` frames. Images teach a scene as they are. A lidar
+    known by its clouds is found by their range images. If frames are fewer than five, or it moves, it is found by its
+    points in the first frame that has any. The pose is that in the first frame.
 
     surface: what stands there; None to fit the sensors to each other. Then held: numbers or names of sensors that stay
-    where they are believed to be (without any, all move as little as they can, and their common pose stays), and
-    detector: of road users in the cloud of one sensor, which say what the scene leaves open. sample: images kept of
-    each sensor. progress: called with the number of sensors done.
+    at their believed poses (without any, all move as little as they can, and their common pose stays), and detector:
+    of road users in the cloud of one sensor, which say what the scene leaves open. sample: images kept of each sensor.
+    progress: called with the number of sensors done.
 
     Raises ValueError for too few frames of images, clouds without points, fewer than two sensors without a surface, and
     unknown sensors.
@@ -196,7 +201,10 @@ def find_poses(
 
 
 def check_frames_suffice(recording: Frames, frames: int | None) -> int:
-    """How many frames empty scenes are learnt from. Raises ValueError where they are fewer than `LEAST_FRAMES`."""
+    """Number of frames that empty scenes are learnt from.
+
+    Raises ValueError if it is below `LEAST_FRAMES`.
+    """
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < LEAST_FRAMES:
         raise ValueError(
@@ -212,9 +220,10 @@ def find_pose(
     *,
     deviation: Float64[np.ndarray, " n"] | None = None,
 ) -> FoundPose:
-    """Return the pose of one sensor from points it measured of its empty scene, own frame; deviation: of each (m).
+    """Find the pose of one sensor from its empty scene.
 
-    It is near the one it is believed to have; a refusal says why none is found.
+    points: measured, in its own frame; deviation: of each (m). The pose is near the believed one; a refusal says why
+    none is found.
     """
     try:
         registration = register(points, surface, sensor.pose, deviation=deviation)
@@ -242,9 +251,10 @@ def align_clouds(
     held: Sequence[int] = (),
     more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
 ) -> tuple[FoundPose, ...]:
-    """Return the poses of sensors that fit what the others see of the same standing scene.
+    """Fit the poses of sensors to each other.
 
-    clouds: points of the scene, each in its sensor's frame; held: numbers; more: see `toolkit.calibration.joint.align`.
+    They fit what the others see of the same standing scene. clouds: points of the scene, each in its sensor's frame;
+    held: numbers; more: see `toolkit.calibration.joint.align`.
     """
     surfaces = [face_sensor(cloud_surface(points)) for points in clouds]
     alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
@@ -274,9 +284,10 @@ def _found(sensor: Sensor, number: int, alignment: Alignment, stays: bool) -> Fo
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """A recording with its sensors where they were found to be; labels stay.
+    """A recording with its sensors at their found poses.
 
-    corrections: believed_SE3_found of each sensor, by name, which its believed pose is multiplied by in every frame.
+    Labels stay. corrections: believed_SE3_found of each sensor, by name; its believed pose is multiplied by it in every
+    frame.
     """
 
     recording: Recording
@@ -284,7 +295,7 @@ class Corrected:
 
     @staticmethod
     def of(recording: Recording, found: Iterable[FoundPose]) -> Corrected:
-        """Return a recording with the corrections of some poses that were found in it."""
+        """Return a recording with some of its found poses applied."""
         return Corrected(recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found})
 
     @property
@@ -307,7 +318,7 @@ class Corrected:
         return self.correct(self.recording[index])
 
     def correct(self, frame: Frame) -> Frame:
-        """Return a frame with its sensors where they were found to be."""
+        """Return a frame with its sensors at their found poses."""
         sensors, measurements = [], []
         for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
             correction = self.corrections.get(sensor.name)
@@ -322,7 +333,10 @@ class Corrected:
 
 
 def _stand_still(samples: Sequence[Frame]) -> bool:
-    """Whether there are enough samples, and no sensor moves in the map."""
+    """Return True for enough frames without a moving sensor.
+
+    Movement is that in the map.
+    """
     places: dict[str, np.ndarray] = {}
     for sample in samples:
         for cloud in sample.clouds:
@@ -336,7 +350,10 @@ _Seen = tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"] | None]  # p
 
 
 def _seen_in_clouds(recording: Frames, frames: int | None) -> tuple[tuple[Sensor, ...], list[_Seen]]:
-    """Sensors of clouds, and the points of the standing scene of each, own frame."""
+    """Sensors of clouds, and their points of the standing scene.
+
+    Points are in each sensor's own frame.
+    """
     count = min(len(recording), len(recording) if frames is None else frames)
     first = [recording[k] for k in range(min(count, GRID_SAMPLES))]
     if _stand_still(first):
@@ -349,7 +366,10 @@ def _seen_in_clouds(recording: Frames, frames: int | None) -> tuple[tuple[Sensor
 
 
 def _points_of_one(frames: Sequence[Frame]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
-    """The points of each lidar in the first frame that has any, own frame."""
+    """Points of each lidar in its first frame with any.
+
+    They are in the lidar's own frame.
+    """
     for frame in frames:
         points = {cloud.name: cloud.in_sensor() for cloud in frame.clouds if len(cloud.points)}
         if points:
@@ -358,10 +378,10 @@ def _points_of_one(frames: Sequence[Frame]) -> dict[str, Float64[np.ndarray, "_ 
 
 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
-    """Warn of each sensor of a recording that is not where the reference says, see `read_surface`.
+    """Warn of each sensor that disagrees with the reference.
 
-    There is one warning if the recording cannot be read or is too short. Raises ValueError and OSError if the reference
-    cannot be read.
+    See `read_surface`. There is one warning if the recording cannot be read or is too short. Raises ValueError and
+    OSError if the reference cannot be read.
     """
     surface = read_surface(reference)
     try:
@@ -372,7 +392,10 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
 
 
 def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
-    """Warn of each sensor that has clearly drifted, and of each without a pose."""
+    """Warn of each sensor that drifted or has no pose.
+
+    Only clear drift counts.
+    """
     return [_finding(each, reference) for each in found if each.drifted or each.registration is None]
 
 

@@ -1,4 +1,6 @@
-"""Registration of a sensor against a reference: point to plane, coarse to fine.
+"""Registration of a sensor against a reference.
+
+It works point to plane, coarse to fine.
 
 The reference is a `Surface`: of a site, of a survey's cloud, or of what sensors saw before. Each measured point is
 paired with the nearest point of the surface, and the pose that brings the points onto the planes there is solved for
@@ -64,7 +66,9 @@ _CORRELATED = 9.0  # points that weigh as much as one alone, since errors of nei
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Standing surfaces: points (m) and unit normals, either way round, in one frame.
+    """Standing surfaces: points (m) and unit normals in one frame.
+
+    Normals point either way.
 
     roughness: standard deviation (m) of the surface about the plane of each point.
     """
@@ -82,17 +86,21 @@ class Surface:
 
     @cached_property
     def thin(self) -> Surface:
-        """Surface with one point in each cube of 0.4 m, for coarse steps."""
+        """Thin the surface for coarse steps.
+
+        It keeps one point in each cube of 0.4 m.
+        """
         some = thin_rows(self.points, 0.4)
         return Surface(self.points[some], self.normals[some], self.roughness[some])
 
 
 def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface:
-    """Read the surface of a reference: the name of a site, or a file.
+    """Read the surface of a reference.
 
-    The ending of a file decides: a recording (.hdf5, .h5), a site (.json, .geojson), else a cloud in the frame of the
-    site (see `toolkit.datasets.cloud_files`). A recording gives what its sensors saw in its first `frames` frames, from
-    where they were believed to be, noise-free. Raises ValueError and OSError as the readers do.
+    The reference is the name of a site, or a file. The ending of a file decides: a recording (.hdf5, .h5), a site
+    (.json, .geojson), else a cloud in the frame of the site (see `toolkit.datasets.cloud_files`). A recording gives
+    what its sensors saw in its first `frames` frames, from their believed poses, noise-free. Raises ValueError and
+    OSError as the readers do.
     """
     ending = Path(reference).suffix.lower()
     if ending in (".hdf5", ".h5"):
@@ -105,7 +113,10 @@ def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface
 
 
 def site_surface(site: Site, *, seed: int = 0) -> Surface:
-    """Sample the ground of a site and all that stands on it evenly, without what grows leaves."""
+    """Spread points evenly over a site's standing surfaces.
+
+    They lie on the ground and on all that stands on it, except what grows leaves.
+    """
     mesh = build_scenery(replace(site, solids=tuple(solid for solid in site.solids if solid.kind not in GROWS)))
     corners = mesh.vertices[mesh.triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -125,9 +136,10 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
 
 
 def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
-    """Return the surface of a cloud, thinned, with the normals of planes through neighbours.
+    """Return the thinned surface of a cloud.
 
-    Points are left out where the cloud is not flat. Raises ValueError where fewer than `LEAST_FLAT` are left.
+    Its normals are those of planes through neighbours. Points off flat surfaces are left out. Raises ValueError if
+    fewer than `LEAST_FLAT` are left.
     """
     import open3d as o3d
 
@@ -154,9 +166,10 @@ def _check_flat(count: int) -> None:
 def scene_points(
     scene: EmptyScene, *, least_share: float = 0.5
 ) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"]]:
-    """Return the points of an empty scene in the sensor's frame, and their standard deviations (m).
+    """Points of an empty scene, with standard deviations (m).
 
-    Pixels that show something else in more than `least_share` of the frames are left out.
+    They are in the sensor's frame. Pixels that show something else in more than `least_share` of the frames are left
+    out.
     """
     model = scene.model
     seen: Bool[np.ndarray, "rows columns"] = (scene.first > 0) & (scene.share >= least_share)
@@ -167,7 +180,10 @@ def scene_points(
 
 
 def scenes_surface(scenes: Sequence[EmptyScene], poses: Sequence[Float64[np.ndarray, "4 4"]]) -> Surface:
-    """Surface that sensors at these poses see of their empty scenes together."""
+    """Surface of several sensors' empty scenes together.
+
+    The sensors stand at `poses`.
+    """
     parts = [transform(pose, scene_points(scene)[0]) for scene, pose in zip(scenes, poses, strict=True)]
     return cloud_surface(np.concatenate([np.zeros((0, 3)), *parts]))
 
@@ -189,7 +205,10 @@ class Registration:
 
     @property
     def deviations(self) -> Float64[np.ndarray, "6"]:
-        """Standard deviation of each of the six numbers, infinite where it is not observed."""
+        """Standard deviation of each of the six numbers.
+
+        It is infinite if the number is not observed.
+        """
         hidden = (np.abs(self.unobserved) > 0.3).any(axis=0) if len(self.unobserved) else np.zeros(6, bool)
         return np.where(hidden, np.inf, np.sqrt(np.diag(self.covariance)))
 
@@ -201,10 +220,10 @@ def register(
     *,
     deviation: Float[np.ndarray, " n"] | None = None,
 ) -> Registration:
-    """Find the pose world_SE3_sensor of a sensor near the believed one.
+    """Find the pose world_SE3_sensor near the believed one.
 
     points: measured, in the sensor's own frame; deviation: of each point (m), which lowers its weight. Raises
-    ValueError where fewer than 50 points have a counterpart within 3 m.
+    ValueError if fewer than 50 points have a counterpart within 3 m.
     """
     points = np.asarray(points, np.float64)
     noise = np.full(len(points), _LEAST_SCALE) if deviation is None else np.maximum(deviation, _LEAST_SCALE)
@@ -235,7 +254,10 @@ def _align_levels(
     pose: Float64[np.ndarray, "4 4"],
     levels: Sequence[tuple[float, float, float]],
 ) -> tuple[Float64[np.ndarray, "4 4"], _System]:
-    """Return the pose after some levels, and the last system that was solved."""
+    """Align the points level by level.
+
+    Returns the pose after some levels, and the last system that was solved.
+    """
     for radius, voxel, least in levels:
         some = thin_rows(points, voxel)
         for _ in range(_STEPS):
@@ -256,7 +278,10 @@ def apply_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "
 
 
 def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "6"]:
-    """Motion, turns times `LEVER`, that `apply_motion` needs from one pose to another."""
+    """Motion for `apply_motion` from one pose to another.
+
+    Its turns are times `LEVER`.
+    """
     turn = after[:3, :3] @ before[:3, :3].T
     sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     length = float(np.linalg.norm(sine))
@@ -267,15 +292,18 @@ def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray
 def resistance(
     points: Float64[np.ndarray, "n 3"], position: Float64[np.ndarray, "3"], normals: Float64[np.ndarray, "n 3"]
 ) -> Float64[np.ndarray, "n 6"]:
-    """Distance by which each point leaves its plane, per unit of each number of a motion.
+    """Distance that each point leaves its plane per unit motion.
 
-    The motion is about a position; its turns are times `LEVER`.
+    There is one for each number of a motion. The motion is about a position; its turns are times `LEVER`.
     """
     return np.concatenate([np.cross(points - position, normals) / LEVER, normals], axis=1)
 
 
 def thin_rows(points: Float64[np.ndarray, "n 3"], voxel: float) -> Int64[np.ndarray, " k"]:
-    """Rows of the first point in each cube of that edge (m), so that near ground does not dominate."""
+    """Rows of the first point in each cube.
+
+    voxel: edge of the cube (m). Thinning keeps near ground from dominating.
+    """
     cube = np.floor(points / voxel).astype(np.int64)
     if len(cube):
         cube -= cube.min(axis=0)
@@ -304,7 +332,10 @@ class _System:
 
     @property
     def agreement(self) -> float:
-        """Share of all points that lie on the surface; near ones count more than those 0.3 m off."""
+        """Share of all points that lie on the surface.
+
+        Near ones count more than those 0.3 m off.
+        """
         return float(tukey_weight(self.residual, _AGREES).mean()) * self.overlap
 
     @cached_property
@@ -314,7 +345,10 @@ class _System:
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information, and a mask of the observed ones."""
+        """Eigenvalues and eigenvectors (columns) of the information.
+
+        Returns a mask of the observed ones too.
+        """
         values, vectors = np.linalg.eigh(self.information)
         along = (self.rows @ vectors) ** 2
         sound = self.weight > 0
@@ -328,7 +362,10 @@ class _System:
         return vectors[:, ~observed].T
 
     def step(self) -> Float64[np.ndarray, "6"]:
-        """Motion that brings the points onto their planes, as far as they determine it."""
+        """Motion that brings the points onto their planes.
+
+        It does so as far as they determine it.
+        """
         values, vectors, observed = self._modes
         gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))
         return vectors @ np.where(observed, -gradient / np.where(observed, values, 1.0), 0.0)

@@ -1,8 +1,9 @@
-"""`Scenes`: the empty scenes of a recording's sensors, learnt when the first of them is asked for.
+"""Empty scenes of a recording's sensors, learnt on demand.
 
-Images teach a scene as they are (`toolkit.calibration.empty_scene`). Clouds of a sensor become images of one grid first
-(`toolkit.datasets.lidar_grid`). Sensors must stand still. Whoever passes or parks for a while does not disturb;
-whatever never moves is part of the scene.
+`Scenes` learns all of them when the first is asked for. Images teach a scene as they are
+(`toolkit.calibration.empty_scene`). Clouds of a sensor become images of one grid first (`toolkit.datasets.lidar_grid`).
+Sensors must stand still. Road users that pass or park for a while do not disturb; anything that never moves is part of
+the scene.
 """
 
 from __future__ import annotations
@@ -29,9 +30,10 @@ _KEPT_PIXELS = 1 << 26  # of all images kept of one sensor
 
 @dataclass(frozen=True, eq=False)
 class LearntScene:
-    """The empty scene of one sensor; grid: of the images of its clouds, None where it measures images.
+    """Empty scene of one sensor.
 
-    points: number of points of its clouds; left_out: those that its images do not show, by kind.
+    grid: of the images of its clouds, None if it measures images; points: number of points of its clouds; left_out:
+    those that its images do not show, by kind.
     """
 
     scene: EmptyScene
@@ -41,11 +43,13 @@ class LearntScene:
 
 
 class Scenes:
-    """Empty scenes of the sensors of a recording, learnt when the first is asked for; `scenes(k)` is that of sensor k.
+    """Empty scenes of the sensors of a recording.
+
+    They are learnt when the first is asked for; `scenes(k)` is that of sensor k.
 
     given: scenes in place of those the recording shows, in any order, found by the sensors' names; sample: images kept
     of each sensor at most. Raises ValueError, when asked, for an unknown sensor, one that moves, and clouds that make
-    no image; warns where frames of clouds are few.
+    no image; warns if frames of clouds are few.
     """
 
     def __init__(self, recording: Frames, given: Sequence[EmptyScene] | None = None, *, sample: int = SAMPLE) -> None:
@@ -53,7 +57,10 @@ class Scenes:
         self.used = False
 
     def __call__(self, sensor: int) -> EmptyScene:
-        """Empty scene of the sensor with this number in the first frame."""
+        """Empty scene of the sensor with this number.
+
+        The number is that in the first frame.
+        """
         return self[self._names[sensor]].scene
 
     def __getitem__(self, name: str) -> LearntScene:
@@ -67,7 +74,10 @@ class Scenes:
         return rasterize_cloud(cloud, self.grid(cloud.name))
 
     def grid(self, name: str) -> LidarGrid:
-        """Grid of the clouds of a sensor. Raises ValueError where its scene was learnt from images of its own."""
+        """Grid of the clouds of a sensor.
+
+        Raises ValueError if its scene was learnt from images of its own.
+        """
         learnt = self[name]
         if learnt.grid is None:
             raise ValueError(
@@ -77,7 +87,10 @@ class Scenes:
 
     @property
     def digests(self) -> list[str]:
-        """Digests of all scenes, for results to say; none where nobody asked for a scene."""
+        """Digests of all scenes, for results.
+
+        Empty if nobody asked for a scene.
+        """
         return [learnt.scene.digest for learnt in self.every.values()] if self.used else []
 
     @cached_property
@@ -96,8 +109,11 @@ class Scenes:
 
 
 def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
-    """The grid and the empty scene of every sensor, by name, from samples that come one after another, in memory that
-    does not grow; sample: images that are kept of each at most. Raises ValueError as `Scenes`."""
+    """Learn the grid and empty scene of every sensor.
+
+    They are returned by sensor name. Frames come one after another, and memory does not grow. sample: images that are
+    kept of each at most. Raises ValueError as `Scenes`.
+    """
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     grids: dict[str, LidarGrid] = {}
@@ -164,5 +180,5 @@ class _Learner:
         self._scene.add(image.measurement)
 
     def learnt(self) -> LearntScene:
-        """What is known."""
+        """Return what was learnt."""
         return LearntScene(self._scene.scene(), self.grid, self.points, self.left_out)

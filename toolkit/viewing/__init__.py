@@ -1,1 +1,4 @@
-"""Recordings looked at in three dimensions: scenes of viser, live in the browser or as one page."""
+"""Viewing recordings in 3D with viser.
+
+Scenes are live in the browser, or one page.
+"""

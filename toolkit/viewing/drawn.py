@@ -1,7 +1,9 @@
-"""Frames as they are drawn: clouds and boxes counted from one origin, on level ground if wanted, with outcomes.
+"""Frames as drawn: clouds, boxes and outcomes.
 
-Outcomes are by the rule `measured` of `toolkit.detection.evaluation`: a detection is true where its IoU by volume with
-a label of its class, which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`.
+They are counted from one origin, on level ground if wanted.
+
+Outcomes are by the rule `measured` of `toolkit.detection.evaluation`. A detection is true if its IoU by volume with a
+label of its class, which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`.
 """
 
 from __future__ import annotations
@@ -28,7 +30,10 @@ BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
 
 def sort_outcomes(each: Detected) -> dict[Marked, BoxesByKind]:
-    """Return the boxes of each outcome and class, world frame; none where nothing is labelled."""
+    """Boxes of each outcome and class, world frame.
+
+    Empty if nothing is labelled.
+    """
     made: dict[Marked, BoxesByKind] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
@@ -55,8 +60,10 @@ COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
 
 @dataclass(frozen=True, eq=False)
 class DrawnCloud:
-    """Points of one sensor, and where it was, from the origin; intensity: as the set gives it; time: of each point,
-    seconds from the sample's. None where the set has none."""
+    """Points and place of one sensor, from the origin.
+
+    intensity: as the set gives it; time: of each point, seconds from the frame's. Each is None if the set has none.
+    """
 
     name: str
     points: Float32[np.ndarray, "n 3"]
@@ -67,8 +74,11 @@ class DrawnCloud:
 
 @dataclass(frozen=True, eq=False)
 class DrawnSample:
-    """One instant. truth, detections: boxes of each kind of `BOX_KINDS`, none for a kind that is not there; warning: of
-    ground that is not level; outcomes: which are hits, missed and false alarms, nothing where nobody knows."""
+    """One instant to be drawn.
+
+    truth, detections: boxes by kind of `BOX_KINDS`, without the kinds that are absent; warning: of ground that is not
+    level; outcomes: hits, missed and false alarms, empty if unknown.
+    """
 
     name: str
     time: float
@@ -79,7 +89,7 @@ class DrawnSample:
     outcomes: dict[Marked, BoxesByKind] = field(default_factory=dict)
 
     def describe(self) -> str:
-        """How much is in it, in one line."""
+        """Describe its contents in one line."""
         points = sum(len(cloud.points) for cloud in self.clouds)
         counts: dict[str, int] = {"points": points, "labelled": _count(self.truth), "detected": _count(self.detections)}
         for name, boxes in self.outcomes.items():
@@ -94,7 +104,7 @@ def _count(boxes: dict[str, np.ndarray]) -> int:
 
 @dataclass(frozen=True)
 class Drawing:
-    """How frames are drawn.
+    """Options for drawing frames.
 
     detector: its boxes are drawn too; place: where it looks, and on what ground; least_score: of the boxes that are
     drawn; classes, sensors: only boxes of these, and only the clouds of these, all when None.
@@ -107,15 +117,20 @@ class Drawing:
     sensors: Sequence[int | str] | None = None
 
     def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
-        """What a recording that begins with this sample is counted from, in metres, world frame: the middle of its
-        sensors, and its ground where that stays as it is."""
+        """Origin (m) for a recording that begins with this frame.
+
+        It is in the world frame: the middle of the sensors, and their ground if that stays as it is.
+        """
         points = sample.points()
         stays = self.place.level == "none" and len(points) > 0
         low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
         return np.array([*(find_middle(sample) if self.place.middle is None else self.place.middle), low], np.float64)
 
     def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
-        """A sample as it is drawn. Raises ValueError for a levelling that there is not."""
+        """Draw a frame.
+
+        Raises ValueError for an unknown levelling.
+        """
         sample = sample if self.sensors is None else sample.seen_by(self.sensors)
         detector = self.detector or _detects_nothing
         (each,) = detect_frames([sample], detector, self.place)
@@ -147,7 +162,7 @@ class Drawing:
         return DrawnSample(sample.name, sample.time, clouds, truth, found, each.stand.warning, outcomes)
 
     def _chosen(self, each: Detected) -> Detected:
-        """What is to be drawn of a sample and what was detected in it."""
+        """Select the labels and detections to be drawn."""
         found = each.detections[each.detections.scores >= self.least_score]
         if self.classes is None:
             return replace(each, detections=found)
@@ -158,7 +173,10 @@ class Drawing:
     def draw_all(
         self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
     ) -> list[DrawnSample]:
-        """Samples as they are drawn, counted from the origin of the first; progress: is handed how many are done."""
+        """Draw frames from the origin of the first.
+
+        progress: called with the number of frames done.
+        """
         drawn: list[DrawnSample] = []
         origin: np.ndarray | None = None
         for sample in samples:
@@ -177,7 +195,10 @@ def _by_kind(boxes: np.ndarray, labels: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
-    """At most so many of a cloud's points, evenly taken, with their times and intensities."""
+    """Thin a cloud to at most `most` points.
+
+    They are taken evenly, with their times and intensities.
+    """
     if len(cloud.points) <= most:
         return cloud
     rows = np.linspace(0, len(cloud.points), most, endpoint=False).astype(np.int64)
@@ -187,7 +208,7 @@ def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
 
 
 def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
-    """By what the points of some samples can be coloured."""
+    """Colourings that the points of some frames allow."""
     clouds = [cloud for sample in samples for cloud in sample.clouds]
     known = {
         "intensity": any(cloud.intensity is not None for cloud in clouds),
@@ -205,7 +226,10 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class Scales:
-    """From where to where the colours go: height (m), intensity (as the set gives it), age (s)."""
+    """Ranges of the colours.
+
+    height is in m, intensity as the set gives it, age in s.
+    """
 
     height: Span = (0.0, 1.0)
     intensity: Span = (0.0, 1.0)
@@ -213,7 +237,7 @@ class Scales:
 
     @staticmethod
     def of(sample: DrawnSample) -> Scales:
-        """Such that nearly all points of a sample lie on them."""
+        """Choose ranges that cover nearly all points of a frame."""
         clouds = sample.clouds
         newest = find_newest(sample)
         return Scales(
@@ -223,7 +247,7 @@ class Scales:
         )
 
     def describe(self, colouring: Colouring) -> str:
-        """What the colours of a colouring go from and to.
+        """Describe the range of a colouring.
 
         >>> Scales(height=(-0.1, 3.04)).describe("height")
         'height, -0.1 to 3.04 m'
@@ -236,7 +260,10 @@ class Scales:
 
 
 def find_newest(sample: DrawnSample) -> float:
-    """When the newest point of a sample was measured, seconds from the sample's time; 0 where no time is known."""
+    """Time of a frame's newest point.
+
+    It is in seconds from the frame's time; 0 if no time is known.
+    """
     times = [float(cloud.time.max()) for cloud in sample.clouds if cloud.time is not None and len(cloud.time)]
     return max(times, default=0.0)
 
@@ -244,7 +271,10 @@ def find_newest(sample: DrawnSample) -> float:
 def shades(
     cloud: DrawnCloud, colouring: Colouring, scales: Scales, *, index: int, newest: float
 ) -> UInt8[np.ndarray, "n 3"]:
-    """Red, green and blue of the points of sensor number `index`; dark is low, or new; newest: as `find_newest`."""
+    """Red, green and blue of the points of a sensor.
+
+    The sensor has number `index`. Dark is low, or new; newest: as `find_newest`.
+    """
     if colouring == "sensor":
         return _uniform(tuple(bytes.fromhex(sensor_colour(index)[1:])), len(cloud.points))
     age = None if cloud.time is None else newest - cloud.time

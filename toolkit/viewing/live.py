@@ -1,4 +1,7 @@
-"""A recording looked at in the browser while it is read: a slider for frames, switches for what is shown."""
+"""Live view of a recording in the browser.
+
+It is read while it is shown. A slider chooses frames, switches choose what is shown.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +37,10 @@ PORT = 8080  # unless it is taken
 
 
 class LiveView:
-    """The scene of one sample at a time in a server of viser, and its controls.
+    """Scene of one frame at a time, served by viser.
 
-    said: the line below the slider, what the sample holds or why it cannot be shown. Raises what reading the first
-    sample raises.
+    It has controls. said: the line below the slider, with the frame's contents or the reason why it cannot be shown.
+    Raises the errors of reading the first frame.
     """
 
     def __init__(self, server: ViserServer, samples: Part, drawing: Drawing) -> None:
@@ -74,7 +77,10 @@ class LiveView:
         self.show(0)
 
     def show(self, number: int) -> None:
-        """Show the sample of this number in place of what is shown; nothing, and why, where it cannot be read."""
+        """Show the frame of this number.
+
+        If it cannot be read, show nothing and say why.
+        """
         self._wanted = number
         with self._lock:
             if number != self._wanted:  # the slider has gone on meanwhile
@@ -94,7 +100,10 @@ class LiveView:
             self._redraw()
 
     def _redraw(self) -> None:
-        """Put the sample in place of what is shown; its points in one colouring alone, for the sake of speed."""
+        """Replace the frame that is shown.
+
+        For speed, its points are drawn in one colouring alone.
+        """
         for handle in self.shown:
             handle.remove()
         self.shown = []
@@ -106,7 +115,7 @@ class LiveView:
                 self.groups[f"/sensors/{number}/{each}"].visible = each == self.colouring
 
     def _add_new_sensors(self, names: tuple[str, ...]) -> None:
-        """Sensors that the samples before did not have."""
+        """Add sensors that earlier frames did not have."""
         for name in names:
             if name not in self.style.sensors:
                 self.style = replace(self.style, sensors=(*self.style.sensors, name))
@@ -146,7 +155,7 @@ class LiveView:
 
 
 def _line_of(drawn: DrawnSample) -> str:
-    """What a sample holds, and what is to be said of it."""
+    """Line that describes a frame and its warning."""
     parts = [drawn.describe()]
     if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
         parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
@@ -154,14 +163,19 @@ def _line_of(drawn: DrawnSample) -> str:
 
 
 def _as_text(line: str) -> str:
-    """A line as Markdown that shows it as it is, whatever names of files and samples hold."""
+    """Format a line as Markdown that shows it literally.
+
+    Names of files and frames may hold any characters.
+    """
     return "".join(f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter for letter in line)
 
 
 def view_live(samples: Part, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print) -> None:
-    """Serve a recording to browsers of this machine until the process is interrupted; ready: is handed the address.
+    """Serve a recording to browsers of this machine.
 
-    Raises ImportError without viser, ValueError for a port that is none, and what reading the first sample raises.
+    It runs until the process is interrupted. ready: called with the address.
+
+    Raises ImportError without viser, ValueError for an invalid port, and the errors of reading the first frame.
     """
     if not 1 <= port < 2**16:
         raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")

@@ -1,4 +1,6 @@
-"""A recording as one page of HTML that works from disk, without server or network: frames, switches and the scene.
+"""A recording as one page of HTML.
+
+It works from disk, without server or network, and has frames, switches and the scene.
 
 viser's serialised scenes hold every frame as nodes of their own; the page shows one at a time and plays them. Points
 are stored once, whatever they are coloured by, and thinned to what a page can hold.
@@ -34,7 +36,10 @@ _FOLDER = Path(__file__).parent
 
 @dataclass(frozen=True)
 class Switch:
-    """What a reader can hide: its name, its nodes with spaces between them, its colour if it has one."""
+    """A part that a reader can hide.
+
+    It has a name, its nodes separated by spaces, and a colour if it has one.
+    """
 
     name: str
     nodes: str
@@ -44,8 +49,11 @@ class Switch:
 
 @dataclass(frozen=True)
 class PageContent:
-    """What a page shows: a switch for each part, one of `colourings` at a time, frames by their nodes and a line of
-    text each; points: how many there are, drawn: how many of them."""
+    """Contents of a page.
+
+    It has a switch for each part, one of `colourings` at a time, and frames by their nodes with a line of text each.
+    points: number of all points; drawn: number of those on the page.
+    """
 
     title: str
     html: str
@@ -58,8 +66,10 @@ class PageContent:
 
 
 def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE_POINTS) -> PageContent:
-    """What a page of some samples shows, with at most so many points. Raises ValueError where there is no sample,
-    ImportError without viser."""
+    """Contents of a page of some frames.
+
+    most: limit on its points. Raises ValueError without a frame, ImportError without viser.
+    """
     if not samples:
         raise ValueError("there is no sample to view: check the path and the layout")
     clouds = sum(len(sample.clouds) for sample in samples)
@@ -91,7 +101,10 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
 
 
 def _switches(samples: Sequence[DrawnSample], sensors: Sequence[str]) -> tuple[Switch, ...]:
-    """Sensors, truth and detections, outcomes where they are known, and each kind of object that there is."""
+    """Switches for sensors, truth, detections, outcomes and object kinds.
+
+    Outcomes have one if they are known, and each kind that occurs has one.
+    """
     found = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
     found += [Switch(name, f"/{name}", colour) for name, colour in BOXES.items()]
     known = any(sample.outcomes for sample in samples)
@@ -124,7 +137,10 @@ def page_html(content: PageContent) -> str:
 
 
 def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:
-    """Write samples as a page, whole or not at all; what it shows. The same samples give the same bytes."""
+    """Write frames as a page; return its contents.
+
+    It is written whole or not at all. The same frames give the same bytes.
+    """
     content = page_content(samples, title)
     write_text(out, page_html(content))
     return content

@@ -1,4 +1,6 @@
-"""Nodes of a scene that shows a recording; any part of it can be hidden.
+"""Nodes of a scene that shows a recording.
+
+Any part of it can be hidden.
 
     /sensors/K                      a sensor, by its number among all names
     /sensors/K/COLOURING/FRAME      its points in one frame, in the colours of one colouring
@@ -67,12 +69,18 @@ class SceneStyle:
 
 
 def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
-    """Names of all sensors of some samples, in order of appearance."""
+    """Names of all sensors of some frames.
+
+    They are in order of appearance.
+    """
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
 
 def add_groups(api: SceneApi, style: SceneStyle) -> list[Any]:
-    """Add the nodes above all others, with the first colouring visible; return their handles."""
+    """Add the nodes above all others; return their handles.
+
+    The first colouring is visible.
+    """
     boxes = (*BOXES, *OUTCOME_NODES.values())
     names = [*(f"/{group}" for group in ("sensors", *boxes))]
     names += [f"/{group}/{kind}" for group in boxes for kind in BOX_KINDS]
@@ -93,7 +101,7 @@ def add_sensor(api: SceneApi, style: SceneStyle, number: int) -> list[Any]:
 def add_sample(
     api: SceneApi, sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
 ) -> list[Any]:
-    """Add one sample below the nodes of `add_groups`; return the handles."""
+    """Add one frame below `add_groups`; return the handles."""
     newest = find_newest(sample)
     made: list[Any] = []
     for each in sample.clouds:
@@ -141,7 +149,10 @@ def _add_place(api: SceneApi, cloud: DrawnCloud, number: int, frame: int, visibl
 
 
 def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Any:
-    """Add a grid of 10 m squares on the ground, for scale."""
+    """Add a grid of 10 m squares on the ground.
+
+    It gives the scale.
+    """
     xmin, ymin, xmax, ymax = area
     middle = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02)
     width, height = xmax - xmin, ymax - ymin
@@ -160,9 +171,10 @@ def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Any:
 
 
 def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
-    """Area (xmin, ymin, xmax, ymax in m, to 10 m) that the first view shows.
+    """Area that the first view shows.
 
-    It holds most points of a sample and its sensors, or else its boxes.
+    It is xmin, ymin, xmax, ymax in m, rounded to 10 m. It holds most points of a frame and its sensors, or else its
+    boxes.
     """
     clouds = [cloud.points[:, :2].astype(np.float64) for cloud in sample.clouds if len(cloud.points)]
     near = [np.percentile(xy, percent, axis=0)[None] for xy in clouds for percent in _MOST]

@@ -1,4 +1,6 @@
-"""Scenes of viser: empty ones to be filled, meshes and lines in them, and their pages.
+"""Scenes of viser: empty, filled, and written as pages.
+
+Meshes and lines are added to them.
 
 viser builds the scene and writes it, with its viewer, as one page of HTML. Its server does nothing else; it listens on
 127.0.0.1, at a port of the system's choice, while the scene is written.
@@ -52,17 +54,21 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def check_viser() -> None:
-    """Raise ImportError, with the command to install it, if viser is missing."""
+    """Check that viser is installed.
+
+    Raises ImportError, with the command to install it, if it is missing.
+    """
     if not find_spec("viser"):
         raise ImportError("scenes in 3D need viser: pip install coview[report]")
 
 
 @contextmanager
 def viser_server(port: int = 0) -> Iterator[ViserServer]:
-    """Open a viser server for this machine alone, with an empty scene, light and up direction.
+    """Open a viser server for this machine alone.
 
-    port: 0 for one of the system's choice, else this or, if it is taken, one after it. Nothing is printed, and viser
-    does not rebuild its viewer, for which it would use the network. Raises ImportError without viser.
+    Its scene is empty, with light and up direction. port: 0 for one of the system's choice, else this or, if it is
+    taken, one after it. Nothing is printed, and viser does not rebuild its viewer, for which it would use the network.
+    Raises ImportError without viser.
     """
     check_viser()
     import rich
@@ -89,7 +95,7 @@ def viser_server(port: int = 0) -> Iterator[ViserServer]:
 
 
 def set_view(server: ViserServer, position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
-    """Set the camera's place and target at the opening of the scene."""
+    """Set the camera's place and target when the scene opens."""
     server.initial_camera.position = np.array(position)
     server.initial_camera.look_at = np.array(look_at)
     server.initial_camera.fov = np.deg2rad(50.0)
@@ -97,7 +103,9 @@ def set_view(server: ViserServer, position: tuple[float, ...], look_at: tuple[fl
 
 
 def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Spot, Spot]:
-    """Spot and target of a camera that sees a whole area, at a slant from the south.
+    """Spot and target of a camera that sees an area.
+
+    It sees the whole area, at a slant from the south.
 
     area: xmin, ymin, xmax, ymax (m); height: of the ground.
 
@@ -139,7 +147,10 @@ def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: floa
 def add_lines(
     api: SceneApi, name: str, segments: Float64[np.ndarray, "n 2 3"], colour: str, *, width: float, visible: bool
 ) -> LineSegmentsHandle | None:
-    """Add lines of one colour, `width` pixels wide, if there are any."""
+    """Add lines of one colour, if there are any.
+
+    width: in pixels.
+    """
     if not len(segments):
         return None
     return api.add_line_segments(
@@ -159,7 +170,7 @@ def box_edges(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
 
 
 def headings(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """Line on the roof of each box, from its middle to the front.
+    """Line on each box's roof, from middle to front.
 
     >>> headings(np.array([[1.0, 2.0, 0.5, 4.0, 2.0, 1.0, 0.0]])).tolist()
     [[[1.0, 2.0, 1.0], [3.0, 2.0, 1.0]]]
@@ -170,12 +181,18 @@ def headings(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
 
 
 def roof_crosses(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """Both diagonals of each box's roof, the mark of a missed vehicle."""
+    """Both diagonals of each box's roof.
+
+    They mark a missed vehicle.
+    """
     return corners(boxes)[:, [[4, 6], [5, 7]]].reshape(-1, 2, 3)
 
 
 def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """Upright line with a cross bar above each box, the mark of a false alarm."""
+    """Upright line with a cross bar above each box.
+
+    It marks a false alarm.
+    """
     top = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2)
     tip, bar = (top + np.array([0.0, 0, height]) for height in (SPIKE, 0.7 * SPIKE))
     upright = np.stack([top, tip], 1)
@@ -184,7 +201,9 @@ def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
 
 
 def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:
-    """Split segments into dashes of `dash` metres with gaps of `gap` metres.
+    """Split segments into dashes.
+
+    dash, gap: lengths in metres.
 
     >>> dashes(np.array([[[0.0, 0, 0], [5, 0, 0]]]), dash=2.0, gap=1.0)[:, :, 0]
     array([[0., 2.],
@@ -218,18 +237,20 @@ POLICY = (
 
 
 def scene_script() -> str:
-    """Script that loads a scene into its frame and switches its nodes.
+    """Script that loads and switches a scene.
 
-    It switches those of every `input` with data-node, which names one node or several, and those of every frame of the
-    recording, one of which is shown.
+    The scene is loaded into its frame. The script switches the nodes of every `input` with data-node, which names one
+    node or several, and those of every frame of the recording, one of which is shown.
     """
     return (Path(__file__).parent / "scene.js").read_text(encoding="utf-8")
 
 
 def script_data(value: object) -> str:
-    """JSON that may stand inside a script element, whatever its texts hold.
+    r"""JSON that may stand inside a script element.
+
+    Its texts may hold anything.
 
     >>> script_data("</script>")
-    '"\\\\u003c/script>"'
+    '"\\u003c/script>"'
     """
     return json.dumps(value).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -1,4 +1,7 @@
-"""One frame of a recording as a picture from above: points in one colouring, boxes and their outcomes, sensors."""
+"""One frame of a recording as a picture from above.
+
+It shows points in one colouring, boxes and their outcomes, and sensors.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +32,12 @@ def write_still(
     sensors: Sequence[str] = (),
     half: tuple[float, float] | None = None,
 ) -> None:
-    """Write a sample as a picture, PNG or SVG by the ending, the same bytes each time.
+    """Write a frame as a picture.
 
-    colouring: of points; sensors: names in the order of their colours, the sample's own when empty; half: of the sides
-    (m) of what is shown about the origin, where most points are when None.
+    It is PNG or SVG by the ending, with the same bytes each time.
+
+    colouring: of points; sensors: names in the order of their colours, the frame's own when empty; half: half of the
+    sides (m) of what is shown about the origin, where most points are when None.
     """
     xmin, ymin, xmax, ymax = find_view_area(sample) if half is None else (-half[0], -half[1], *half)
     width, height = xmax - xmin, ymax - ymin
@@ -69,7 +74,10 @@ def _draw_points(axes: Any, sample: DrawnSample, colouring: Colouring, scales: S
 
 
 def _drawn_boxes(axes: Any, sample: DrawnSample) -> list[tuple[Any, str]]:
-    """Draw the boxes; the entries of their legend, with how many there are."""
+    """Draw the boxes; return their legend entries.
+
+    The entries say how many there are.
+    """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
