@@ -1,1 +1,4 @@
-"""Fidelities: how sensor sets are scored, from counting points to running the detector."""
+"""Fidelities: ways to score sensor sets.
+
+They range from counting points to running the detector.
+"""

@@ -1,4 +1,7 @@
-"""Views of sensors on traffic, block by block, each kept when it is done, so that what was broken off goes on there."""
+"""Views of sensors on traffic, block by block.
+
+Each block is kept when it is done, so an interrupted run resumes there.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +32,10 @@ class BlockView(Protocol):
 def see_blocks(
     look: BlockView, blocks: Sequence[Block], run: Run, progress: Callable[[int], None] | None = None
 ) -> list[Seen]:
-    """Views of each block, kept in the run's cache by an earlier call or looked at now.
+    """Views of each block.
 
-    progress: called with the end of each block that is done.
+    They come from the run's cache where an earlier call kept them, else they are computed now. progress: called with
+    the end of each finished block.
     """
     job = _Job(look, run.memo)
     kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
@@ -46,7 +50,10 @@ def see_blocks(
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """Looks at a block, unless it was looked at meanwhile; sent to every worker."""
+    """View one block, unless it is already cached.
+
+    The job is sent to every worker.
+    """
 
     look: BlockView
     cache: Cache | None
@@ -60,6 +67,9 @@ class _Job:
         return found
 
     def cached(self, block: Block) -> Seen | None:
-        """Result of an earlier call; None where there is none, or it is damaged."""
+        """Result of an earlier call.
+
+        None where it is missing or damaged.
+        """
         arrays = None if self.cache is None else self.cache.get([self.look.key(block)])[0]
         return None if arrays is None else Seen(*arrays)

@@ -1,7 +1,8 @@
-"""`Coverage`: sensor sets scored by the share of objects that enough of their sensors see well enough.
+"""`Coverage`: score sensor sets by seen objects.
 
-With `views` 1 it is monotone and submodular, so greedy search is within 1 - 1/e of the best set; the AP of a detector
-is not, nor is the worst of several classes.
+The score is the share of objects that enough sensors of a set see well enough. With `views` 1 it is monotone and
+submodular, so greedy search is within 1 - 1/e of the best set. The AP of a detector is not submodular, nor is the worst
+of several classes.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ LEAST = 20.0  # points on a vehicle that make a view
 
 
 class Coverage:
-    """The share of scored objects with at least `least` points from each of at least `views` sensors of a set.
+    """Share of scored objects that a set covers.
 
-    Both `ap` and `recall` of the estimate are this share. What a set sends is known for points; of boxes, where the
-    scheme sends them, it is taken that a sensor sends one for each object that it sees with `least` points. classes:
-    of the objects that count, several combined.
+    An object is covered by at least `least` points from each of at least `views` sensors. Both `ap` and `recall` of the
+    estimate are this share. The data sent is known for points. Where the scheme sends boxes, each sensor is assumed to
+    send one for each object that it sees with `least` points. classes: of the objects that count, several combined.
     Raises ValueError for `least` that is not positive or fewer views than 1.
     """
 
@@ -52,7 +53,10 @@ class Coverage:
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """The share of objects covered by each set, of several classes that of each combined; 0 without an object."""
+        """Share of objects covered by each set.
+
+        For several classes their shares are combined; 0 without an object.
+        """
         if len(self.classes) > 1:
             estimate = self.by_class(subsets).combined(self.classes)
             share = np.nan_to_num(estimate.ap)
@@ -64,7 +68,10 @@ class Coverage:
         return Estimate(share, share.copy(), self._kbit(subsets))
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
-        """The share of the objects of each class, NaN where there is none."""
+        """Share of the objects of each class.
+
+        NaN where the class has no objects.
+        """
         share = np.full((len(subsets), len(self.classes)), np.nan)
         for block, views in self._sums.blocks(subsets):
             for k, own in enumerate(self._own):

@@ -1,19 +1,19 @@
-"""`Detected`: sensor sets scored by fusing what they see, detecting in it and matching that against what is there.
+"""`Detected`: score sensor sets by running the detector.
 
-It gives what `toolkit.detection.evaluation.evaluate_recording` gives for the same sensors and frames, by protocol
-`exact`: objects centred outside the site's area are there but not scored. Every run of the detector and every match is
-kept in a `Cache` under all that it depends on, so that a set costs detection once, whoever asks again, for however many
-frames.
+Each set is fused, detected in and matched against the truth. The result equals that of
+`toolkit.detection.evaluation.evaluate_recording` for the same sensors and frames, by protocol `exact`: objects centred
+outside the site's area are present but not scored. Every run of the detector and every match is kept in a `Cache` under
+all that it depends on. So a set costs detection once, for any caller and any number of frames.
 
 Two kinds of value are kept, of one frame each:
 
-    detections   what the detector says of the points of some sensors together, under what was done to these points:
-                 nothing, only the far ones kept, encoded with loss. Sensors that add no point are left out of the
-                 key, so that sets which differ by them share it; schemes and codecs with the same points do, too.
-    outcome      what one set detects in one scheme with one codec, fused and matched at each IoU threshold
+    detections   the detector's result for the points of some sensors together, under their processing:
+                 none, only the far ones kept, or lossy encoding. Sensors that add no point are left out of
+                 the key, so sets that differ only by them share it; so do schemes and codecs with the same points.
+    outcome      detections of one set in one scheme with one codec, fused and matched at each IoU threshold
 
-Several classes are matched each by itself: at every IoU threshold of `Detected.ious`, which is that of vehicles, the
-others at those that `Classes.get_iou` says.
+Each class is matched separately at every IoU threshold of `Detected.ious`. These are for vehicles; the other classes
+use those that `Classes.get_iou` gives.
 """
 
 from __future__ import annotations
@@ -50,9 +50,12 @@ AT_ONCE = 500  # sets whose outcomes are held in memory
 
 
 class Outcome(NamedTuple):
-    """One set in one frame. For each detection its score and, at each IoU threshold, which of the frame's scored
-    objects it hit, or else FALSE_ALARM or IGNORED; the bits that each sensor of the set sent; class of each detection,
-    None for all vehicles."""
+    """Detections of one set in one frame.
+
+    Each has a score and, at each IoU threshold, the index of the frame's scored object that it hit, or else FALSE_ALARM
+    or IGNORED. Also kept are the bits that each sensor of the set sent, and the class of each detection, None for all
+    vehicles.
+    """
 
     scores: Float64[np.ndarray, " n"]
     truth: Shaped[np.ndarray, "ious n"]
@@ -60,7 +63,10 @@ class Outcome(NamedTuple):
     labels: Shaped[np.ndarray, " n"] | None = None
 
     def of_class(self, label: int) -> Outcome:
-        """Outcome of one class; `truth` counts the objects of all classes still."""
+        """Outcome of one class.
+
+        `truth` still counts the objects of all classes.
+        """
         if self.labels is None:
             return self
         own = self.labels == label
@@ -68,8 +74,11 @@ class Outcome(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """One set at each of `Detected.ious`, over all frames: the scored objects (frame after frame, in order) that were
-    hit, with what score (0 if not), and the scores of the false alarms."""
+    """Hits of one set at each of `Detected.ious`.
+
+    They cover all frames: the scored objects (frame after frame, in order) that were hit, with their score (0 if not
+    hit), and the scores of the false alarms.
+    """
 
     hit: Bool[np.ndarray, "ious objects"]
     score: Float64[np.ndarray, "ious objects"]
@@ -77,11 +86,11 @@ class Hits(NamedTuple):
 
 
 class Detected:
-    """AP of sensor sets by detection: the fidelity that the others approximate.
+    """AP of sensor sets by detection.
 
-    scheme: how sets fuse, an object or a name; codec: of what is sent; iou: at which a detection counts; memo: where
-    detections and outcomes are kept, or the path of its file, None for this object's memory; frames: only the first so
-    many; processes: that work on the frames, to the same figures;
+    The other fidelities approximate this one. scheme: how sets fuse, an object or a name; codec: of the data sent; iou:
+    at which a detection counts; memo: where detections and outcomes are kept, or the path of its file, None for this
+    object's memory; frames: number of first frames to use; processes: that work on the frames, with the same figures;
     classes: of the objects that count, several combined. Raises ValueError where these do not fit, for a class that the
     detector does not know, and for a detector without `digest` with a memo that others share.
     """
@@ -118,19 +127,27 @@ class Detected:
             )
 
     def at(self, iou: float, also: Iterable[float] = ()) -> Detected:
-        """Same where a detection counts at another IoU threshold. also: thresholds at which outcomes are matched
-        beside those that they were."""
+        """Same fidelity at another IoU threshold.
+
+        also: further thresholds at which outcomes are matched.
+        """
         check_iou(iou)
         other = copy(self)
         other.iou, other.ious = iou, tuple(sorted({*self.ious, iou, *also}))
         return other
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Figures of each set over all frames; AP and recall are NaN where there is nothing to find."""
+        """Figures of each set over all frames.
+
+        AP and recall are NaN where no objects count.
+        """
         return self.partial(subsets, self.frames)
 
     def partial(self, subsets: Bool[np.ndarray, "n C"], frames: int | Sequence[int]) -> Estimate:
-        """Figures of each set over the first frames, or these; more of them later cost what the added ones cost."""
+        """Figures of each set over some frames.
+
+        They are the first frames, or those given. Adding frames later costs only the added ones.
+        """
         return self.estimates(subsets, frames)[self.iou]
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
@@ -143,8 +160,11 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and its own. progress: called with how
-        many of the frames in which a set was not scored yet are done."""
+        """Figures of each set at each IoU threshold.
+
+        The thresholds `ious` are `IOUS` and its own. progress: called with the number of frames done, among those where
+        a set was not scored yet.
+        """
         by_class = self.class_estimates(subsets, frames, progress)
         return {iou: each.combined(self.classes) for iou, each in by_class.items()}
 
@@ -191,7 +211,10 @@ class Detected:
         frames: Sequence[int],
         progress: Callable[[int], None] | None = None,
     ) -> dict[tuple[int, ...], list[Outcome]]:
-        """The outcome of each set (ascending indices) in each frame, from the memo or else computed and kept."""
+        """Outcome of each set in each frame.
+
+        Sets are ascending indices. Outcomes come from the memo, or are computed and kept.
+        """
         sets = list(sets)
         kept: dict[tuple[int, ...], list[Any]] = {
             chosen: self.memo.get([self._outcome_key(chosen, k) for k in frames]) for chosen in sets
@@ -208,14 +231,20 @@ class Detected:
         return {chosen: [Outcome(*arrays) for arrays in row] for chosen, row in kept.items()}
 
     def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
-        """Detections of a set (ascending indices) in frame k, in the order of its `Outcome`."""
+        """Detections of a set in frame k.
+
+        The set is given as ascending indices; the order is that of its `Outcome`.
+        """
         frame = self.frame(k)
         found = frame.fused(chosen).detections
         self.memo.put(frame.new)
         return found
 
     def frame(self, k: int) -> FrameDetections:
-        """Detections in frame k, set by set, with what the memo has of it."""
+        """Detections in frame k, set by set.
+
+        The memo's values are included.
+        """
 
         def key(clouds: Sequence[Cloud]) -> bytes:
             return self.key(k, "detections", [c.sensor for c in clouds], [c.history for c in clouds])
@@ -236,7 +265,7 @@ class Detected:
         return Outcome(fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8))
 
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: Any) -> bytes:
-        """Key of a value of frame k, for a set of sensors."""
+        """Cache key of a frame's value for some sensors."""
         return make_key(kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more)
 
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
@@ -278,7 +307,10 @@ class Detected:
 
 @dataclass(frozen=True)
 class _Scoring:
-    """The job of scoring some sets in one frame: their outcomes, and the detections that were not kept yet."""
+    """Score some sets in one frame.
+
+    The job returns their outcomes and the detections that were not kept yet.
+    """
 
     rules: Detected
 
@@ -292,7 +324,10 @@ class _Scoring:
 
 
 def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
-    """AP, recall and kbit of one set at each IoU threshold, as `toolkit.detection.metrics.evaluate` pools them."""
+    """AP, recall and kbit at each IoU threshold.
+
+    They are of one set, pooled as in `toolkit.detection.metrics.evaluate`.
+    """
     scores = np.concatenate([each.scores for each in outcomes])
     truth = np.concatenate([each.truth for each in outcomes], axis=1)
     kbit = float(np.mean([each.bits.sum() for each in outcomes])) / 1000
@@ -305,7 +340,10 @@ def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "
 
 
 def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
-    """Frames as indices: the first so many, all, or these themselves."""
+    """Frames as indices.
+
+    The argument is a number of first frames, None for all, or the indices themselves.
+    """
     if isinstance(frames, float):
         raise ValueError(f"frames must be a whole number or a list of them, got {frames}")
     chosen = range(available)[:frames] if frames is None or isinstance(frames, int) else frames

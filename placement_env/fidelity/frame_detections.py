@@ -1,4 +1,7 @@
-"""`FrameDetections`: what sets of sensors detect together in one frame, each step done once, many sets at a time."""
+"""`FrameDetections`: joint detections of sensor sets in one frame.
+
+Each step is done once, for many sets at a time.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,10 @@ from toolkit.sites.site import Site
 
 @runtime_checkable
 class Measured(Protocol):
-    """Measurements of candidates in frames at a site, such as `placement_env.fidelity.renders.Renders`."""
+    """Measurements of candidates in frames at a site.
+
+    `placement_env.fidelity.renders.Renders` is one implementation.
+    """
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -30,11 +36,14 @@ class Measured(Protocol):
 
     @property
     def digest(self) -> str:
-        """Digest of all that the measurements depend on but the sensors."""
+        """Digest of everything behind the measurements except the sensors."""
         ...
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """The points of candidate c in frame k inside the crop, with noise."""
+        """Points of candidate c in frame k, with noise.
+
+        They lie inside the crop.
+        """
         ...
 
     def objects(self, k: int) -> Objects:
@@ -52,13 +61,16 @@ class MeasuredImages(Protocol):
         ...
 
     def captured(self, k: int, c: int) -> Captured:
-        """The image behind the points of candidate c in frame k."""
+        """Image behind candidate c's points in frame k."""
         ...
 
 
 class FrameDetections:
-    """One frame. key: under which detections in some clouds are kept; kept: what is kept under a key, or None. What was
-    detected anew is gathered in `new`."""
+    """Detections in one frame.
+
+    key: under which detections in some clouds are kept; kept: value kept under a key, or None. New detections are
+    gathered in `new`.
+    """
 
     def __init__(
         self,
@@ -92,8 +104,11 @@ class FrameDetections:
         return self._fused[chosen]
 
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
-        """Fuse sets with a detector that gains by many clouds at once, as far as several of them go: round by round,
-        each set goes on until it needs a detection that nobody asked for before, and all of these are made together."""
+        """Fuse sets with shared batches of detections.
+
+        A detector that gains from many clouds at once works in rounds. Each set advances until it needs an unknown
+        detection; all of these are then made together.
+        """
         waiting = [chosen for chosen in sets if chosen]
         while isinstance(self._detector, UnionDetector) and len(waiting) > 1:
             asked = self._asked = {}
@@ -110,7 +125,7 @@ class FrameDetections:
                 self._keep(key, found)
 
     def _goes_through(self, chosen: tuple[int, ...]) -> bool:
-        """True where a set could be fused with the detections that are known."""
+        """True where known detections suffice to fuse a set."""
         try:
             self.fused(chosen)
         except _Unknown:
@@ -138,4 +153,4 @@ class FrameDetections:
 
 
 class _Unknown(Exception):
-    """A detection is needed that is to be made together with others."""
+    """A needed detection is left for a later batch."""

@@ -1,4 +1,7 @@
-"""Fits a `HitModel` to what a detector hit and missed: maximum likelihood over all objects and sensor sets."""
+"""Fit a `HitModel` to a detector's hits and misses.
+
+The fit is by maximum likelihood over all objects and sensor sets.
+"""
 
 from __future__ import annotations
 
@@ -35,8 +38,11 @@ LIFE = 4  # frames in which the same objects are there
 
 
 class Observed(NamedTuple):
-    """Detections of sensor sets at one site: what the sensors see, the sets, which objects each set hit, the
-    AP of each, the site's hybrid radius (m), and the kinds of the sensors' models."""
+    """Detections of sensor sets at one site.
+
+    It holds the sensors' visibility, the sets, the objects that each set hit, the AP of each, the site's hybrid radius
+    (m), and the kinds of the sensors' models.
+    """
 
     visibility: Visibility
     subsets: Bool[np.ndarray, "n C"]
@@ -63,12 +69,12 @@ def fit(
     resamples: int = 0,
     seed: int = 0,
 ) -> HitModel:
-    """The model under which the hits at some sites are likeliest, and whose AP is nearest to the detector's in the mean
-    square.
+    """Model that best explains the hits at some sites.
 
-    label: class of the objects, for its name alone; resamples: how often it is fitted again, to sites, blocks of frames
-    and sets drawn with replacement (one site keeps its place): the model says how sure it is by these; seed: of them.
-    Raises ValueError where there is nothing to fit; ModuleNotFoundError without SciPy.
+    It also comes nearest to the detector's AP in the mean square. label: class of the objects, for its name alone;
+    resamples: number of repeated fits, to sites, blocks of frames and sets drawn with replacement (a single site is
+    always kept), from which the model states its uncertainty; seed: of the resamples. Raises ValueError where the data
+    are empty; ModuleNotFoundError without SciPy.
     """
     for each in observed:
         _check(each.visibility, each.subsets, each.hits, each.ap)
@@ -94,7 +100,10 @@ def fit(
 
 
 class _Fitting:
-    """Likelihood and misfit of models of one scheme, IoU threshold and class."""
+    """Likelihood and misfit of models.
+
+    They are of one scheme, IoU threshold and class.
+    """
 
     def __init__(self, observed: Sequence[Observed], scheme: Scheme, iou: float, source: str, label: str) -> None:
         self._observed, self._scheme = observed, scheme
@@ -105,7 +114,10 @@ class _Fitting:
     def fitted(
         self, start: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
     ) -> tuple[Float64[np.ndarray, " p"], HitModel, float]:
-        """The numbers that fit best from a start on, their model, and how unlikely the hits are under it."""
+        """Best numbers from a start, and their model.
+
+        The hits' unlikelihood under the model comes too.
+        """
         bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT, FLOOR_LOG]
         end = self._minimize(self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds)
         ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._model(end.x))]
@@ -143,7 +155,10 @@ class _Fitting:
 
 
 def _drawn(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weights]:
-    """Sites drawn with replacement, and in each of them blocks of frames and sets."""
+    """Sites drawn with replacement.
+
+    In each of them blocks of frames and sets are drawn too.
+    """
     count = len(observed)
     times = rng.multinomial(count, np.full(count, 1 / count))
     weights = []
@@ -160,7 +175,10 @@ def _drawn(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weig
 
 
 class Fitted(NamedTuple):
-    """A model, and by how much its AP is off that of the detector on the sets it was fitted to, root mean square."""
+    """A model and its root-mean-square AP error.
+
+    The error is against the detector, on the sets that the model was fitted to.
+    """
 
     model: HitModel
     rms: float
@@ -174,9 +192,12 @@ def fit_detected(
     resamples: int = 0,
     seed: int = 0,
 ) -> tuple[Fitted, ...]:
-    """A model of each class at each IoU threshold of what a detector says of sets at some sites: what is seen there,
-    what it detects of the same candidates, frames and classes, and the sets. ious: of vehicles, of those of `Detected`,
-    all where there are none. Raises ValueError where there is nothing to fit, saying of which class."""
+    """Models of each class at each IoU threshold.
+
+    The input at each site is the visibility, the detections of the same candidates, frames and classes, and the sets.
+    ious: of vehicles, from those of `Detected`, all where empty. Raises ValueError where the data of a class are empty,
+    and names that class.
+    """
     first = found[0][1]
     estimates = [detected.class_estimates(sets) for _, detected, sets in found]
     hits = [np.stack([detected.hits(row).hit for row in sets], axis=1) for _, detected, sets in found]
@@ -210,10 +231,10 @@ def fit_detected(
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sensors and sets that a fit is made to, at each site, beside the site's own.
+    """Sensors and sets for a fit.
 
-    poses: of the site's pool; sets: of 1 to 8 sensors; models: of the poses, none for the paper's camera; resamples:
-    see `fit`. All are drawn at random.
+    They are drawn at each site, beside the site's own. poses: of the site's pool; sets: of 1 to 8 sensors; models: of
+    the poses, empty for the paper's camera; resamples: see `fit`. All are drawn at random.
     """
 
     poses: int = 60
@@ -233,11 +254,11 @@ def fit_sites(
     source: str = "",
     run: Run = Run(seed=1000),
 ) -> tuple[Fitted, ...]:
-    """Models of each scheme, class and IoU threshold of what a detector hits at some sites.
+    """Models of a detector's hits at some sites.
 
-    ious: of vehicles; run: its seed, plus the place of a site in the list, draws traffic, poses and sets; its cache
-    keeps detections, so that what was broken off goes on. Raises ValueError where a class is not there or is always
-    hit.
+    There is one for each scheme, class and IoU threshold. ious: of vehicles; run: its seed, plus the place of a site in
+    the list, draws traffic, poses and sets; its cache keeps detections, so an interrupted run resumes. Raises
+    ValueError where a class is absent or is always hit.
     """
     from placement_env.candidates.pool import own_and_random, random_sets
     from placement_env.fidelity.detector import Detected

@@ -1,6 +1,7 @@
-"""View of a block of sensors on every frame: each object's silhouette once, then which of them stand before which.
+"""View of a block of sensors on every frame.
 
-Vehicles that stand still from one frame to the next, parked or at a light, are cast once.
+Each object's silhouette is cast once; then the nearest silhouette per pixel is found. Vehicles that stand still from
+one frame to the next, parked or at a light, are cast once.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from toolkit.sites.site import Site
 
 
 class Seen(NamedTuple):
-    """Points on the scored objects of all frames, points in the crop per frame, and those far off; see `Visibility`."""
+    """Points on the scored objects of all frames.
+
+    Points in the crop per frame and the far ones come too; see `Visibility`.
+    """
 
     points: Float32[np.ndarray, "S O"]
     sent: Float32[np.ndarray, "S F"]
@@ -30,8 +34,11 @@ class Seen(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """Of a silhouette's pixels: number, sensor, measurement, whether they count for the object, and how many points
-    they add to what is sent and to what is far (less than 0 where they hide something)."""
+    """Pixels of one silhouette.
+
+    For each: number, sensor, measurement, whether it counts for the object, and the points it adds to those sent and
+    those far (below 0 where it hides something).
+    """
 
     pixels: Int64[np.ndarray, " n"]
     sensors: Int64[np.ndarray, " n"]
@@ -44,7 +51,10 @@ class _Part(NamedTuple):
 def look_at(
     traffic: Traffic, renderer: Renderer, sensors: Sequence[Sensor], labels: Sequence[int] = (VEHICLE,)
 ) -> Seen:
-    """View of the sensors on all frames; renderer: of the traffic's site and bodies; labels: of the scored objects."""
+    """View of the sensors on all frames.
+
+    renderer: of the traffic's site and bodies; labels: of the scored objects.
+    """
     scene = _Scene(traffic.site, renderer, sensors)
     points, sent, far = [np.zeros((len(sensors), 0))], [], []
     parts: dict[tuple[int, bytes], _Part] = {}
@@ -68,7 +78,10 @@ def look_at(
 
 
 def _find_windows(traffic: Traffic, scene: _Scene) -> dict[tuple[int, bytes], Windows]:
-    """Windows in which each object of all frames may be seen; of one that stands still, once."""
+    """Windows in which each object may be seen.
+
+    They cover all frames; an object that stands still has one.
+    """
     different = {
         (body, box.tobytes()): (body, box)
         for snapshot in traffic.snapshots
@@ -80,7 +93,10 @@ def _find_windows(traffic: Traffic, scene: _Scene) -> dict[tuple[int, bytes], Wi
 
 
 class _Scene:
-    """The sensors of a block at the empty site, and buffers for one frame."""
+    """Sensors of a block at the empty site.
+
+    It has buffers for one frame.
+    """
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self._site, self._views, self._crop = site, SensorRays(renderer, sensors), Crop.of(site)
@@ -116,8 +132,11 @@ class _Scene:
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)
 
     def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points on each object, (S, n), and what all of them together add per sensor; the nearest hit counts, of
-        equally near ones the first object's."""
+        """Points on each object, and changes per sensor.
+
+        Points are (S, n). The changes are the sum that all objects add to each sensor. The nearest hit counts; of
+        equally near ones the first object's.
+        """
         count = len(self._positions)
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)
@@ -140,7 +159,10 @@ class _Scene:
         return worth(points, spread, self._positions[:, :2].take(sensors, axis=0), self._site)
 
     def _deviation(self, depth: np.ndarray, sensors: np.ndarray) -> np.ndarray | np.float32:
-        """Standard deviation of the noise of each measurement, by the model of its sensor."""
+        """Noise standard deviation of each measurement.
+
+        It follows the model of the sensor.
+        """
         if len(self._models) == 1:
             return self._models[0].deviation(depth)
         which, deviation = self._model.take(sensors), np.empty(len(depth), np.float32)
@@ -156,8 +178,11 @@ def worth(
     positions: Float32[np.ndarray, "n 2"],
     site: Site,
 ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-    """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0. spread: standard
-    deviation of its height; positions: of the sensor that measures it."""
+    """Chance of each point to be sent and far.
+
+    Noise lifts half of even ground above z = 0. spread: standard deviation of its height; positions: of the sensor that
+    measures it.
+    """
     above = level_rows(points, site.relief.slope)
     within, z = is_inside(above, site.area, site.height, -np.inf), above[:, 2]
     sent = within * _normal(np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8))
@@ -166,5 +191,8 @@ def worth(
 
 
 def _normal(x: Float32[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-    """The standard normal distribution function, within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26)."""
+    """The standard normal distribution function.
+
+    It is within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26).
+    """
     return 0.5 * (1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x)))

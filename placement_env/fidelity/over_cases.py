@@ -1,4 +1,7 @@
-"""`CasesFidelity`: one figure of a set from fidelities of single cases, see `placement_env.cases`."""
+"""`CasesFidelity`: combine fidelities of single cases into one.
+
+See `placement_env.cases`.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +21,20 @@ _Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
 
 @dataclass(frozen=True)
 class ProfileFidelities:
-    """Fidelities at one error profile: of all traffic, and of each level and IoU threshold."""
+    """Fidelities at one error profile.
+
+    They are of all traffic, and of each level and IoU threshold.
+    """
 
     whole: Fidelity
     levels: tuple[tuple[Fidelity, ...], ...]
 
 
 class CasesFidelity:
-    """Sets scored over all cases; kbit are those of the intact set in all traffic.
+    """Score sets over all cases.
 
-    Of several error profiles all figures of a set are those of the profile of least AP, or means.
+    kbit are those of the intact set in all traffic. With several error profiles, all figures of a set are those of the
+    profile with the least AP, or means.
     """
 
     def __init__(self, profiles: Sequence[ProfileFidelities], cases: Cases) -> None:
@@ -64,7 +71,10 @@ class CasesFidelity:
         return ClassEstimates(ap, recall, (shares * np.stack([each.kbit for each in found])).sum(axis=0))
 
     def at_each(self, subsets: Bool[np.ndarray, "n C"]) -> dict[str, Estimate]:
-        """Figures of each set at each error profile, by its name."""
+        """Figures of each set at each error profile.
+
+        They are keyed by the profile's name.
+        """
         found = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
         return dict(zip(self.cases.names, found, strict=True))
 
@@ -111,7 +121,10 @@ class CasesByFrames(CasesFidelity):
 
 
 def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
-    """Fidelity over the cases; the one that there is where they are one case."""
+    """Fidelity over the cases.
+
+    A single case keeps its own fidelity.
+    """
     if cases.plain and len(profiles) == 1:
         return profiles[0].whole
     every = [each for profile in profiles for level in profile.levels for each in level]

@@ -1,4 +1,7 @@
-"""`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed."""
+"""`Preparation`: data that the fidelities of one setting share.
+
+Traffic, views, renders and detectors are made when needed.
+"""
 
 from __future__ import annotations
 
@@ -72,13 +75,19 @@ class Preparation:
         return simulate_traffic(self.site, self.frames, self.run.seed)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level of traffic, by the number of road users of any class in the site's area."""
+        """Frames of each level of traffic.
+
+        The level is the number of road users of any class in the site's area.
+        """
         there = [scored(each.objects, self.site, range(len(LABELS))).sum() for each in self.traffic.snapshots]
         return Cases(levels=levels).split(np.array(there, np.int64))
 
     @cached_property
     def levels(self) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level that the setting asks for; none where traffic is undivided."""
+        """Frames of each level that the setting requests.
+
+        Empty where traffic is undivided.
+        """
         count = self.setting.cases.levels
         return self.split(count) if count > 1 else ()
 
@@ -97,9 +106,10 @@ class Preparation:
 
     @cached_property
     def live(self) -> LiveView | None:
-        """View of sensors as they move, from panoramas of the mounts; None where rays must be cast.
+        """View of moving sensors, from panoramas of the mounts.
 
-        That is where the setting's `rendering` says so, or the range of a candidate ends within the site.
+        None where rays must be cast: where the setting's `rendering` says so, or the range of a candidate ends within
+        the site.
         """
         from placement_env.fidelity.panorama.live import LiveView
         from placement_env.fidelity.panorama.panoramas import far_sighted, worthwhile
@@ -112,7 +122,10 @@ class Preparation:
 
     @cached_property
     def network(self) -> str:
-        """Name of the shipped network, or of its surrogate, that scores the candidates."""
+        """Name of the network that scores the candidates.
+
+        It is the shipped network or its surrogate.
+        """
         return find_network(self.site, self.candidates.sensors)
 
     @cached_property
@@ -125,9 +138,9 @@ class Preparation:
         return {}
 
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
-        """Same traffic and network for other candidates, of which it is known what they see.
+        """Same traffic and network for other candidates.
 
-        Scores of sensors that were moved compare with those of where they were.
+        Their visibility is known. Scores of moved sensors are comparable with those of their old poses.
         """
         there = replace(self, setting=replace(self.setting, candidates=candidates))
         vars(there).update(
@@ -136,14 +149,17 @@ class Preparation:
         return there
 
     def check(self, name: FidelityName | None = None) -> None:
-        """Raise ValueError where a fidelity, the setting's own for None, cannot score so; render nothing."""
+        """Check that a fidelity can score this setting.
+
+        None means the setting's own. Raises ValueError otherwise; renders nothing.
+        """
         check_scorable(self.setting, name)
         _check_levels(self.setting, _name(self.setting) if name is None else name)
 
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
-        """Fidelity of that name, the setting's own for None, over the setting's cases.
+        """Fidelity of that name over the setting's cases.
 
-        Raises ValueError for errors or levels that it does not know.
+        None means the setting's own. Raises ValueError for errors or levels that it does not know.
         """
         name = _name(self.setting) if name is None else name
         cases = self.setting.cases
@@ -168,7 +184,10 @@ class Preparation:
         return tuple(map(make, ious))
 
     def detected(self, errors: ErrorProfile) -> Detected:
-        """Fidelity of the detector at one error profile and the first IoU threshold."""
+        """Fidelity of the detector at one error profile.
+
+        It uses the first IoU threshold.
+        """
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
@@ -227,7 +246,10 @@ class Preparation:
 
 
 def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> None:
-    """Raise ValueError where no table, surrogate or detector scores the setting's candidates so; render nothing."""
+    """Check that a table, surrogate or detector fits.
+
+    Raises ValueError where none scores the setting's candidates; renders nothing.
+    """
     name = _name(setting) if fidelity is None else fidelity
     _check_errors(setting, name)
     for path, own, what in ((setting.surrogate, "surrogate", "file of surrogates"), (setting.table, "table", "table")):
@@ -267,9 +289,10 @@ def _name(setting: Setting) -> FidelityName:
 
 
 def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitModel, ...]:
-    """Hit model of each class, from the setting's file or those shipped for a network.
+    """Hit model of each class.
 
-    Raises ValueError where one is missing, FileNotFoundError where the file is.
+    It comes from the setting's file or those shipped for a network. Raises ValueError where a model is missing,
+    FileNotFoundError where the file is missing.
     """
     from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
 
@@ -282,10 +305,10 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
 
 
 def load_shipped_detector(network: str, site: Site) -> Detector:
-    """Shipped network as it detects at a site, made once for all preparations.
+    """Shipped network as it detects at a site.
 
-    The general one was not trained there and would take some hedge for a vehicle in every frame, so it knows the site
-    empty.
+    It is made once for all preparations. The general one was not trained there and would take some hedge for a vehicle
+    in every frame, so it gets the empty site.
     """
     from toolkit.sites.files import format_site
 
@@ -310,7 +333,10 @@ def _make_detector(network: str, place: _Place) -> Detector:
 
 
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
-    """Name of the shipped network for these sensors: the site's, trained with its own sensors, or `GENERAL`."""
+    """Name of the shipped network for these sensors.
+
+    It is the site's, trained with its own sensors, or `GENERAL`.
+    """
     from models.detector import SHIPPED
 
     own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()

@@ -1,4 +1,6 @@
-"""Two surrogates of AP from the literature, put into the terms of objects and points so that they compare with ours.
+"""Two surrogates of AP from the literature.
+
+They are expressed in objects and points so that they compare with ours.
 
 `PerceptionEntropy`: T. Ma, Z. Liu, Y. Li, "Perception Entropy: A Metric for Multiple Sensors Configuration Evaluation
 and Design", arXiv 2104.06615. Of m lidar points on a place,
@@ -53,7 +55,10 @@ CELL = 1.0  # m
 
 
 class PerceptionEntropy:
-    """Ma, Liu and Li's perception entropy of what each vehicle is seen with."""
+    """Perception entropy by Ma, Liu and Li.
+
+    It measures how well each vehicle is seen.
+    """
 
     name = "perception entropy"
 
@@ -64,7 +69,10 @@ class PerceptionEntropy:
         self._cost = _Cost(visibility, scheme, codec)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """1 for the least entropy, 0 for that of nothing seen."""
+        """Scaled entropy score of each set.
+
+        It is 1 for the least entropy, 0 for nothing seen.
+        """
         score = np.zeros(len(subsets))
         (most, least), objects = 2 * np.log(spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
         for block, sums in self._sums.blocks(subsets):
@@ -77,7 +85,10 @@ class PerceptionEntropy:
 
 
 class InformationGain:
-    """The entropy of where vehicles are that a set does away with, from Hu et al.'s, with the sign turned."""
+    """Entropy of vehicle positions that a set removes.
+
+    From Hu et al.'s metric, with the sign turned.
+    """
 
     name = "information gain"
 
@@ -90,7 +101,7 @@ class InformationGain:
         self._cost = _Cost(visibility, scheme, codec)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """The share of the entropy of all cells that a set does away with."""
+        """Share of all cells' entropy that a set removes."""
         gain, whole = np.zeros(len(subsets)), float(self._entropy.sum())
         for block, reaching in self._sums.blocks(subsets):
             gain[block] = np.where(reaching > 0, self._entropy, 0).sum(axis=1)
@@ -104,7 +115,10 @@ def spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
 
 
 def rasterize_boxes(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V"]:
-    """1 where the middle of a cell of the ground lies under a box, for all cells that the boxes' centres span."""
+    """Ground cells under a box, as 1.
+
+    A cell counts if its middle lies under a box; the cells span the boxes' centres.
+    """
     if not len(boxes):
         return np.zeros((0, 0), np.float32)
     low, high = np.floor(boxes[:, :2].min(axis=0) - 3), np.ceil(boxes[:, :2].max(axis=0) + 3)
@@ -116,7 +130,10 @@ def rasterize_boxes(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V
 
 
 def cell_entropy(over: Float[np.ndarray, "O V"], visibility: Visibility) -> Float64[np.ndarray, " V"]:
-    """Entropy (nat) of each cell, from the share of the frames in which some box is over it."""
+    """Entropy (nat) of each cell.
+
+    It follows from the share of the frames in which some box is over it.
+    """
     occupied = np.zeros((visibility.frames, over.shape[1]), bool)
     np.logical_or.at(occupied, visibility.frame, over > 0)
     p = occupied.mean(axis=0)

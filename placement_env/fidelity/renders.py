@@ -1,4 +1,6 @@
-"""`Renders`: the cloud of each candidate in each frame, rendered when first asked for and kept packed.
+"""`Renders`: the cloud of each candidate in each frame.
+
+Clouds are rendered on first use and kept packed.
 
 A candidate's measurements are kept as in `models.training.packed`: what it sees of the empty site once, and of each
 frame the pixels that differ. Noise is drawn from a seed, the frame's number and the sensor's pose and model alone, so
@@ -81,7 +83,10 @@ class Renders:
         return make_key(*parts, *_beyond_noise(self.errors)).hex()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of candidate c in frame k inside the crop, world frame."""
+        """Points of candidate c in frame k.
+
+        They are inside the crop, in the world frame.
+        """
         packed, rng = self._of_candidate(c), None
         if self._whole:
             return frame_points(self._reading(packed, k, c), area=self.site)[0]
@@ -90,7 +95,10 @@ class Renders:
         return packed.rig.points(0, *packed.frame(k), rng)
 
     def captured(self, k: int, c: int) -> Captured:
-        """The image behind these points: what it shows of the crop, all of it where errors need whole images."""
+        """Image behind these points.
+
+        It shows the crop, or everything where errors need whole images.
+        """
         packed, sensor, snapshot = self._of_candidate(c), self.sensors[c], self.traffic.snapshots[k]
         if self._whole:
             return Captured(self._reading(packed, k, c), 0, self.site)
@@ -102,7 +110,10 @@ class Renders:
         return Captured(frame, 0, self.site, kept=pixels.astype(np.int64))
 
     def scene(self, c: int) -> EmptyScene:
-        """The empty scene of candidate c: rendered, or learnt from its frames where it has errors."""
+        """Empty scene of candidate c.
+
+        It is rendered, or learnt from its frames where it has errors.
+        """
         if c not in self._scenes:
             packed, sensor = self._of_candidate(c), self.sensors[c]
             learner = SceneLearner(sensor)
@@ -139,7 +150,10 @@ class Renders:
         return packed
 
     def _kept(self, c: int) -> _Packed:
-        """Kept render of a candidate; it is rendered where that is missing or damaged."""
+        """Kept render of a candidate.
+
+        A missing or damaged one is rendered.
+        """
         if self._cache is None:
             return self._render(c)
         sensor = self.sensors[c]
@@ -174,7 +188,10 @@ class Renders:
 
 
 class Recorded:
-    """Measurements of a recording: the same points, to the bit, as `toolkit.detection.evaluation` gets."""
+    """Measurements of a recording.
+
+    They are the same points, to the bit, as `toolkit.detection.evaluation` gets.
+    """
 
     def __init__(
         self, recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS
@@ -198,7 +215,10 @@ class Recorded:
         return sha.hexdigest()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of sensor c in frame k inside the crop, world frame."""
+        """Points of sensor c in frame k.
+
+        They are inside the crop, in the world frame.
+        """
         return frame_points(self._frame(k), [c], area=self.site)[0]
 
     def captured(self, k: int, c: int) -> Captured:
@@ -217,8 +237,11 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class _Packed:
-    """One candidate: its rig, the pixels that differ from it in any frame, their measurement in steps (0: none), and
-    where those of each frame begin."""
+    """Packed frames of one candidate.
+
+    It holds the rig, the pixels that differ from it in any frame, their measurement in steps (0: none), and the start
+    of each frame's pixels.
+    """
 
     rig: Rig
     pixels: Shaped[np.ndarray, " p"]
@@ -226,12 +249,15 @@ class _Packed:
     ends: Int64[np.ndarray, " _"]
 
     def frame(self, k: int) -> tuple[Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """The changed pixels of frame k and what they measure (m)."""
+        """Changed pixels of frame k and their measurements (m)."""
         rows = slice(*self.ends[k : k + 2])
         return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
     def image(self, k: int) -> Float32[np.ndarray, "rows columns"]:
-        """The whole image of frame k, where whole images are packed."""
+        """Whole image of frame k.
+
+        Available where whole images are packed.
+        """
         shape = self.rig.sensors[0].model.shape
         flat = np.zeros(shape[0] * shape[1], np.float32)
         flat[self.rig.pixels[0]] = self.rig.depth[0]
@@ -250,8 +276,10 @@ def _unpacked(rig: Rig, arrays: tuple[np.ndarray, ...]) -> _Packed:
 
 
 def _packed_whole(rig: Rig, background: np.ndarray, images: Iterable[np.ndarray]) -> _Packed:
-    """All that one sensor sees, in the crop or not; what is farther off than steps reach, and is not always there, is
-    taken for nothing."""
+    """Whole view of one sensor, in and outside the crop.
+
+    Surfaces beyond the range of the steps that are not always present are treated as nothing.
+    """
     still = background.ravel().astype(np.float32)
     seen = np.flatnonzero(still > 0).astype(np.uint32)
     pixels, steps = [], []
@@ -267,7 +295,10 @@ def _packed_whole(rig: Rig, background: np.ndarray, images: Iterable[np.ndarray]
 
 
 def _beyond_noise(errors: ErrorProfile) -> list[str]:
-    """Part of a key that errors add: nothing where there is only the sensors' own noise."""
+    """Part of a key that errors add.
+
+    Empty where only the sensors' own noise applies.
+    """
     return [] if only_own_noise(errors) else [errors.digest, code_digest(*errors.modules)]
 
 
@@ -277,6 +308,9 @@ def _code(sensors: Sequence[Sensor]) -> str:
 
 
 def _seed(sensor: Sensor) -> int:
-    """Seed of its noise: not `Sensor.digest`, since published figures were measured with this noise."""
+    """Seed of a sensor's noise.
+
+    It is not `Sensor.digest`, since published figures were measured with this noise.
+    """
     described = json.dumps((repr(sensor.model), sensor.pose.tolist()))
     return int.from_bytes(sha256(described.encode()).digest()[:8], "big")

@@ -1,4 +1,7 @@
-"""`see`: what candidates see of traffic, by rays or in panoramas, whichever is quicker and near enough."""
+"""`see`: visibility of traffic from candidates.
+
+It uses rays or panoramas, whichever is quicker and accurate enough.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +80,10 @@ def _look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: tuple[int
 
 
 def _blocks(sensors: Sequence[Sensor]) -> list[Block]:
-    """First and last sensor of blocks with `BLOCK_PIXELS` at most, or one sensor each."""
+    """First and last sensor of each block.
+
+    A block has at most `BLOCK_PIXELS` pixels, or one sensor.
+    """
     blocks, first, pixels = [], 0, 0
     for c, sensor in enumerate(sensors):
         size = math.prod(sensor.model.shape)

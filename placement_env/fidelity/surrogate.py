@@ -1,4 +1,6 @@
-"""`Surrogate`: the AP of sensor sets predicted from how many points their sensors have on each object.
+"""`Surrogate`: AP of sensor sets predicted from points.
+
+It uses the number of points that their sensors have on each object.
 
 A `HitModel` gives each object's probability p of being hit. Objects are ranked by it, as a detector's scores would, and
 down to the i-th of them T_i = p_1 + ... + p_i hits are expected and λ (i - T_i) false alarms, λ being the model's
@@ -30,11 +32,11 @@ MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float3
 
 
 class Surrogate:
-    """Sets of the candidates of `visibility` scored by a model of each class, the shipped one of `scheme` at the IoU
-    threshold of the class if none is given.
+    """Sets of the candidates of `visibility` scored by models.
 
-    model: of vehicles, or one of each class; radius: the site's hybrid radius (m); codec: of what is sent; classes: of
-    the objects that count, several combined. Raises ValueError where a model is of another scheme or there is none.
+    There is one model per class; the default is the shipped one of `scheme` at the IoU threshold of the class. model:
+    of vehicles, or one of each class; radius: the site's hybrid radius (m); codec: of the data sent; classes: of the
+    objects that count, several combined. Raises ValueError where a model is of another scheme or missing.
     """
 
     name = "surrogate"
@@ -73,7 +75,10 @@ class Surrogate:
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Expected AP and recall of each set, of several classes combined; 0 without an object."""
+        """Expected AP and recall of each set.
+
+        Several classes are combined; 0 without an object.
+        """
         if len(self.classes) > 1:
             estimate = self.by_class(subsets).combined(self.classes)
             return Estimate(np.nan_to_num(estimate.ap), np.nan_to_num(estimate.recall), estimate.kbit)
@@ -81,7 +86,10 @@ class Surrogate:
         return Estimate(ap, recall, self._kbit(subsets))
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
-        """Same of each class, NaN where there is no object of it."""
+        """Expected AP and recall of each class.
+
+        NaN where the class has no objects.
+        """
         figures = [part.expected(subsets) for part in self._parts]
         for part, (ap, recall) in zip(self._parts, figures, strict=True):
             if not part.objects:
@@ -90,9 +98,12 @@ class Surrogate:
         return ClassEstimates(ap, recall, self._kbit(subsets))
 
     def evidence(self) -> list[tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"], HitModel, float]]:
-        """n ^ norm of each candidate and object of each class, what an object's size leaves of a hit's probability, the
-        model of the class, and its weight in the mean. Raises ValueError where what the centre gets makes them no sum
-        over sensors."""
+        """Evidence n ^ norm, by class.
+
+        It is for each candidate and object. It comes with the factor of an object's size on its hit probability, the
+        model of the class, and its weight in the mean. Raises ValueError where the centre's data make it no sum over
+        sensors.
+        """
         weights = np.array(self.classes.weights)
         there = np.array([part.objects > 0 for part in self._parts])
         shares = np.where(there, weights, 0.0) / max(float(weights[there].sum()), 1e-300)
@@ -103,14 +114,19 @@ class Surrogate:
         ]
 
     def in_frames(self, frames: Int64[np.ndarray, " _"]) -> Surrogate:
-        """Same over some of the frames alone, ascending; kbit stay those of all."""
+        """Same surrogate over some of the frames.
+
+        Frames are ascending; kbit stay those of all.
+        """
         other = copy(self)
         other._parts = [part.in_frames(frames) for part in self._parts]
         return other
 
     def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Standard deviation of the AP of each set over the resamples of the fit; NaN where a model has
-        none. Says nothing of what the models have not got a number for."""
+        """Standard deviation of each set's AP over resamples.
+
+        The resamples are of the fit; NaN where a model has none. Effects outside the models are not included.
+        """
         count = min(len(model.resampled) for model in self.models)
         if count < 2:
             return np.full(len(subsets), np.nan)
@@ -124,8 +140,10 @@ class Surrogate:
         return np.nan_to_num(np.std(drawn, axis=0, ddof=1))
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
-        """Sentences on how it is asked about something it was not fitted to. sensors: kinds of their
-        models."""
+        """Sentences on differences from the fitted data.
+
+        sensors: kinds of their models.
+        """
         said: dict[str, None] = {}
         for part, model in zip(self._parts, self.models, strict=True):
             if model.domain is not None:
@@ -181,7 +199,9 @@ class _Part:
 def compute_expected_ap(
     probability: Float[np.ndarray, "n O"], false_alarms: float
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """AP and recall (n,) of hit probabilities in descending order: the formula above.
+    """AP and recall (n,) by the formula above.
+
+    Hit probabilities come in descending order.
 
     >>> compute_expected_ap(np.array([[1, 1, 0, 0], [0.5, 0.5, 0.5, 0.5]], np.float32), 1.0)
     (array([0.5 , 0.25]), array([0.5, 0.5]))
@@ -197,11 +217,11 @@ def compute_expected_ap(
 
 
 class Evidence:
-    """Evidence of each candidate on each object, in numbers that add up over the members of a set.
+    """Evidence of each candidate on each object.
 
-    scheme: how sets fuse; radius: the site's hybrid radius (m). The sums of `rows` over a set, `joined`, are the
-    model's Σ n_i ^ norm and, where it has a floor, Σ N_i ^ norm. Where points reach the centre beside boxes, it counts
-    as one sensor more that holds them all.
+    Its numbers add up over the members of a set. scheme: how sets fuse; radius: the site's hybrid radius (m). The sums
+    of `rows` over a set, `joined`, are the model's Σ n_i ^ norm and, where it has a floor, Σ N_i ^ norm. Where points
+    reach the centre beside boxes, it counts as one more sensor that holds them all.
     """
 
     def __init__(self, visibility: Visibility, scheme: Scheme, radius: float) -> None:
@@ -209,8 +229,11 @@ class Evidence:
         self._pooled = scheme.mask_pooled(visibility.distance, radius)
 
     def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "C w"]:
-        """n ^ norm of each candidate and object and, beside it, n where the centre gets the points too; where the model
-        has a floor, the same of N."""
+        """Evidence n ^ norm of each candidate and object.
+
+        Where the centre gets the points too, n stands beside it; where the model has a floor, so do the same values of
+        N.
+        """
         seen = self._visibility
         points: np.ndarray = seen.points.astype(dtype)
         raw = self._columns(points, model) if model.floor > 0 else []
@@ -226,7 +249,10 @@ class Evidence:
     def joined(
         self, sums: Float[np.ndarray, "n w"], model: HitModel
     ) -> tuple[Float[np.ndarray, "n O"], Float[np.ndarray, "n O"] | None]:
-        """Σ n_i ^ norm of sets, and Σ N_i ^ norm where the model has a floor, from the sums of their members' rows."""
+        """Sums of evidence over sets.
+
+        They are Σ n_i ^ norm, and Σ N_i ^ norm where the model has a floor, from the sums of the members' rows.
+        """
         if model.floor > 0:
             dense, raw = np.split(sums, 2, axis=1)
             return self._with_centre(dense, model), self._with_centre(raw, model)

@@ -1,7 +1,8 @@
-"""`Table`: the AP of every set of a site's sensors, each scheme and IoU threshold, measured once with a detector.
+"""`Table`: the AP of every set of a site's sensors.
 
-Row number is bit mask: sensor c belongs to the sets whose number has bit c. The tables of the built-in sites, with the
-shipped detectors, are in `exact/`; `make_table` makes them again.
+Each scheme and IoU threshold was measured once with a detector. The row number is a bit mask: sensor c belongs to the
+sets whose number has bit c. The tables of the built-in sites, with the shipped detectors, are in `exact/`; `make_table`
+makes them again.
 """
 
 from __future__ import annotations
@@ -44,10 +45,12 @@ def _no_more() -> Float64[np.ndarray, "0 0 0 0"]:
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of a table: site, names of the sensors, digest of both (`hash_site`), how many frames and
-    objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code,
-    the site's hybrid radius (m), name of the sensors' error profile, classes of the objects, and of each the IoU
-    threshold in the place of each of `IOUS`.
+    """Origin of a table.
+
+    It names the site, the sensors, the digest of both (`hash_site`), the numbers of frames and of objects in them,
+    digests of the measured data and the detector, the noise seed, the code's commit, the site's hybrid radius (m), the
+    name of the sensors' error profile, the classes of the objects, and for each class the IoU threshold that replaces
+    each of `IOUS`.
     """
 
     site: str
@@ -71,11 +74,11 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Figures of all 2^C sets of C sensors, by scheme (of `PAPER_SCHEMES`) and IoU threshold (of `IOUS`); kbit is what
-    the sensors of a set send together in a frame by the paper's codec. Where several classes were measured, `ap` and
-    `recall` are of the first of them, more_ap and more_recall of the others.
+    """Figures of all 2^C sets of C sensors.
 
-    Raises ValueError where the shapes do not fit.
+    They are by scheme (of `PAPER_SCHEMES`) and IoU threshold (of `IOUS`); kbit is the total that the sensors of a set
+    send in a frame by the paper's codec. Where several classes were measured, `ap` and `recall` are of the first of
+    them, more_ap and more_recall of the others. Raises ValueError where the shapes do not fit.
     """
 
     origin: Origin
@@ -94,7 +97,10 @@ class Table:
             raise ValueError(f"a table of {self.origin.classes} needs {(others, *shape)}, got {self.more_ap.shape}")
 
     def of_class(self, name: str) -> tuple[Float64[np.ndarray, "s k i"], Float64[np.ndarray, "s k i"]]:
-        """AP and recall (sets, schemes, ious) of a class. Raises ValueError for one that was not measured."""
+        """AP and recall (sets, schemes, ious) of a class.
+
+        Raises ValueError for a class that was not measured.
+        """
         if name not in self.origin.classes:
             raise ValueError(
                 f"this table holds {', '.join(self.origin.classes)}, not {name}: make one with coview table --classes, "
@@ -117,9 +123,10 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class TableFidelity:
-    """Sets scored by looking them up: as exact as detection, at no cost. classes: that count, several combined.
+    """Score sets by looking them up.
 
-    Raises ValueError for a scheme, IoU threshold, class or codec that the table has not.
+    It is as exact as detection, at no cost. classes: that count, several combined. Raises ValueError for a scheme, IoU
+    threshold, class or codec that the table lacks.
     """
 
     table: Table
@@ -168,7 +175,10 @@ class Best(NamedTuple):
 def best_sets(
     table: Table, scheme: Scheme | str = "early", iou: float = 0.7, top: int = 3, *, classes: Classes = VEHICLES
 ) -> dict[int, list[Best]]:
-    """The best sets of each number of sensors, best first, as the paper's table lists them; all sensors first."""
+    """Best sets of each number of sensors.
+
+    They are best first, as the paper's table lists them; the set of all sensors comes first.
+    """
     subsets = table.subsets
     ap = TableFidelity(table, scheme, iou, classes=classes)(subsets).ap
     sizes = subsets.sum(axis=1)
@@ -191,11 +201,12 @@ def make_table(
     classes: Classes = VEHICLES,
     processes: Processes = Processes(),
 ) -> Table:
-    """Score every sensor set in every scheme by detection, for each class, and write the table.
+    """Score every sensor set and write the table.
 
-    renders: what the sensors measured, such as `Renders.of(CoopDataset(path))`; frames: the first so many; seed: of
-    their noise, written down; processes: report each frame once for each scheme. Detections are kept beside `out` until
-    the table is whole: started again after a kill, it goes on. The table is the same however it came about.
+    Every scheme is scored by detection, for each class. renders: the sensors' measurements, such as
+    `Renders.of(CoopDataset(path))`; frames: number of first frames to use; seed: of their noise, written down;
+    processes: report each frame once for each scheme. Detections are kept beside `out` until the table is complete, so
+    a killed run resumes. The table is the same either way.
     """
     out, subsets = Path(out), all_subsets(len(renders.sensors))
     memo = Cache(out.with_name(out.name + ".detections"))
@@ -231,7 +242,10 @@ def make_table(
 
 
 def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
-    """SHA-256 over a site and sensors there: a table says nothing about others. The hybrid radius stands beside it."""
+    """SHA-256 over a site and its sensors.
+
+    A table applies to no others. The hybrid radius is stored beside it.
+    """
     from toolkit.sites.files import format_site
 
     mounted = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
@@ -239,16 +253,17 @@ def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
 
 
 def save_table(table: Table, path: str | Path) -> None:
-    """Write a table as a .npz file, all of it or nothing."""
+    """Write a table as a .npz file, completely or not."""
     origin = np.frombuffer(json.dumps(vars(table.origin)).encode(), np.uint8)
     more = {"more_ap": table.more_ap, "more_recall": table.more_recall} if len(table.origin.classes) > 1 else {}
     write_arrays(path, {"ap": table.ap, "recall": table.recall, "kbit": table.kbit, **more, "origin": origin})
 
 
 def load_table(name: str | Path) -> Table:
-    """The table of a built-in site by its name, or of a .npz file by its path.
+    """Table of a built-in site or a .npz file.
 
-    Raises FileNotFoundError where there is none, ValueError where the file is damaged or no table.
+    The site is given by its name, the file by its path. Raises FileNotFoundError for a missing table, ValueError where
+    the file is damaged or no table.
     """
     path = Path(name) if Path(name).suffix == ".npz" else SHIPPED / f"{name}.npz"
     if not path.is_file():
@@ -266,15 +281,20 @@ def load_table(name: str | Path) -> Table:
 
 
 def _hybrid_radius(site: str) -> float:
-    """Hybrid radius of a table that does not say: it was made when only the built-in sites had one of their own."""
+    """Hybrid radius of a table without one.
+
+    Such a table was made when only the built-in sites had a radius of their own.
+    """
     return load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
 
 
 def class_column(
     table: Table, scheme: Scheme | str, name: str, iou: float
 ) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
-    """AP and recall of all sets for a class in a scheme at an IoU threshold. Raises ValueError where the table has not
-    got them."""
+    """AP and recall of all sets for a class.
+
+    They are in a scheme at an IoU threshold. Raises ValueError where the table lacks them.
+    """
     ap, recall = table.of_class(name)
     at = table.origin.ious[table.origin.classes.index(name)]
     if iou not in at:

@@ -1,4 +1,7 @@
-"""`Traffic`: the frames that every sensor set of a search is judged by; the same whichever sensors look at them."""
+"""`Traffic`: the frames that judge every sensor set.
+
+They are the same for all sensors.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,10 @@ FRAMES = 200
 
 @dataclass(frozen=True, eq=False)
 class Traffic:
-    """snapshots: the frames, of traffic on the site; bodies: what `Snapshot.bodies` counts."""
+    """Frames of traffic on a site.
+
+    snapshots: the frames; bodies: used by the counts in `Snapshot.bodies`.
+    """
 
     site: Site
     bodies: tuple[Body, ...]
@@ -38,7 +44,10 @@ class Traffic:
         return len(self.snapshots)
 
     def digest(self) -> str:
-        """SHA-256 over site, bodies and frames; equal where all that a sensor might see is equal."""
+        """SHA-256 over site, bodies and frames.
+
+        Equal digests mean that everything a sensor might see is equal.
+        """
         return self._digest
 
     @cached_property
@@ -60,11 +69,12 @@ class Traffic:
 def simulate_traffic(
     site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
 ) -> Traffic:
-    """`frames` frames of simulated traffic; bodies: that come again and again, None for everyone drawn afresh. Same
-    seed, same frames. Who parks stays for `LIFE` frames, as everybody does: sets are compared by a bootstrap over
-    blocks of so many, and a van that stood there throughout would decide between them unseen.
+    """Frames of simulated traffic, `frames` of them.
 
-    Raises ValueError for fewer frames than one, and what `toolkit.traffic.snapshots.simulate` raises.
+    bodies: recurring bodies, None to draw every road user afresh. The same seed gives the same frames. Parked vehicles
+    stay for `LIFE` frames, like all others. Sets are compared by a bootstrap over blocks of that length, and a van
+    parked there throughout would bias the comparison unnoticed. Raises ValueError for fewer frames than one, and errors
+    of `toolkit.traffic.snapshots.simulate`.
     """
     check_whole("frames", frames, least=1)
     drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1])) if bodies is None else bodies
@@ -75,14 +85,19 @@ def simulate_traffic(
 
 @lru_cache(maxsize=2)
 def build_renderer(traffic: Traffic) -> Renderer:
-    """A renderer of the traffic's site and bodies, without sensors, built once: what stands still takes longer to put
-    together than to look at."""
+    """Renderer of the traffic's site and bodies.
+
+    It has no sensors and is built once: assembling the standing scene takes longer than rendering it.
+    """
     from toolkit.rendering.renderer import Renderer
 
     return Renderer(traffic.site, traffic.bodies, (), threads=1)
 
 
 def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Bool[np.ndarray, " n"]:
-    """Mask of the objects that a detector is scored by: those of some classes (numbers), vehicles (no heavy ones) if
-    none are given, centred in the area, as in `toolkit.detection.evaluation` with its exact protocol."""
+    """Mask of the objects that a detector is scored by.
+
+    They are of some classes (numbers), vehicles (no heavy ones) by default, and centred in the area, as in
+    `toolkit.detection.evaluation` with its exact protocol.
+    """
     return np.isin(objects.labels, labels) & has_centre_inside(objects.boxes, site.area)

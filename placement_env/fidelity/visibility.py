@@ -1,9 +1,10 @@
-"""`Visibility`: how many points each candidate has on each object that is scored, and how many it sends.
+"""`Visibility`: points of candidates on objects, and points sent.
 
-Points on an object are noise-free: those that lie on it and in the crop. That is what `toolkit.boxes.count_points`
-counts in the cropped cloud, but for the ground that relief lifts into the foot of a box, which is no part of the
-object, and for what lies on the very faces of the box, where rounding decides. Points sent are what noise makes of
-them in the mean, since it lifts half of the points on even ground above z = 0 and with that into the crop.
+Only scored objects count. Points on an object are noise-free: those that lie on it and in the crop.
+`toolkit.boxes.count_points` counts the same in the cropped cloud, with two exceptions: ground that relief lifts into
+the foot of a box, which is no part of the object, and points on the very faces of the box, where rounding decides.
+Points sent are their expectation under noise, which lifts half of the points on even ground above z = 0 and so into the
+crop.
 """
 
 from __future__ import annotations
@@ -25,13 +26,12 @@ from toolkit.sensors.sensor import Sensor
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
-    """View of C candidates on the O scored objects (of some classes, centred in the area) of F frames, frame after
-    frame.
+    """View of C candidates on the O scored objects.
 
-    points: on each object inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal,
-    m, whether or not it is seen; frame: of each object, ascending; boxes: of the objects; sent: expected points in the
-    crop of each frame; far: those of them farther off, horizontally, than the radius of hybrid fusion;
-    labels: class of each object, all vehicles if not given.
+    The objects (of some classes, centred in the area) are those of F frames, frame after frame. points: on each object
+    inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal, m, seen or not; frame: of
+    each object, ascending; boxes: of the objects; sent: expected points in the crop of each frame; far: those of them
+    horizontally beyond the radius of hybrid fusion; labels: class of each object, all vehicles if not given.
     """
 
     points: Float32[np.ndarray, "C O"]
@@ -76,12 +76,18 @@ class Visibility:
         return Visibility(*objects, self.sent, self.far, self.labels[own])
 
     def save(self, path: str | Path) -> None:
-        """Write a file, all of it or nothing, to be read by `load`."""
+        """Write a file, completely or not.
+
+        `load` reads it.
+        """
         write_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @staticmethod
     def load(path: str | Path) -> Visibility:
-        """Read what `save` wrote. Raises FileNotFoundError; ValueError where the file is damaged or another one."""
+        """Read a file that `save` wrote.
+
+        Raises FileNotFoundError; ValueError for a damaged or foreign file.
+        """
         arrays, names = read_arrays(path), {field.name for field in fields(Visibility)}
         if arrays.keys() not in (names, names - {"labels"}):  # without them: written when vehicles alone counted
             raise ValueError(f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: see save")
@@ -95,11 +101,11 @@ class Visibility:
         noise_seed: int | None = 0,
         labels: Sequence[int] = (VEHICLE,),
     ) -> Visibility:
-        """View of the sensors of a recording on its vehicles, or objects of these classes, counted in their clouds;
-        frames: only the first so many.
+        """View of a recording's sensors on its objects.
 
-        What is sent is counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are
-        there.
+        The objects are vehicles, or those of the given classes, counted in the sensors' clouds; frames: number of first
+        frames to use. Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none,
+        as kbit are there.
         """
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
         radius = site.hybrid_radius
@@ -147,6 +153,6 @@ def list_objects(
 
 
 def distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
-    """Horizontal distance (m) from each sensor to the centre of each box."""
+    """Horizontal distance (m) from sensors to box centres."""
     positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
     return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)

@@ -211,8 +211,8 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
 def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: Axes | None = None) -> Candidates:
     """Any sensors as candidates on their nearest mounts.
 
-    The nearest mount is measured to its foot, seen from above. Duplicate names are numbered. priced: prices of their
-    models, None for nothing.
+    The nearest mount is measured to its foot, seen from above. Each name gets a number in front. priced: prices of
+    their models, None for nothing.
     """
     feet = np.array([mount.position[:2] for mount in mounts])
     spots = np.array([sensor.position[:2] for sensor in sensors])

@@ -1,1 +1,4 @@
-"""Probability that a detector hits an object with given points on it: the model, its fit, and what it was fitted to."""
+"""Probability that a detector hits an object.
+
+It depends on the points on the object. The package has the model, its fit, and the domain of the fit.
+"""

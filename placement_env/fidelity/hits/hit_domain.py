@@ -1,4 +1,7 @@
-"""`HitDomain`: what a model of hits was fitted to, and whether it is asked about something else."""
+"""`HitDomain`: the range of a hit model's training.
+
+It tells whether the model is used outside that range.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,12 @@ BEYOND = 1.1  # of a range, by which it may be exceeded
 
 @dataclass(frozen=True)
 class HitDomain:
-    """farthest: distance (m) below which 99 % of what the sensors saw was; most_points: on an object, likewise;
-    sensors: kinds of their models, names of classes; sites, objects, sets: how many. Raises ValueError where a number
-    is not positive."""
+    """Range of data that a hit model was fitted to.
+
+    farthest: distance (m), the 99 % quantile of everything the sensors saw; most_points: on an object, likewise;
+    sensors: kinds of their models, names of classes; sites, objects, sets: their numbers. Raises ValueError where a
+    number is not positive.
+    """
 
     farthest: float
     most_points: float
@@ -37,7 +43,9 @@ class HitDomain:
     def outside(
         self, points: Float32[np.ndarray, "C O"], distance: Float32[np.ndarray, "C O"], sensors: Iterable[str] = ()
     ) -> tuple[str, ...]:
-        """Sentences on how what is asked differs; none where it does not. sensors: kinds of models.
+        """Sentences on how a question differs; empty if not.
+
+        sensors: kinds of models.
 
         >>> domain = HitDomain(50.0, 900.0, ("DepthCamera",), 1, 10, 5)
         >>> domain.outside(np.float32([[30]]), np.float32([[20]]), ["DepthCamera"])

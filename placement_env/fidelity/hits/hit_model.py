@@ -1,4 +1,6 @@
-"""`HitModel`: how likely a detector finds an object with given points on it, in a few numbers kept as JSON.
+"""`HitModel`: the probability that a detector finds an object.
+
+It depends on the points on the object and has a few numbers, kept as JSON.
 
 Of an object headed ψ with N_i points from sensor i of a set, d_i metres away, a hit has the probability
 
@@ -55,10 +57,12 @@ OPTIONAL = {"label", "floor", "bulk", "domain", "resampled"}  # files written be
 
 @dataclass(frozen=True)
 class HitModel:
-    """The numbers above, for one scheme (its name), IoU threshold and class of objects. false_alarms: how many false
-    alarms outrank a hit, for each object found less surely and not hit; source: what they were fitted to, in words;
-    domain: in figures, None where it is not known; resampled: `NUMBERS` of fits to resamples of the same, which say how
-    sure the fit is, empty where it was not tried. Raises ValueError where one is out of range.
+    """Numbers of the formula above.
+
+    They are for one scheme (its name), IoU threshold and class of objects. false_alarms: number of false alarms that
+    outrank a hit, for each object that is less surely found and not hit; source: description of the fitted data, in
+    words; domain: in figures, None where unknown; resampled: `NUMBERS` of fits to resamples of the same data, which
+    show the uncertainty of the fit, empty where not tried. Raises ValueError where one is out of range.
     """
 
     scheme: str
@@ -97,8 +101,11 @@ class HitModel:
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """p of objects up to `BULKY`, from Σ n_i ^ norm; it grows with it. raw: Σ N_i ^ norm, for the floor; None for
-        as many as it asks for."""
+        """Hit probability p from Σ n_i ^ norm.
+
+        It is for objects up to `BULKY` and grows with the sum. raw: Σ N_i ^ norm, for the floor; None for enough points
+        to meet it.
+        """
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept
@@ -117,8 +124,10 @@ class HitModel:
 
 
 def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) -> tuple[HitModel, ...]:
-    """The models of a file, of schemes with these names. Raises FileNotFoundError; ValueError, in one line, where it is
-    no file of models."""
+    """Models of a file for schemes with these names.
+
+    Raises FileNotFoundError; ValueError, in one line, for any other kind of file.
+    """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no surrogate {path}: fit one with coview surrogate")
@@ -132,16 +141,17 @@ def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) 
 
 
 def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
-    """Write models as JSON; the file appears whole or not at all."""
+    """Write models as JSON, completely or not."""
     write_text(path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n")
 
 
 def shipped_model(
     scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = LABELS[VEHICLE]
 ) -> HitModel:
-    """The model that comes with coview for a shipped detector, that of the general one where it has none of its own.
+    """Model that comes with coview for a shipped detector.
 
-    Raises ValueError, which lists what there is, where there is none for the scheme, IoU threshold and class.
+    A detector without its own uses that of the general one. Raises ValueError, which lists the available models, for an
+    unknown scheme, IoU threshold or class.
     """
     own = FOLDER / f"{detector}.json"
     models = load_models(own if own.is_file() else FOLDER / "general.json")
@@ -149,8 +159,10 @@ def shipped_model(
 
 
 def chosen_model(models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str) -> HitModel:
-    """The model for a scheme, IoU threshold and class, of those that `source` holds. Raises ValueError, which lists
-    these and says how one is fitted, where there is none."""
+    """Model for a scheme, IoU threshold and class.
+
+    `source` holds the choices. Raises ValueError where none fits; it lists the choices and says how to fit one.
+    """
     models = list(models)
     for model in models:
         if (model.scheme, model.label) == (scheme, label) and math.isclose(model.iou, iou):
@@ -163,7 +175,7 @@ def chosen_model(models: Iterable[HitModel], scheme: str, iou: float, label: str
 
 
 def _of(label: str) -> str:
-    """Words for the class of a model, where it is not vehicles."""
+    """Words for a model's class, unless it is vehicles."""
     return "" if label == LABELS[VEHICLE] else f" of {label}"
 
 

@@ -1,1 +1,4 @@
-"""Views of sensors, looked up in panoramas: one for each place and frame, for all that hangs there however it looks."""
+"""Views of sensors, looked up in panoramas.
+
+There is one panorama for each place and frame, for all sensors there in any direction.
+"""

@@ -1,7 +1,8 @@
-"""`LiveView`: what sensors see while they are turned, tilted, raised and lowered on their mounts, at once.
+"""`LiveView`: immediate views of moving sensors.
 
-From a mount, panoramas are made at every half metre of its height when one of its sensors is first asked for, of all
-frames. Between two of these heights, what is seen is interpolated; heading and tilt are looked up.
+Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of all frames are made at every half metre
+of a mount's height when one of its sensors is first requested. Between two of these heights the view is interpolated;
+heading and tilt are looked up.
 """
 
 from __future__ import annotations
@@ -38,10 +39,11 @@ Place = tuple[float, float, float]
 
 
 class LiveView:
-    """Looks at traffic from mounts. labels: classes (numbers) of the objects that count; cache: where panoramas are
-    kept and shared with other processes, None for this object's memory.
+    """Look at traffic from mounts.
 
-    Sensors must measure all of the detection area, see `placement_env.fidelity.panorama.panoramas.far_sighted`.
+    labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
+    processes, None for this object's memory. Sensors must measure all of the detection area, see
+    `placement_env.fidelity.panorama.panoramas.far_sighted`.
     """
 
     def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:
@@ -57,7 +59,10 @@ class LiveView:
         self._moment = lru_cache(maxsize=MOST_MOMENTS)(self._moment_of)
 
     def see(self, candidates: Candidates) -> Visibility:
-        """View of candidates; the first time that one of a mount is asked for, panoramas are made there."""
+        """View of candidates.
+
+        The first request for a mount makes its panoramas.
+        """
         sensors = candidates.sensors
         models = {sensor.model for sensor in sensors}
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
@@ -76,7 +81,10 @@ class LiveView:
         return Visibility(seen_of[0], *columns)
 
     def _prepare(self, wanted: Iterable[tuple[Place, Mount]], models: set[SensorModel]) -> None:
-        """See to it that panoramas of places are in memory, with those above and below on their mounts."""
+        """Load or make panoramas of places.
+
+        Those above and below on their mounts are included.
+        """
         asked = dict.fromkeys(place for place, _ in wanted)
         missing = [(place, mount) for place, mount in wanted if self._lacks(place, models)]
         if missing:
@@ -128,7 +136,10 @@ class LiveView:
 
 
 def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Place, float]]:
-    """The places of panoramas below and above a position on a mount, and the share of each."""
+    """Panorama places below and above a position, with shares.
+
+    The position is on a mount.
+    """
     x, y, z = position.tolist()
     foot = float(mount.position[2])
     steps = round((z - foot) / HEIGHT_STEP, 6)
@@ -139,7 +150,10 @@ def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Pla
 
 
 def _places(place: Place, mount: Mount) -> list[Place]:
-    """Those of all heights that a sensor on a mount may have, above and below a place there."""
+    """Panorama places for all heights of a sensor.
+
+    They are above and below a place on its mount.
+    """
     low, high = (h / HEIGHT_STEP for h in (mount.min_height, mount.max_height))
     steps = range(int(np.floor(low + 1e-6)), int(np.ceil(high - 1e-6)) + 1)
     return [_place(*place[:2], float(mount.position[2]) + step * HEIGHT_STEP) for step in steps]

@@ -1,4 +1,7 @@
-"""Many sensors at few places: what each sees of frames, from the strips that are seen of objects at its place."""
+"""Views of many sensors at few places.
+
+Each is found from the strips of objects seen at its place.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +30,11 @@ TableKey = tuple[SensorModel, float, float]  # model, tilt and roll of a table
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """S sensors at V viewpoints. viewpoint: of each sensor; heading: places of azimuth; more: places of elevation that
-    it is tilted more than its table; groups: sensors by table, at most one of a viewpoint in each."""
+    """S sensors at V viewpoints.
+
+    viewpoint: of each sensor; heading: places of azimuth; more: places of elevation by which it is tilted more than its
+    table; groups: sensors by table, at most one per viewpoint in each.
+    """
 
     viewpoints: Float64[np.ndarray, "V 3"]
     viewpoint: Int64[np.ndarray, " S"]
@@ -52,8 +58,11 @@ class Views:
 def table_keys(
     sensors: Sequence[Sensor],
 ) -> tuple[list[TableKey], Float32[np.ndarray, " S"], Float32[np.ndarray, " S"]]:
-    """Of each sensor the table that knows its rays, its heading (places of azimuth), and by how much it is tilted more
-    than the table (places of elevation)."""
+    """Ray table, heading and extra tilt of each sensor.
+
+    The table knows its rays; the heading is in places of azimuth. The extra tilt is beyond the table's, in places of
+    elevation.
+    """
     aims = [compute_aim(sensor) for sensor in sensors]
     base = [round(aim.tilt / TABLE_TILTS) for aim in aims]
     more = np.array([aim.tilt - steps * TABLE_TILTS for aim, steps in zip(aims, base, strict=True)])
@@ -68,8 +77,11 @@ def table_keys(
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """Strips of objects, ready to be looked at. item: number of each strip's object, frame: of its frame; counts:
-    whether its points count; far: whether they are far."""
+    """Strips of objects, ready for lookup.
+
+    item: number of each strip's object, frame: of its frame; counts: whether its points count; far: whether they are
+    far.
+    """
 
     viewpoint: Int32[np.ndarray, " n"]
     item: Int64[np.ndarray, " n"]
@@ -82,7 +94,7 @@ class Sight:
 
     @staticmethod
     def of(strips: Strips, frame: Int64[np.ndarray, " items"]) -> Sight:
-        """Strips of objects, of which the frame of each is given."""
+        """Strips of objects, given the frame of each."""
         item = strips.item.astype(np.int64)
         return Sight(
             strips.viewpoint, item, frame[item],
@@ -92,14 +104,19 @@ class Sight:
         )  # fmt: skip
 
     def count_gain(self, still: Still) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Addition of a ray in each strip to what is sent and to what is far, beside what stands behind it."""
+        """Gain of one ray in each strip.
+
+        It is the change to the points sent and the far ones, relative to the background.
+        """
         sent, far = still.behind(self.viewpoint, self.azimuth, self.elevation)
         return self.counts - sent, self.far - far
 
 
 def alone(views: Views, stills: Mapping[SensorModel, Still]) -> Float64[np.ndarray, "2 S"]:
-    """Points that each sensor sends when nothing moves, and how much of that is far. stills: what stands still, by
-    model."""
+    """Points that each sensor sends in a still scene.
+
+    The far ones come too. stills: the standing scene, by model.
+    """
     found = np.zeros((2, len(views.viewpoint)))
     for key, members in views.groups:
         cells = ray_table(*key).cells
@@ -116,8 +133,11 @@ def look_through(
     empty: Float64[np.ndarray, "2 S"],
     shape: tuple[int, int],
 ) -> Seen:
-    """View of sensors: points on each item, points sent in each frame. stills: what stands still, by model; empty:
-    what the sensors send when nothing moves, see `alone`; shape: how many items and frames."""
+    """View of sensors through the strips.
+
+    Returns points on each item and points sent in each frame. stills: the standing scene, by model; empty: points sent
+    when nothing moves, see `alone`; shape: numbers of items and frames.
+    """
     items, frames = shape
     count = len(views.viewpoint)
     points = np.zeros(count * items)
@@ -138,7 +158,10 @@ def look_through(
 def _rays_on(
     views: Views, sight: Sight, table: RayTable, members: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sensor, strip and number of rays, where members of a group have rays on a strip."""
+    """Sensor, strip and number of rays.
+
+    They are listed where members of a group have rays on a strip.
+    """
     at = np.full(len(views.viewpoints), -1)
     at[views.viewpoint[members]] = members
     sensor = at.take(sight.viewpoint)
@@ -152,7 +175,7 @@ def _rays_on(
 
 
 def _one_each(members: Int64[np.ndarray, " n"], viewpoint: Int64[np.ndarray, " S"]) -> Iterator[np.ndarray]:
-    """Members in groups with at most one of a viewpoint in each."""
+    """Groups of members, at most one per viewpoint."""
     order = members[np.argsort(viewpoint[members], kind="stable")]
     _, first, counts = np.unique(viewpoint[order], return_index=True, return_counts=True)
     for rank in range(counts.max()):

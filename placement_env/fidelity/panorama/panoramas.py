@@ -1,5 +1,6 @@
-"""Views of many sensors on traffic, frame by frame from panoramas: each place is looked from once for all that may hang
-there.
+"""Views of many sensors on traffic, from panoramas.
+
+The frames are processed in turn. Each place is rendered once for all sensors there.
 """
 
 from __future__ import annotations
@@ -28,12 +29,18 @@ SHARED = 4  # sensors of a place, in the mean, from which on panoramas are worth
 
 
 def worthwhile(sensors: Sequence[Sensor]) -> bool:
-    """True where many sensors share their places, as those of a pool do."""
+    """True where many sensors share their places.
+
+    Those of a pool do.
+    """
     return len(sensors) >= SHARED * len({sensor.position.round(6).tobytes() for sensor in sensors})
 
 
 def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray, " S"]:
-    """Mask of sensors that measure all of the detection area: panoramas know no range at which one of them ends."""
+    """Mask of sensors that measure the whole detection area.
+
+    Panoramas have no limited sensor range.
+    """
     xmin, ymin, xmax, ymax = traffic.site.area.tolist()
     corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
     positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
@@ -45,7 +52,10 @@ def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray,
 
 
 def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
-    """View of far-sighted sensors on all frames; arguments as of `placement_env.fidelity.seeing.see`."""
+    """View of far-sighted sensors on all frames.
+
+    Arguments as of `placement_env.fidelity.seeing.see`.
+    """
     look = _Look(traffic, tuple(sensors), tuple(labels))
     blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
     tell = run.stage("poses rendered", len(sensors))
@@ -54,7 +64,7 @@ def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int
 
 
 def _frame_after_frame(parts: Sequence[Seen]) -> Seen:
-    """View of the same sensors on frames that follow each other."""
+    """View of the same sensors on consecutive frames."""
     return Seen(*(np.concatenate(each, axis=1) for each in zip(*parts, strict=True)))
 
 

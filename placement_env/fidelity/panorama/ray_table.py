@@ -1,8 +1,9 @@
-"""`RayTable`: how many rays of a sensor model, at a tilt, lie in rectangles of azimuth and elevation.
+"""`RayTable`: number of rays in rectangles of angles.
 
-Counts of rays up to a place of a fine grid are summed over both angles once (Crow 1984, a summed-area table); a
-rectangle then costs four of these sums, however many rays it holds. Azimuth is from the sensor's heading on. A sensor
-tilted by a little more than a table's tilt is looked up in that table, with the rectangles turned by the rest.
+The rays are of a sensor model at a tilt, the angles azimuth and elevation. Counts of rays up to a place of a fine grid
+are summed over both angles once (Crow 1984, a summed-area table). A rectangle then costs four of these sums, however
+many rays it holds. Azimuth is measured from the sensor's heading. A sensor tilted slightly more than a table is looked
+up in that table, with the rectangles turned by the difference.
 """
 
 from __future__ import annotations
@@ -33,7 +34,10 @@ Counts = Shaped[np.ndarray, " m"]  # of rays
 
 
 class Aim(NamedTuple):
-    """Aim of a sensor: heading, tilt below the horizon and roll about where it looks (rad)."""
+    """Aim of a sensor.
+
+    It has heading, tilt below the horizon and roll about the viewing direction (rad).
+    """
 
     heading: float
     tilt: float
@@ -41,7 +45,9 @@ class Aim(NamedTuple):
 
 
 def compute_aim(sensor: Sensor) -> Aim:
-    """The aim of a sensor; one that looks straight down or up has its heading in what is up in its image.
+    """Aim of a sensor.
+
+    A sensor that looks straight down or up takes its heading from the upward direction of its image.
 
     >>> from toolkit.geometry import look
     >>> from toolkit.sensors.models import DepthCamera
@@ -56,16 +62,22 @@ def compute_aim(sensor: Sensor) -> Aim:
 
 
 class Cells(NamedTuple):
-    """Cells of azimuth from the heading on and elevation from straight down on that hold rays, numbered column after
-    column, and how many."""
+    """Cells of azimuth and elevation that hold rays.
+
+    Azimuth is from the heading, elevation from straight down. The cells are numbered column after column; the number of
+    rays in each comes too.
+    """
 
     places: Int64[np.ndarray, " n"]
     rays: Float32[np.ndarray, " n"]
 
 
 class RayTable:
-    """The rays of a model, tilted and rolled (rad). first_column, columns: places of azimuth with rays
-    in them; first_row: the lowest of elevation; cells: those of its rays, for what needs no fine grid."""
+    """Rays of a model, tilted and rolled (rad).
+
+    first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells: those of its rays,
+    for uses that need no fine grid.
+    """
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
@@ -87,8 +99,11 @@ class RayTable:
         self.cells = Cells(cell, rays.astype(np.float32))
 
     def counts(self, rectangles: Rectangles, heading: Places, more: Places) -> tuple[Int64[np.ndarray, " m"], Counts]:
-        """Rectangles that hold rays, and their number. heading: of the sensor (places of azimuth), more: by how much it
-        is tilted more than this table (places of elevation); one number, or one for each rectangle."""
+        """Rectangles that hold rays, and their number.
+
+        heading: of the sensor (places of azimuth), more: its tilt beyond this table's (places of elevation); one
+        number, or one for each rectangle.
+        """
         left, right, low, high = rectangles.list_places(heading, more)
         begin = np.rint(left).astype(np.int32)
         width = np.rint(right).astype(np.int32) - begin
@@ -119,9 +134,11 @@ class RayTable:
 
 @dataclass(frozen=True, eq=False)
 class Rectangles:
-    """Rectangles of azimuth and elevation of the world. left, right: in places of azimuth, right up to a turn farther;
-    low, high: in places of elevation; cos, sin: of the azimuth of the middle; tan: of its elevation, but no steeper
-    than 3."""
+    """Rectangles of azimuth and elevation of the world.
+
+    left, right: in places of azimuth, right up to a turn farther; low, high: in places of elevation; cos, sin: of the
+    azimuth of the middle; tan: of its elevation, but no steeper than 3.
+    """
 
     left: Float32[np.ndarray, " n"]
     right: Float32[np.ndarray, " n"]
@@ -157,8 +174,11 @@ class Rectangles:
         return self.left, self.right, self.low, self.high, self.cos, self.sin, self.tan
 
     def list_places(self, heading: Places, more: Places) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Left, right, low and high from the heading on, as a sensor has them that is tilted more: to the first order
-        of that little tilt, of which the middle decides for the whole rectangle."""
+        """Left, right, low and high from the heading on.
+
+        They are for a sensor that is tilted more, to first order in the extra tilt. The middle decides for the whole
+        rectangle.
+        """
         left, right = self.left - heading, self.right - heading
         if not np.any(more):
             return left, right, self.low, self.high
@@ -182,5 +202,5 @@ def find_cells(azimuth: Angles, elevation: Angles) -> tuple[Int64[np.ndarray, " 
 
 
 def cell_elevations() -> Float64[np.ndarray, " rows"]:
-    """Of the middle of each row of cells."""
+    """Elevations of the middle of each row of cells."""
     return (CELL_EDGES[1:] + CELL_EDGES[:-1]) / 2

@@ -1,4 +1,7 @@
-"""Points of the standing scene from a place: the chance of each direction's point to be in the crop, and far off."""
+"""Points of the standing scene from a place.
+
+They are chances of each direction's point to be in the crop, and far off.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +21,21 @@ CHANCE_STEPS = np.float32(250.0)  # in which chances are kept, so that a half is
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """Chances of a point, in 250ths, to be sent, and to be sent and far: of the directions of cells (of `ray_table`),
-    seen from V viewpoints."""
+    """Chances of a point to be sent, and far.
+
+    Both are in 250ths, the second for sent and far together. They are of the directions of cells (of `ray_table`), seen
+    from V viewpoints.
+    """
 
     sent: UInt8[np.ndarray, "V columns rows"]
     far: UInt8[np.ndarray, "V columns rows"]
 
     @staticmethod
     def of(renderer: Renderer, site: Site, viewpoints: Float64[np.ndarray, "V 3"], model: SensorModel) -> Still:
-        """Seen from viewpoints, with the noise of a model, taken the same wherever in its image a direction lies."""
+        """Chances seen from viewpoints, with a model's noise.
+
+        The noise is the same everywhere in its image.
+        """
         rays = _directions()
         mean = np.linalg.norm(model.rays(), axis=-1).mean()  # m along a ray to a unit of what is measured
         images = np.zeros((2, len(viewpoints), len(rays)), np.uint8)
@@ -43,7 +52,10 @@ class Still:
         return Still(*images.reshape(2, len(viewpoints), CELL_COLUMNS, CELL_ROWS))
 
     def of_cells(self, viewpoint: int, cells: Cells, heading: float) -> tuple[float, float]:
-        """Points that a sensor of these cells sends when nothing moves, and how much of it is far; heading in rad."""
+        """Points that a sensor sends in a still scene.
+
+        The cells are the sensor's; the far points come too; heading in rad.
+        """
         columns = round(heading * CELL_COLUMNS / (2 * np.pi)) % CELL_COLUMNS
         cell = cells.places + columns * CELL_ROWS
         sent, far = (

@@ -1,6 +1,7 @@
-"""`Surround`: all that is seen from one place in all frames, packed for disk, and laid out for sensor after sensor.
+"""`Surround`: the view from one place in all frames.
 
-Strips are kept in order of azimuth, so that a sensor looks at those ahead of it alone.
+It is packed for disk and laid out for use by one sensor after another. Strips are kept in order of azimuth, so a sensor
+looks only at those ahead of it.
 """
 
 from __future__ import annotations
@@ -28,8 +29,11 @@ ASIDE = 16  # places of azimuth by which a little more tilt may move a strip
 
 
 class Packed(NamedTuple):
-    """Strips of one place in order of their left sides: left, width, low and high, in parts of a place (`FINENESS`);
-    the object of each, numbered through all frames; and what it shows."""
+    """Strips of one place, by left side.
+
+    left, width, low and high are in parts of a place (`FINENESS`); item: the object of each, numbered through all
+    frames; shows: what it shows.
+    """
 
     left: Shaped[np.ndarray, " n"]
     width: Shaped[np.ndarray, " n"]
@@ -55,8 +59,11 @@ class Packed(NamedTuple):
 
 
 class ScoredItems(NamedTuple):
-    """Mask of the scored objects. place: of each object, numbered through all frames, among the scored ones, or how
-    many these are; frame: of each object; items, frames: how many are scored, and how many frames."""
+    """Scored objects among all.
+
+    place: of each object, numbered through all frames, its index among the scored ones, or their number if not scored;
+    frame: of each object; items, frames: numbers of scored objects and frames.
+    """
 
     place: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
@@ -66,8 +73,11 @@ class ScoredItems(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Surround:
-    """Strips of one place, ready to be looked at. item: of each strip among the scored ones, or the number of these;
-    frame: of each; widest: of all strips (places); counts, far: whether its points count, and are far."""
+    """Strips of one place, ready for lookup.
+
+    item: of each strip among the scored ones, or the number of these; frame: of each; widest: of all strips (places);
+    counts, far: whether its points count, and are far.
+    """
 
     rectangles: Rectangles
     item: Int64[np.ndarray, " n"]
@@ -78,7 +88,10 @@ class Surround:
 
     @staticmethod
     def of(packed: Packed, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
-        """stills: what stands still there, seen from this place alone, by sensor model."""
+        """Surround of packed strips.
+
+        stills: standing scene seen from this place alone, by sensor model.
+        """
         left, width, low, high = (each.astype(np.float32) / np.float32(FINENESS) for each in packed[:4])
         bottom, top = (each / PER_STEEP - PI / 2 for each in (low, high))
         azimuth = left / PER_TURN - PI
@@ -97,8 +110,10 @@ class Surround:
     def seen(
         self, model: SensorModel, table: RayTable, heading: float, more: float, scored: ScoredItems
     ) -> tuple[Float64[np.ndarray, " items"], Float64[np.ndarray, " frames"], Float64[np.ndarray, " frames"]]:
-        """Points on each scored object, points sent in each frame, and those of them that are far. heading, more: as of
-        `RayTable.counts`."""
+        """Points on each scored object, and points sent.
+
+        Points sent are per frame; the far ones among them come too. heading, more: as of `RayTable.counts`.
+        """
         points = np.zeros(scored.items + 1)
         alone = self.stills[model].of_cells(0, table.cells, heading / float(PER_TURN))
         sent, far = (np.full(scored.frames, each) for each in alone)
