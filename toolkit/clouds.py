@@ -59,9 +59,10 @@ def from_depth(
     rng: np.random.Generator | None = None,
     sensor_id: int = 0,
 ) -> PointCloud:
-    """Return the cloud, world frame, of one depth image or lidar range image (paper equations 1 and 2).
+    """Cloud, world frame, of one depth or lidar range image.
 
-    Pixels that are NaN, infinite, zero, negative or beyond the sensor's range make no point. rng draws its noise first.
+    See paper equations 1 and 2. Pixels that are NaN, infinite, zero, negative or beyond the sensor's range make no
+    point. rng draws its noise first.
     """
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)
@@ -77,10 +78,11 @@ def frame_cloud(
     height: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> PointCloud:
-    """Return the points of all a frame's sensors inside the area, fused.
+    """Fuse a frame's points inside the area.
 
-    It does the work of `from_depth`, `crop` and `fuse`, but faster. Arguments as for `toolkit.points.frame_points`;
-    each point carries its sensor's position in `frame.sensors`.
+    It takes the points of all sensors, or of those chosen. It does the work of `from_depth`, `crop` and `fuse`, but
+    faster. Arguments as for `toolkit.points.frame_points`; each point carries its sensor's position in
+    `frame.sensors`.
     """
     chosen = select_sensors(frame.sensors, sensors)
     clouds = frame_points(frame, chosen, area=area, height=height, rng=rng)
@@ -89,9 +91,9 @@ def frame_cloud(
 
 
 def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
-    """Return a cloud of points, all from one sensor or each from its own.
+    """Return a cloud of points.
 
-    float32 and float64 positions keep their type.
+    All are from one sensor, or each from its own. float32 and float64 positions keep their type.
     """
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -104,24 +106,30 @@ def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarra
 
 
 def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
-    """Points of a cloud as an array that shares its memory; (0, 3) without any."""
+    """Points of a cloud as an array that shares memory.
+
+    The array is (0, 3) for a cloud without points.
+    """
     if "positions" not in cloud.point:
         return np.zeros((0, 3), np.float32)
     return cloud.point.positions.cpu().numpy()
 
 
 def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
-    """Number of the sensor of each point; 0 where the cloud has none."""
+    """Sensor number of each point.
+
+    It is 0 if the cloud has no sensor numbers.
+    """
     if "sensor" not in cloud.point:
         return np.zeros(len(positions(cloud)), np.int32)
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
 
 
 def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> PointCloud:
-    """Return a cloud of `positions` (n, 3) and other attributes of n rows each.
+    """Return a cloud of positions and other attributes.
 
-    All points get `sensor_id` if it is given, else their own `sensor`, 0 without one. Raises ValueError where the
-    lengths differ.
+    `positions` is (n, 3), each other attribute has n rows. All points get `sensor_id` if it is given, else their own
+    `sensor`, 0 without one. Raises ValueError if the lengths differ.
     """
     own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
     number = own.reshape(-1).astype(np.int32)
@@ -138,15 +146,19 @@ def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None 
 
 
 def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
-    """Attributes of a cloud, positions included, as arrays that share its memory."""
+    """Attributes of a cloud as arrays that share memory.
+
+    They include the positions.
+    """
     return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
 
 
 def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
-    """Join the points of all clouds, in order, each with the number of its sensor.
+    """Join the points of all clouds, in order.
 
-    No clouds make an empty one. Attributes that all clouds have stay, in the type that holds them all; a warning names
-    those that only some have, or have in another width. Clouds without points do not count.
+    Each keeps the number of its sensor. No clouds make an empty one. Attributes that all clouds have stay, in the type
+    that holds them all; a warning names those that only some have, or have in another width. Clouds without points do
+    not count.
     """
     parts = [attributes(cloud) for cloud in clouds]
     parts = [part for part in parts if len(part.get("positions", ()))]
@@ -164,7 +176,9 @@ def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
 
 
 def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
-    """Keep one point of each sensor in each cube of edge `voxel_m` (m).
+    """Keep one point of each sensor in each cube.
+
+    voxel_m: edge of the cube (m).
 
     It is the point nearest to the mean of the sensor's points there, the first of equals, with all its attributes:
     sensor numbers, times and rings stay those of a measured point. Points keep their order. Sensors are thinned
@@ -193,10 +207,10 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
 
 
 def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
-    """Keep the points inside an area with floor < z < height.
+    """Keep the points inside an area.
 
-    area: a site, for its detection area, or xmin, ymin, xmax, ymax (m); height: by default the site's own, else 4 m
-    (paper section II-B). z counts from the plane of a site that slopes.
+    They lie at floor < z < height. area: a site, for its detection area, or xmin, ymin, xmax, ymax (m); height: by
+    default the site's own, else 4 m (paper section II-B). If the site slopes, z counts from its plane.
     """
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
@@ -206,7 +220,9 @@ def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: f
 def outside_radius(
     cloud: PointCloud, sensor: Sensor | Float[np.ndarray, "4 4"], radius: float, metric: Distance = "horizontal"
 ) -> PointCloud:
-    """Keep the points that hybrid fusion sends: those farther than `radius` (m) from the sensor (paper section II-E).
+    """Keep the points that hybrid fusion sends.
+
+    They are farther than `radius` (m) from the sensor (paper section II-E).
 
     metric: "horizontal" as in the paper, or "published" as in its code; see `toolkit.points.is_beyond`.
     """
@@ -216,14 +232,17 @@ def outside_radius(
 def points_per_box(
     cloud: PointCloud | Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]
 ) -> Int64[np.ndarray, " m"]:
-    """Point density: number of points in each box (paper section IV-E)."""
+    """Number of points in each box.
+
+    It is the point density of paper section IV-E.
+    """
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
 
 def density_cdf(counts: Int[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " k"], Float64[np.ndarray, " k"]]:
-    """Distribution d, F(d) of point densities, from d = 0 on (paper section IV-E).
+    """Distribution d, F(d) of point densities, from d = 0.
 
-    F(d) is the share of objects whose point density is d or less.
+    See paper section IV-E. F(d) is the share of objects whose point density is d or less.
 
     >>> density_cdf(np.array([0, 3, 3, 7]))
     (array([0, 3, 7]), array([0.25, 0.75, 1.  ]))
@@ -236,9 +255,9 @@ def density_cdf(counts: Int[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " k"],
 
 
 class DensityMap(NamedTuple):
-    """A grid over an area, row 0 at ymin, column 0 at xmin.
+    """Grid of points and sensors over an area.
 
-    points_per_m2: points per m²; sensors: number of sensors that see each cell.
+    Row 0 is at ymin, column 0 at xmin. points_per_m2: points per m²; sensors: number of sensors that see each cell.
     """
 
     points_per_m2: Float64[np.ndarray, "rows columns"]
@@ -265,10 +284,10 @@ def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
-    """Write a cloud as ply, pcd or npz, whole or not at all.
+    """Write a cloud as ply, pcd or npz.
 
-    Raises OSError where that is impossible, and ValueError for another kind of file and for a cloud without points,
-    which these formats cannot hold.
+    It is written whole or not at all. Raises OSError if that is impossible, and ValueError for another kind of file
+    and for a cloud without points, which these formats cannot hold.
     """
     path = Path(path)
     if not len(positions(cloud)):
@@ -302,7 +321,9 @@ def _writable(cloud: PointCloud, path: Path) -> PointCloud:
 
 
 def load(path: str | Path) -> PointCloud:
-    """Read a ply, pcd or npz with all its attributes; without a `sensor` every point gets sensor 0.
+    """Read a ply, pcd or npz with all its attributes.
+
+    Without a `sensor` every point gets sensor 0.
 
     Raises FileNotFoundError, and ValueError for a file without a cloud.
     """
@@ -332,7 +353,7 @@ def _no_points(path: Path) -> str:
 
 
 def _check_attributes(attributes: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Return the attributes of a file without those that no cloud can have.
+    """Drop a file's attributes that no cloud can have.
 
     Raises ValueError without valid positions.
     """
@@ -356,7 +377,10 @@ _PLY_BYTES |= {"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint
 
 
 def _ply_is_cut_off(path: Path) -> bool:
-    """Return True if a ply ends before its last point; Open3D would fill the rest with stray memory."""
+    """Return True if a ply ends before its last point.
+
+    Open3D would fill the rest with stray memory.
+    """
     if path.suffix.lower() != ".ply":
         return False
     content = path.read_bytes()

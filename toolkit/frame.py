@@ -1,8 +1,8 @@
-"""`Frame`: one instant of a recording, wherever it comes from: what every sensor measured, and what was there.
+"""One instant of a recording: the measurements and the objects.
 
-A measurement is an image of ranges or a cloud; both give points. The world frame is right-handed, x and y level, z up,
-in metres. Where the sensors stand still it is the site's; on a vehicle it is the vehicle's, and `map_SE3_world` places
-it in the map. Each reader in `toolkit.datasets.layouts` states its own.
+A `Frame` may come from anywhere. A measurement is an image of ranges or a cloud; both give points. The world frame is
+right-handed, x and y level, z up, in metres. If the sensors stand still it is the site's; on a vehicle it is the
+vehicle's, and `map_SE3_world` places it in the map. Each reader in `toolkit.datasets.layouts` states its own.
 """
 
 from __future__ import annotations
@@ -57,27 +57,33 @@ class SensorCloud:
         return points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
 
     def in_own_frame(self) -> SensorCloud:
-        """Return the cloud with its points in the sensor's own frame."""
+        """Return the cloud in the sensor's own frame."""
         if self.frame == "sensor":
             return self
         return replace(self, points=self.in_sensor().astype(np.float32), frame="sensor")
 
     def in_world(self) -> Float64[np.ndarray, "n 3"]:
-        """Return the points in the world frame, float64, so that map coordinates keep their millimetres."""
+        """Return the points in the world frame.
+
+        They are float64, so that map coordinates keep their millimetres.
+        """
         points = self.points.astype(np.float64)
         return points if self.frame == "world" else transform(self.world_SE3_sensor, points)
 
 
 @runtime_checkable
 class Region(Protocol):
-    """Where the labels of a frame are complete."""
+    """Region in which a frame's labels are complete."""
 
     def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
-        """Mask of the boxes, world frame, that stand where labels are complete."""
+        """Mask of the boxes inside the region, world frame."""
         ...
 
     def record(self) -> dict[str, Any]:
-        """Return its kind and numbers for JSON; `parse_region` reads them back."""
+        """Return its kind and numbers for JSON.
+
+        `parse_region` reads them back.
+        """
         ...
 
 
@@ -96,7 +102,10 @@ class Everywhere:
 
 @dataclass(frozen=True)
 class Rectangle:
-    """Labels are complete in a detection area: xmin, ymin, xmax, ymax (m)."""
+    """Detection area in which labels are complete.
+
+    area: xmin, ymin, xmax, ymax (m).
+    """
 
     area: tuple[float, float, float, float]
 
@@ -125,7 +134,10 @@ class ImageWedge:
     ignored: tuple[tuple[float, float, float, float], ...] = ()
 
     def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
-        """Mask of the boxes with their centre in the image, except those mostly in an ignored region."""
+        """Mask of the boxes with their centre in the image.
+
+        Boxes that are mostly in an ignored region do not count.
+        """
         u, v, depth = self._pixels(boxes[:, :3])
         shown = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
         for region in self.ignored:
@@ -133,7 +145,10 @@ class ImageWedge:
         return shown
 
     def rectangles(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 4"]:
-        """Left, top, right, bottom of each box, cut to the image; all 0 for a box behind the camera."""
+        """Left, top, right, bottom of each box in the image.
+
+        Rectangles are cut to the image; all 0 for a box behind the camera.
+        """
         if not len(boxes):
             return np.zeros((0, 4))
         u, v, depth = self._pixels(corners(boxes).reshape(-1, 3))
@@ -192,7 +207,9 @@ _REGIONS: dict[str, Callable[[Mapping[str, Any]], Region]] = {
 
 
 def parse_region(record: Any) -> Region:
-    """Return the region that `Region.record` wrote. Raises ValueError for an unknown kind and for damaged numbers.
+    """Return the region that `Region.record` wrote.
+
+    Raises ValueError for an unknown kind and for damaged numbers.
 
     >>> parse_region(Rectangle((0.0, 0.0, 2.0, 1.0)).record())
     Rectangle(area=(0.0, 0.0, 2.0, 1.0))
@@ -208,7 +225,10 @@ def parse_region(record: Any) -> Region:
 
 @dataclass(frozen=True, eq=False)
 class OtherObjects:
-    """Labels of classes other than ours: boxes, the set's names, and its own point counts where it has some."""
+    """Labels of classes other than ours.
+
+    They are boxes, the dataset's names, and its own point counts if it has some.
+    """
 
     boxes: Float64[np.ndarray, "n 7"] = field(default_factory=lambda: np.zeros((0, 7)))
     categories: tuple[str, ...] = ()
@@ -278,7 +298,10 @@ class Frame:
         time: float = np.nan,
         **more: Any,
     ) -> Frame:
-        """Return a frame of clouds, labelled as readers have labels; more: other fields."""
+        """Return a labelled frame of clouds.
+
+        It takes labels as readers have them. more: other fields.
+        """
         sensors, measurements = _split(clouds)
         others = OtherObjects() if others is None else others
         labels: dict[str, Any] = {"categories": categories, "counts": counts, "others": others, **more}
@@ -286,12 +309,15 @@ class Frame:
 
     @property
     def has_images(self) -> bool:
-        """True where there are sensors and all of them measured images."""
+        """True for a frame with sensors and only images."""
         return bool(self.sensors) and not any(isinstance(each, SensorCloud) for each in self.measurements)
 
     @property
     def images(self) -> tuple[Image, ...]:
-        """The image of every sensor. Raises ValueError where a sensor measured a cloud."""
+        """Image of every sensor.
+
+        Raises ValueError if a sensor measured a cloud.
+        """
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
             if isinstance(measurement, SensorCloud):
                 raise ValueError(f"sensor {sensor.name!r} measured a cloud, no image: choose what works with points")
@@ -299,7 +325,10 @@ class Frame:
 
     @cached_property
     def clouds(self) -> tuple[SensorCloud, ...]:
-        """The points of every sensor; those of an image are in the frame of the sensor's body (x forward, z up)."""
+        """Points of every sensor.
+
+        Points of an image are in the frame of the sensor's body (x forward, z up).
+        """
         return tuple(self._cloud(k) for k in range(len(self.sensors)))
 
     def _cloud(self, k: int) -> SensorCloud:
@@ -315,16 +344,25 @@ class Frame:
         )
 
     def points(self) -> Float64[np.ndarray, "n 3"]:
-        """Return the points of all sensors, one after the other, world frame."""
+        """Return the points of all sensors, world frame.
+
+        They follow one sensor after the other.
+        """
         return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
 
     def with_clouds(self, clouds: Sequence[SensorCloud]) -> Frame:
-        """Return the frame with these clouds in place of its measurements."""
+        """Return the frame with other clouds.
+
+        They take the place of its measurements.
+        """
         sensors, measurements = _split(clouds)
         return replace(self, sensors=sensors, measurements=measurements, shifts=())
 
     def seen_by(self, sensors: Sequence[int | str]) -> Frame:
-        """Return the frame with some of its sensors (numbers or names). Raises ValueError for an unknown one."""
+        """Return the frame with some of its sensors.
+
+        sensors: numbers or names. Raises ValueError for an unknown one.
+        """
         chosen = sorted(select_sensors(self.sensors, sensors))
         if len(chosen) == len(self.sensors):
             return self
@@ -337,7 +375,10 @@ class Frame:
         )
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> Frame:
-        """Return the frame with some of its objects: a mask or indices."""
+        """Return the frame with some of its objects.
+
+        rows: a mask or indices.
+        """
         rows = np.arange(len(self.objects))[rows]
         return replace(
             self,
@@ -362,7 +403,10 @@ class Frames(Protocol):
 
 @runtime_checkable
 class Recording(Frames, Protocol):
-    """Frames of one place, from anywhere; site: None where only the recording itself shows the place."""
+    """Frames of one place, from anywhere.
+
+    site: None if only the recording itself shows the place.
+    """
 
     @property
     def site(self) -> Site | None:
@@ -382,7 +426,10 @@ class SiteRecording(Frames, Protocol):
 def unproject(
     sensor: Sensor, measurement: Float[np.ndarray, "rows columns"]
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
-    """Return x, y and z in the world of every pixel, row after row of the image, and a mask of those that returned."""
+    """Return world coordinates of every pixel.
+
+    They are x, y and z, row after row of the image. A mask of the pixels that returned comes with them.
+    """
     if measurement.shape != sensor.model.shape:
         raise ValueError(
             f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
@@ -400,7 +447,9 @@ def unproject(
 
 
 def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
-    """Return the positions in `available` of the sensors named or numbered in `wanted`, None for all.
+    """Return the positions of some sensors in `available`.
+
+    wanted: names or numbers, None for all.
 
     Raises ValueError for an unknown sensor, one chosen twice, and names that two sensors share.
     """
@@ -426,10 +475,10 @@ def _position(names: list[str], which: int | str) -> int:
 
 
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
-    """Return what each sensor measures behind all that moves: the farthest return of each pixel over spread frames.
+    """Return each sensor's measurement behind all that moves.
 
-    sample: frames at most. Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises
-    ValueError without frames.
+    It is the farthest return of each pixel over spread frames. sample: frames at most. Nothing returned counts as
+    farthest, so a pixel that ever sees the sky is 0. Raises ValueError without frames.
     """
     if not len(frames):
         raise ValueError("the empty scene needs a frame, got none")

@@ -1,8 +1,6 @@
 """Copy of a recording with corrected sensor poses.
 
-The poses are those that calibration found.
-
-Measurements are the same to the byte.
+The poses are those that calibration found. Measurements are the same to the byte.
 """
 
 from __future__ import annotations

@@ -244,9 +244,7 @@ REVEAL = 60.0  # s until a farther surface is the scene
 class SceneAdaptation:
     """An empty scene that follows slow changes.
 
-    It does not learn parked vehicles. Times are in s.
-
-    Each image moves the scene, pixel by pixel:
+    It does not learn parked vehicles. Times are in s. Each image moves the scene, pixel by pixel:
 
         shows the scene    the median and the spread of that mode move towards it, by 1 - exp(-dt / `seconds`)
         stands nearer      the scene is frozen; an object that stands there unchanged for `settle` becomes the scene

@@ -43,10 +43,8 @@ def fit_plane(
 ) -> Float64[np.ndarray, "3"]:
     """Fit the ground plane to points.
 
-    It is z = a x + b y + c.
-
-    Returns a, b, c. max_tilt: limit (rad) on the lean of its normal. Raises ValueError if no three cells of the grid
-    make such a plane.
+    It is z = a x + b y + c. Returns a, b, c. max_tilt: limit (rad) on the lean of its normal. Raises ValueError if no
+    three cells of the grid make such a plane.
     """
     cells = low_points(points, GROUND_CELL)
     cells = cells[support_mask(cells, _STEP, 0.3, others=3)]

@@ -1,11 +1,10 @@
 """Registration of a sensor against a reference.
 
-It works point to plane, coarse to fine.
-
-The reference is a `Surface`: of a site, of a survey's cloud, or of what sensors saw before. Each measured point is
-paired with the nearest point of the surface, and the pose that brings the points onto the planes there is solved for
-with Tukey's weights, again and again with a smaller radius (Y. Chen and G. Medioni, 1992; J. W. Tukey). A motion is six
-numbers: turns (rad) about the world's axes through the sensor, and moves (m) along them,
+It works point to plane, coarse to fine. The reference is a `Surface`: of a site, of a survey's cloud, or of what
+sensors saw before. Each measured point is paired with the nearest point of the surface, and the pose that brings the
+points onto the planes there is solved for with Tukey's weights, again and again with a smaller radius (Y. Chen and G.
+Medioni, 1992; J. W. Tukey). A motion is six numbers: turns (rad) about the world's axes through the sensor, and moves
+(m) along them,
 
     pose = [exp(turn) R, t + move].
 

@@ -486,9 +486,7 @@ def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Fi
 def _place(path: str | Path) -> Site | None:
     """Return None if the file tells its site.
 
-    Otherwise return any site.
-
-    The file or its coordinates may tell the site. Any other site serves to check the file.
+    Otherwise return any site. The file or its coordinates may tell the site. Any other site serves to check the file.
     """
     try:
         CoopDataset(path).close()

@@ -184,9 +184,7 @@ def _even_rows(clouds: Sequence[np.ndarray]) -> tuple[Float64[np.ndarray, " m"],
 def _phase(azimuth: np.ndarray, columns: int) -> float:
     """Column offset that centres azimuths in their columns.
 
-    The columns divide a full turn.
-
-    Returns 0 if the azimuths lie anywhere.
+    The columns divide a full turn. Returns 0 if the azimuths lie anywhere.
     """
     mean = np.exp(1j * (azimuth * columns - np.pi * (columns - 1))).mean()
     return float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
@@ -269,9 +267,8 @@ def _rows(
 ) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Row of each point, with a mask.
 
-    The mask marks the points that have a row.
-
-    The row is that of their laser, else the nearest one, if it is no farther than the next row.
+    The mask marks the points that have a row. The row is that of their laser, else the nearest one, if it is no
+    farther than the next row.
     """
     rows = np.array(grid.model.elevations)
     if grid.rings and cloud.ring is not None:

@@ -1,8 +1,7 @@
 """Recordings of random junctions, to train a detector for any.
 
-Each recording has a few frames.
-
-Every recording has its own junction, sensors and bodies, determined by a seed and its number.
+Each recording has a few frames. Every recording has its own junction, sensors and bodies, determined by a seed and its
+number.
 """
 
 from __future__ import annotations

@@ -107,9 +107,7 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
 def join(header: Header, parts: Sequence[Path], out: Path) -> None:
     """Write the frames of all parts as one file.
 
-    They keep their order.
-
-    Compressed images are copied as they are.
+    They keep their order. Compressed images are copied as they are.
     """
     lengths, objects = [], []
     for part in parts:

@@ -54,10 +54,9 @@ def simulate_dataset(
 ) -> int:
     """Simulate frames at a site and write them to HDF5.
 
-    `toolkit.datasets.dataset.CoopDataset` reads the file.
-
-    A run that was killed continues with its block when called again, and ends with the same bytes. With several
-    workers, which are processes, a script must call it under `if __name__ == "__main__":`.
+    `toolkit.datasets.dataset.CoopDataset` reads the file. A run that was killed continues with its block when called
+    again, and ends with the same bytes. With several workers, which are processes, a script must call it under `if
+    __name__ == "__main__":`.
 
     site: a site, the name of a built-in one, or the path of a saved one; workers: processes, None for one per core;
     sensors: None for the site's own; meshes: folder of bodies; bodies: fixed ones; fleet: in place of both, its drawn

@@ -1,1 +1,4 @@
-"""Pictures in one visual language: sites from above, curves, and the palette, canvas and symbols they share."""
+"""Pictures in one visual language.
+
+They are sites from above and curves, with a shared palette, canvas and symbols.
+"""

@@ -1,10 +1,10 @@
-"""Map of a site from above, with what stands on it.
+"""Map of a site from above.
 
-A sheet holds streets, solids and the detection area under its title; the strip below the map holds scale bar, north
-arrow and legend, so that none of them covers the map. A sensor is a disc with its number or short name, because there
-may be more sensors than colours. An object is filled by its class. Each outcome has a line of its own besides a colour:
-a hit is solid, a miss dashed with a cross, a false alarm dash-dotted with a triangle, an object that does not count
-dotted.
+It shows what stands on the site. A sheet holds streets, solids and the detection area under its title; the strip below
+the map holds scale bar, north arrow and legend, so that none of them covers the map. A sensor is a disc with its
+number or short name, because there may be more sensors than colours. An object is filled by its class. Each outcome
+has a line of its own besides a colour: a hit is solid, a miss dashed with a cross, a false alarm dash-dotted with a
+triangle, an object that does not count dotted.
 """
 
 from __future__ import annotations
@@ -53,7 +53,10 @@ Entry = tuple["Artist", str]  # of a legend: artist and name
 
 
 class MapSheet(NamedTuple):
-    """A figure, the axes of its map (m, site frame), and the points (1/72 inch) per metre."""
+    """A figure with a map.
+
+    It has the axes of the map (m, site frame), and the points (1/72 inch) per metre.
+    """
 
     figure: Figure
     axes: Axes
@@ -69,10 +72,10 @@ def map_sheet(
     legend: Sequence[Entry] = (),
     inches: float = MOST_INCHES,
 ) -> MapSheet:
-    """Draw the site from above under its title, with everything but sensors.
+    """Draw the site from above under its title.
 
-    holds: places that the map must include besides the area; legend: its entries, in order; inches: longer side of the
-    map.
+    It has everything but sensors. holds: places that the map must include besides the area; legend: its entries, in
+    order; inches: longer side of the map.
     """
     low, high = extent(site, holds)
     scale = inches / float((high - low).max())
@@ -112,7 +115,10 @@ def draw_ground(axes: Axes, site: Site) -> None:
 def fill_polygons(
     axes: Axes, shapes: Sequence[shapely.Geometry], colour: str, *, order: float, alpha: float = 1.0, edge: float = 0.4
 ) -> None:
-    """Fill the union of polygons, with its holes, in one colour; edge: width of the outline in points."""
+    """Fill the union of polygons in one colour.
+
+    Its holes stay empty. edge: width of the outline in points.
+    """
     from matplotlib.colors import to_rgba
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
@@ -135,7 +141,10 @@ def draw_area(axes: Axes, area: Float64[np.ndarray, "4"]) -> None:
 
 
 def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.ndarray, "2"]) -> None:
-    """Draw an arrow through a place of the axes that points north, with the letter at its tip."""
+    """Draw an arrow that points north.
+
+    It goes through a place of the axes, with the letter at its tip.
+    """
     from matplotlib.transforms import ScaledTranslation
 
     def away(points: float) -> Transform:
@@ -148,14 +157,20 @@ def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.nda
 
 
 def north(site: Site) -> Float64[np.ndarray, "2"]:
-    """Unit vector towards north (+y of the map), in the site's frame."""
+    """Unit vector towards north, in the site's frame.
+
+    North is +y of the map.
+    """
     towards = site.map_SE3_site[1, :2]
     length = float(np.hypot(*towards))
     return towards / length if length > 1e-9 else np.array([0.0, 1.0])
 
 
 def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left and upper right corner of the area and the places, with a margin."""
+    """Corners of the area and the places, with a margin.
+
+    They are the lower left and the upper right one.
+    """
     low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
     if holds is not None and len(holds):
         low, high = np.minimum(low, holds.min(axis=0) - AROUND / 2), np.maximum(high, holds.max(axis=0) + AROUND / 2)
@@ -163,7 +178,9 @@ def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[n
 
 
 def scale_length(metres: float) -> float:
-    """Largest 1, 2 or 5 times a power of ten up to this length.
+    """Largest round length up to this one.
+
+    It is 1, 2 or 5 times a power of ten.
 
     >>> [scale_length(m) for m in (0.3, 7.0, 19.9, 20.0, 99.0)]
     [0.2, 5.0, 10.0, 20.0, 50.0]
@@ -186,7 +203,10 @@ def _titles(figure: Figure, title: str, subtitle: str, full: float) -> None:
 
 
 def _scale_bar(axes: Axes, scale: float, width: float) -> None:
-    """Draw a bar of two halves with its length, in axes whose unit is the inch."""
+    """Draw a bar of two halves with its length.
+
+    The unit of the axes is the inch.
+    """
     length = scale_length(min(1.6, width) / scale)
     inches = length * scale
     for part, colour in ((0.0, INK), (0.5, "white")):
@@ -229,7 +249,9 @@ TALL = 2.0  # m; buildings above this height cut off fields of view
 
 
 def sensor_labels(names: Sequence[str]) -> list[str]:
-    """Labels on the discs of sensors: their names if all are short, else numbers from 1.
+    """Labels on the discs of sensors.
+
+    They are the names if all are short, else numbers from 1.
 
     >>> sensor_labels(["d0", "d1"]), sensor_labels(["d0", "north-east pole"])
     (['d0', 'd1'], ['1', '2'])
@@ -240,7 +262,10 @@ def sensor_labels(names: Sequence[str]) -> list[str]:
 
 
 def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float) -> None:
-    """Draw a disc for each sensor, with a line along its heading; discs of sensors in one place spread around it."""
+    """Draw a disc for each sensor, with its heading.
+
+    The heading is a line. Discs of sensors in one place spread around it.
+    """
     if not len(sensors):
         return
     places = np.array([sensor.position[:2] for sensor in sensors])
@@ -261,7 +286,10 @@ def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float)
 
 
 def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
-    """Draw fields of view up to `VIEW_RANGE`, cut off at buildings."""
+    """Draw fields of view, cut off at buildings.
+
+    They reach up to `VIEW_RANGE`.
+    """
     tall = [shapely.Polygon(s.footprint) for s in solids if s.kind == "building" and s.top - s.base > TALL]
     for index, sensor in enumerate(sensors):
         x, y = wedge(sensor, tall).T
@@ -272,7 +300,10 @@ def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] =
 def wedge(
     sensor: Sensor, buildings: Sequence[shapely.Polygon], reach: float = VIEW_RANGE
 ) -> Float64[np.ndarray, "k 2"]:
-    """Outline of a field of view from above, each ray up to the first building that the sensor is not in."""
+    """Outline of a field of view from above.
+
+    Each ray ends at the first building that the sensor is not in.
+    """
     start, view = sensor.position[:2], sensor.model.horizontal_fov
     foot = shapely.Point(start)
     blocking = shapely.union_all([b for b in buildings if b.distance(foot) > 0 and b.distance(foot) < reach])
@@ -295,7 +326,10 @@ def sensor_heading(sensor: Sensor) -> float:
 def spread_discs(
     places: Float64[np.ndarray, "n 2"], headings: Float64[np.ndarray, " n"], gap: float
 ) -> Float64[np.ndarray, "n 2"]:
-    """Centres of discs `gap` apart, each at its place or, if that is taken, near it, preferably along its heading."""
+    """Centres of discs `gap` apart.
+
+    Each disc is at its place or, if that is taken, near it, preferably along its heading.
+    """
     discs = places.copy()
     turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
     for k in range(1, len(places)):
@@ -321,7 +355,10 @@ def name_poles(
     points_per_metre: float,
     keep_off: Float64[np.ndarray, "m 2"],
 ) -> None:
-    """Write names beside poles where no pole, other name or sensor (`keep_off`) takes the room."""
+    """Write names beside poles where there is room.
+
+    Poles, other names and sensors (`keep_off`) may take the room.
+    """
     taken = [
         (*(place * points_per_metre - half), *(place * points_per_metre + half))
         for group, half in ((places, 4.0), (keep_off, DISC / 2 + 1))
@@ -365,7 +402,10 @@ def draw_objects(axes: Axes, objects: Objects) -> None:
 
 
 def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
-    """Draw outlines of boxes that share an outcome, a line from centre to front, and the outcome's mark."""
+    """Draw boxes that share an outcome.
+
+    Each gets its outline, a line from centre to front, and the outcome's mark.
+    """
     style = OUTCOME[outcome]
     line: PlotStyle = {"color": style.colour, "linestyle": style.line, "linewidth": style.width, "zorder": style.order}
     for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
@@ -379,6 +419,9 @@ def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome)
 
 
 def text_colour(background: str) -> str:
-    """Black or white, whichever is more legible on a colour, by its luminance."""
+    """Black or white, whichever is more legible on a colour.
+
+    The colour's luminance decides.
+    """
     red, green, blue = (int(background[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return INK if 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.22 else PAPER_WHITE

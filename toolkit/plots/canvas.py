@@ -1,4 +1,6 @@
-"""Canvas of all pictures: the same fonts and lines on every machine, literal text, reproducible PNG and SVG.
+"""Canvas of all pictures.
+
+It has the same fonts and lines on every machine, literal text, and reproducible PNG and SVG.
 
 Pictures are drawn and written inside `house_style()`, so that no setting of the user affects them.
 """
@@ -78,7 +80,10 @@ def house_style() -> Iterator[None]:
 
 
 def blank_figure(width: float, height: float, *, constrained: bool = False) -> Figure:
-    """Figure of this size (inches) without a window; `constrained`: its axes make room for their texts."""
+    """Figure of this size (inches) without a window.
+
+    constrained: its axes make room for their texts.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -88,7 +93,9 @@ def blank_figure(width: float, height: float, *, constrained: bool = False) -> F
 
 
 def check_picture(out: Path | str) -> None:
-    """Raise ValueError unless the name of a picture ends in .png or .svg.
+    """Check that a picture's name ends in .png or .svg.
+
+    Raises ValueError for another ending.
 
     >>> check_picture("frame.jpg")
     Traceback (most recent call last):
@@ -99,7 +106,9 @@ def check_picture(out: Path | str) -> None:
 
 
 def write_figure(figure: Figure, out: Path | str) -> None:
-    """Write a figure as SVG or PNG, by the suffix of the file; the same picture gives the same bytes.
+    """Write a figure as SVG or PNG, by its suffix.
+
+    The same picture gives the same bytes.
 
     Raises ValueError for another suffix.
     """
@@ -113,14 +122,19 @@ def write_figure(figure: Figure, out: Path | str) -> None:
 
 
 def render_pixels(figure: Figure) -> Shaped[np.ndarray, "height width 3"]:
-    """Render the figure as RGB, uint8, at its own resolution (100 pixels an inch)."""
+    """Render the figure as RGB, uint8.
+
+    It has its own resolution (100 pixels an inch).
+    """
     canvas: Any = figure.canvas
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
 
 
 def svg_text(figure: Figure, title: str = "") -> str:
-    """Return the figure as an <svg> element with texts as outlines, for a page or a file.
+    """Return the figure as an <svg> element.
+
+    Its texts are outlines. It is for a page or a file.
 
     title: for screen readers. Ids begin with a digest of the figure, so that several pictures can share a page.
     """
@@ -141,14 +155,19 @@ def svg_text(figure: Figure, title: str = "") -> str:
 
 
 def draw_heading(figure: Figure, title: str, subtitle: str) -> None:
-    """Write a title and a line below it at the top left of a chart."""
+    """Write a chart's title and subtitle.
+
+    The subtitle is a line below the title; both are at the top left.
+    """
     _, height = figure.get_size_inches()
     figure.text(0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center")
     figure.text(0.015, 1 - 0.47 / height, plain(subtitle), fontsize=8.5, va="center")
 
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
-    """Limits of an axis from 0 to a little above the greatest value.
+    """Limits of an axis from 0 upwards.
+
+    It ends a little above the greatest value.
 
     >>> pad_limits([2.0, 4.0]), pad_limits([])
     ((0.0, 4.4), (0.0, 1.0))
@@ -158,12 +177,17 @@ def pad_limits(values: Sequence[float]) -> tuple[float, float]:
 
 
 def plain(text: str) -> str:
-    """Replace characters that cannot be printed by spaces, so that the text is one line."""
+    """Replace characters that cannot be printed by spaces.
+
+    The text becomes one line.
+    """
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def shorten(text: str, most: int) -> str:
-    """Shorten a plain text to this many letters, with "…" in its middle.
+    """Shorten a plain text, with "…" in its middle.
+
+    most: number of letters.
 
     >>> shorten("north-east pole, camera", 12)
     'north-…amera'
@@ -176,7 +200,10 @@ def shorten(text: str, most: int) -> str:
 
 
 def _short_path(attribute: re.Match[str]) -> str:
-    """Round coordinates of a path to a hundredth of a point, and drop spaces around its letters."""
+    """Round the coordinates of a path.
+
+    They are rounded to a hundredth of a point, and spaces around the path's letters are dropped.
+    """
     rounded = re.sub(r"-?\d+\.\d+", _hundredths, attribute[1])
     short = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
     return f' d="{short}"'

@@ -1,4 +1,7 @@
-"""Curves: precision over recall, points on objects, and progress of a training."""
+"""Curves: precision, point density and training progress.
+
+Precision is drawn over recall, and density is points on objects.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,10 @@ FEW = 100.0  # points on an object, up to which the axis is linear
 def draw_pr_curves(
     curves: Mapping[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]], out: Path | str, *, title: str = ""
 ) -> None:
-    """Draw precision over recall; `curves` maps a legend entry to (recall, precision)."""
+    """Draw precision over recall.
+
+    curves: maps a legend entry to (recall, precision).
+    """
     with house_style():
         figure, axes = curve_axes(title or "Precision over recall", len(curves))
         for number, (recall, precision) in enumerate(curves.values()):
@@ -35,7 +41,9 @@ def draw_pr_curves(
 
 
 def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str, *, title: str = "") -> None:
-    """Draw the cumulative share of objects over their points, for each sensor set (paper, impact of point density).
+    """Draw the share of objects over their points.
+
+    There is one cumulative curve for each sensor set (paper, impact of point density).
 
     The axis is linear up to `FEW` points and logarithmic beyond.
     """
@@ -59,8 +67,10 @@ def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | st
 
 
 def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], out: Path | str) -> None:
-    """Draw losses.png of a training, and ap.png if AP was measured, into a folder; `curves`: name -> (epochs,
-    values)."""
+    """Draw the losses and AP of a training.
+
+    The files are losses.png, and ap.png if AP was measured. curves: name -> (epochs, values).
+    """
     for picture, measured in (("losses.png", False), ("ap.png", True)):
         chosen = {name: curve for name, curve in curves.items() if name.startswith("AP") == measured}
         if not chosen:
@@ -78,7 +88,10 @@ def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
 
 
 def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
-    """Figure with one axes, and room below it for a legend with a row for each curve."""
+    """Figure with one axes and room for a legend.
+
+    The legend is below the axes, with a row for each curve.
+    """
     figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
     axes.set_title(plain(title), loc="left", fontweight="bold")
@@ -87,7 +100,10 @@ def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
 
 
 def name_curves(axes: Axes, names: Sequence[str]) -> None:
-    """Name the lines of the axes in a legend below, where it covers none of them."""
+    """Name the lines of the axes in a legend below.
+
+    There it covers none of them.
+    """
     if not names:
         return
     lines = axes.get_lines()[: len(names)]

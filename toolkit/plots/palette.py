@@ -1,4 +1,6 @@
-"""Colours of all pictures: sensors, classes, outcomes, ground, and scales for counts.
+"""Colours of all pictures.
+
+There are colours of sensors, classes, outcomes and ground, and scales for counts.
 
 Sensors, classes and outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and
 for protanopia, deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it.
@@ -40,7 +42,10 @@ Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]
 
 
 class LineStyle(NamedTuple):
-    """Style of the outlines of one outcome, and its mark; `order` is matplotlib's z order."""
+    """Outline style and mark of one outcome.
+
+    order: matplotlib's z order.
+    """
 
     colour: str
     line: Dashes
@@ -66,12 +71,18 @@ VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 
 
 
 def sensor_colour(index: int) -> str:
-    """Colour of a sensor's points in every picture; sensors `len(SENSORS)` apart share one."""
+    """Colour of a sensor's points in every picture.
+
+    Sensors `len(SENSORS)` apart share one.
+    """
     return SENSORS[index % len(SENSORS)]
 
 
 def point_scale() -> tuple[ListedColormap, BoundaryNorm]:
-    """Colour map and norm for counts of points: a step for 0, then those of `POINT_STEPS`, ever darker."""
+    """Colour map and norm for counts of points.
+
+    It has a step for 0, then those of `POINT_STEPS`, ever darker.
+    """
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
 

@@ -1,4 +1,7 @@
-"""The junction from above: the site with its poles and sensors, and one frame with clouds, truth and detections."""
+"""Pictures of the junction from above.
+
+`draw_site` shows the site with its poles and sensors. `draw_frame` shows one frame with clouds, truth and detections.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,9 @@ POINT_SIZE = 1.3  # square points of 1/72 inch
 
 
 class FrameOutcome(NamedTuple):
-    """Outcome of a frame's n truths and m detections, by `toolkit.detection.metrics.match`.
+    """Outcome of a frame's n truths and m detections.
+
+    `toolkit.detection.metrics.match` decides.
 
     iou: at which a detection hits; *_hit: truths and detections that hit; *_ignored: those that do not count.
     """
@@ -45,7 +50,10 @@ class FrameOutcome(NamedTuple):
 
 
 def draw_site(site: Site, out: Path | str) -> None:
-    """Draw streets, solids, poles, sensors and their fields of view; PNG or SVG by the suffix."""
+    """Draw the site with its poles and sensors.
+
+    Streets, solids and fields of view are drawn too. The picture is PNG or SVG by the suffix.
+    """
     poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
     with house_style():
         sheet = map_sheet(
@@ -74,7 +82,9 @@ def draw_frame(
     outcome: FrameOutcome | None = None,
     title: str = "",
 ) -> None:
-    """Draw one frame: clouds coloured by sensor, truth filled by class; PNG or SVG by the suffix.
+    """Draw one frame.
+
+    Clouds are coloured by sensor, truth is filled by class. The picture is PNG or SVG by the suffix.
 
     With an `outcome`, hits, misses and false alarms each have a line and a mark of their own. Raises ValueError for an
     outcome of other truths or detections.
@@ -100,7 +110,10 @@ def draw_frame(
 
 
 def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
-    """Legend entries of sensors whose discs carry numbers rather than names."""
+    """Legend entries of sensors whose discs carry numbers.
+
+    Discs with names need none.
+    """
     from matplotlib.lines import Line2D
 
     names = [sensor.name for sensor in sensors]
@@ -115,7 +128,10 @@ def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
 
 
 def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
-    """Legend entries of poles with and without sensors, with their numbers."""
+    """Legend entries of poles, with their numbers.
+
+    used, unused: number of poles with and without sensors.
+    """
     from matplotlib.lines import Line2D
 
     kinds = ((used, True, "pole with a sensor"), (unused, False, "pole without a sensor" if used else "pole"))
@@ -123,7 +139,10 @@ def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
 
 
 def ground_entries(site: Site) -> list[Entry]:
-    """Legend entries of the kinds of ground, and of the area's outline."""
+    """Legend entries of the ground and the area's outline.
+
+    Each kind of ground has one.
+    """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -169,7 +188,10 @@ def _class_entries(truth: Objects) -> list[Entry]:
 
 
 def _outcome_entries(outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome | None) -> list[Entry]:
-    """Legend entries of the outcomes with their numbers; "not scored" only if there are any."""
+    """Legend entries of the outcomes, with their numbers.
+
+    "not scored" is there only if there are any.
+    """
     from matplotlib.lines import Line2D
 
     names = {name: f"{name} ({len(boxes)})" for name, boxes in outlines.items() if len(boxes) or name != "not scored"}

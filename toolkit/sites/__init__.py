@@ -1,3 +1,6 @@
-"""Junctions: two built in (`tjunction`, `roundabout`), random ones, and ones imported from maps."""
+"""Junctions: built-in, random and imported from maps.
+
+The built-in ones are `tjunction` and `roundabout`.
+"""
 
 BUILT_IN = ("roundabout", "tjunction")

@@ -1,8 +1,9 @@
-"""Sites as files: the built-in ones by name, saved ones by path, all in GeoJSON.
+"""Sites as GeoJSON files.
 
-The file has one Feature per polygon, mount, sensor and bay; everything else is a foreign member of the collection.
-Coordinates are local metres of the site frame, so a GIS tool shows the plan at the right scale but not at its place on
-earth; `map_SE3_site` and `geo_reference` say where that is. Polygons are closed rings without holes; angles degrees.
+Built-in ones go by name, saved ones by path. The file has one Feature per polygon, mount, sensor and bay; everything
+else is a foreign member of the collection. Coordinates are local metres of the site frame, so a GIS tool shows the
+plan at the right scale but not at its place on earth; `map_SE3_site` and `geo_reference` say where that is. Polygons
+are closed rings without holes; angles degrees.
 """
 
 from __future__ import annotations
@@ -240,7 +241,10 @@ def _read_model(properties: Json, where: str) -> SensorModel:
 
 
 def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> JsonValue:
-    """Read a field of a sensor model, of the type of its default."""
+    """Read a field of a sensor model.
+
+    It gets the type of its default.
+    """
     if isinstance(entry.default, str):
         return _member(properties, key, str, where)
     if isinstance(entry.default, bool) and isinstance(properties[key], bool):
@@ -369,5 +373,8 @@ def _attitude(sensor: Sensor) -> Json:
 
 
 def _degrees(angle: float) -> float:
-    """Degrees, rounded so that radians and back give the same number."""
+    """Convert an angle to degrees.
+
+    It is rounded so that radians and back give the same number.
+    """
     return round(float(np.rad2deg(angle)), 9) + 0.0

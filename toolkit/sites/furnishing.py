@@ -1,8 +1,8 @@
-"""Everything drawn in and beside a street, in the order in which it gets its ground.
+"""Furnishing of a street and its sides, in order.
 
-A tree's crown is several clumps of leaves with gaps between them. It keeps clear of walls and places for sensors,
-and traffic passes below it: only the trunk takes ground. Islands are kerbed, planted and signed. Road works lie off the
-lanes that are driven, closed off by cones, barriers or a fence.
+Whatever is drawn first gets its ground first. A tree's crown is several clumps of leaves with gaps between them. It
+keeps clear of walls and places for sensors, and traffic passes below it: only the trunk takes ground. Islands are
+kerbed, planted and signed. Road works lie off the lanes that are driven, closed off by cones, barriers or a fence.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ _SLIMMEST = 1.0  # m, radius of the smallest crown that is planted
 
 
 def avenues(plot: Plot, kerb: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> None:
-    """Plant rows of trees along `kerb` with crowns over the road.
+    """Plant rows of trees with crowns over the road.
+
+    They stand along `kerb`.
 
     kerb: x, y, direction every 0.5 m. Most sites have some; on one with avenues 30 to 90 % of the kerb in the window is
     planted.
@@ -137,7 +139,10 @@ def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.rando
 
 
 def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: np.random.Generator) -> None:
-    """Place hedges or bushes in a ring with gaps, `out` m from the middle."""
+    """Place hedges or bushes in a ring with gaps.
+
+    out: distance (m) from the middle.
+    """
     length, width, height = (float(rng.uniform(*between)) for between in ((1.0, 5.0), (0.6, 2.2), (0.5, 1.8)))
     step = (length + rng.uniform(0.1, 4.0)) / out
     turn, kept = rng.uniform(0, 2 * np.pi), rng.uniform(0.4, 1.0)
@@ -164,9 +169,9 @@ _INSIDE: tuple[Make, ...] = (container, skip, digger, digger, heap, heap, bushes
 
 
 def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: np.random.Generator) -> None:
-    """Put works on a stretch of each strip, near the junction.
+    """Put road works on each strip, near the junction.
 
-    Traffic passes on the left.
+    They take a stretch of the strip. Traffic passes on the left.
     """
     for edge, (line, width) in strips.items():
         path = shapely.LineString(line)
@@ -217,7 +222,10 @@ def _work(
 
 
 def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
-    """Two boards on feet, one above the other, `length` (m) along x."""
+    """Barrier of two boards on feet, along x.
+
+    The boards are one above the other; length in m.
+    """
     top = float(rng.uniform(0.9, 1.2))
     levels = [round(top - below, 2) for below in (0.2, 0.6)]
     feet = [Solid(f.block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier") for k in (-1, 1)]
@@ -259,7 +267,10 @@ _CLOSINGS: tuple[tuple[Make, float], ...] = ((cone, 1.5), (beacon, 2.0), (concre
 
 
 def _locate(path: shapely.LineString, s: float, left: float) -> tuple[float, float, float]:
-    """Point `left` m beside the path at arc length s, and its direction."""
+    """Point beside a path, and the path's direction.
+
+    It is `left` m to the left at arc length s.
+    """
     (x, y), ahead = (shapely.get_coordinates(path.interpolate(at))[0] for at in (s, s + 0.5))
     yaw = float(np.arctan2(ahead[1] - y, ahead[0] - x))
     return float(x - left * np.sin(yaw)), float(y + left * np.cos(yaw)), yaw
@@ -278,10 +289,10 @@ def furnish(
     strips: Mapping[str, Strip] | None = None,
     angles: Mapping[str, int] | None = None,
 ) -> tuple[list[Solid], Float64[np.ndarray, "n 3"]]:
-    """Draw solids on level ground, and parking bays x, y, yaw.
+    """Draw solids on level ground, and parking bays.
 
-    In and around `area`. strips: shoulders of the road by edge; angles: of the bays on strips that have bays (degrees);
-    the others have road works.
+    Bays are x, y, yaw. In and around `area`. strips: shoulders of the road by edge; angles: of the bays on strips that
+    have bays (degrees); the others have road works.
     """
     strips, angles = strips or {}, angles or {}
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
@@ -304,7 +315,10 @@ def furnish(
 
 
 def _bulky(plot: Plot, rng: np.random.Generator) -> None:
-    """Place up to 30 things as big as cars behind or on the footway."""
+    """Place up to 30 car-sized things beside the road.
+
+    They are behind or on the footway.
+    """
     behind = along(plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary.intersection(plot.window), 0.5)
     kerb = along(plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary.intersection(plot.window), 0.5)
     green = rng.uniform(0.2, 0.8)
@@ -317,7 +331,10 @@ def _bulky(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _houses(plot: Plot, rng: np.random.Generator) -> None:
-    """Place rows of houses along every leg, from the corner outwards."""
+    """Place rows of houses along every leg.
+
+    They begin at the corner.
+    """
     density, usual_height = rng.uniform(0.3, 0.95), rng.uniform(4.5, 16.0)
     for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
         for side, half_width in zip((1, -1), widths, strict=True):
@@ -335,7 +352,10 @@ def _houses(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _beside(path: np.ndarray, at: float, length: float, offset: float, depth: float) -> Float64[np.ndarray, "4 2"]:
-    """Rectangle along `path` from arc length `at`, `offset` to its left."""
+    """Rectangle beside a path.
+
+    It begins at arc length `at`, `offset` to the left of the path.
+    """
     line = shapely.LineString(path)
     start, end = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + length))
     along = (end - start) / (np.hypot(*(end - start)) + 1e-9)

@@ -1,7 +1,8 @@
-"""Street furniture as solids on level ground, and `settle` to set it down on uneven ground.
+"""Street furniture as solids, and `settle` for uneven ground.
 
-Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for one, so a drawn
-street holds plenty of them. They are made about the origin, lengthwise along x, and `put` their place.
+The solids are made for level ground. Things about as big as a car, such as hedges, containers and skips, are what a
+detector mistakes for one, so a drawn street holds plenty of them. They are made about the origin, lengthwise along x,
+and `put` their place.
 """
 
 from __future__ import annotations
@@ -115,7 +116,7 @@ def shelter(xmin: float, ymin: float, xmax: float, ymax: float) -> list[Solid]:
 
 
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: float = 0.15) -> list[Solid]:
-    """Kerbstones on the footway's side of every edge to the road.
+    """Kerbstones on the footway's side of the road's edges.
 
     In pieces of at most 4 m.
     """
@@ -135,9 +136,10 @@ def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: floa
 
 
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
-    """Lift solids made for level ground by the ground under their middle.
+    """Lift solids made for level ground onto uneven ground.
 
-    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows.
+    The height is that of the ground under their middle. Solids on the ground (base 0) reach 0.3 m into it, so that no
+    gap shows.
     """
     solids, settled = list(solids), []
     lifts = _ground(relief, np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2))
@@ -148,7 +150,7 @@ def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
 
 
 def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
-    """Set the feet of mounts on the ground of the site."""
+    """Set the feet of mounts on the site's ground."""
     feet = np.array([mount.position for mount in mounts]).reshape(-1, 3)
     feet[:, 2] = site.ground(feet[:, :2]).round(3)
     return tuple(replace(mount, position=foot) for mount, foot in zip(mounts, feet, strict=True))
@@ -168,9 +170,9 @@ Make = Callable[[np.random.Generator], list[Solid]]  # about the origin, lengthw
 
 
 def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
-    """Turn solids about the origin by `yaw` (rad) and move them to (x, y).
+    """Turn solids about the origin, then move them.
 
-    Footprints lie on millimetres.
+    The turn is `yaw` (rad), the target (x, y). Footprints lie on millimetres.
     """
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     return [Solid(np.round(s.footprint @ turn + [x, y], 3), s.base, s.top, s.kind) for s in solids]
@@ -264,7 +266,10 @@ def column(rng: np.random.Generator) -> list[Solid]:
 
 
 def digger(rng: np.random.Generator) -> list[Solid]:
-    """Digger: tracks, a house with a cab, and an arm in front."""
+    """Digger: tracks, a house with a cab, an arm.
+
+    The arm is in front.
+    """
     length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
     track, deck = round(0.2 * height, 2), round(0.55 * height, 2)
     sides = [Solid(block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine") for k in (-1, 1)]

@@ -1,4 +1,7 @@
-"""Sites on earth: site metres ↔ longitude and latitude, compass bearings, and GeoJSON (RFC 7946) for GIS tools.
+"""Sites on earth.
+
+Functions convert site metres ↔ longitude and latitude, give compass bearings, and write GeoJSON (RFC 7946) for GIS
+tools.
 
 Site → map is `map_SE3_site`; map → earth is the PROJ string `geo_reference`. The transverse Mercator maps that coview
 makes of OpenStreetMap extracts (`projection`) are computed here, all others by pyproj. North is the map's +y: its angle
@@ -67,7 +70,7 @@ def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.nda
 
 
 def bearing_deg(site: Site, heading: float) -> float:
-    """Compass bearing (degrees in 0..360) of a heading of the site.
+    """Compass bearing (degrees in 0..360) of a site heading.
 
     heading: rad, counter-clockwise from +x; the bearing is clockwise from the map's north.
 
@@ -122,7 +125,10 @@ def _meridian(latitude: Any) -> Any:
 
 
 def _own_centre(geo_reference: str) -> tuple[float, float] | None:
-    """Longitude and latitude of the zero of one of our maps, else None."""
+    """Longitude and latitude of our map's zero.
+
+    Returns None for a map that is not ours.
+    """
     zero = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", geo_reference)
     centre = (float(zero[2]), float(zero[1])) if zero else None
     return centre if centre is not None and projection(*centre) == geo_reference else None
@@ -205,7 +211,10 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
 
 
 def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
-    """GeoJSON feature of a mount, named as in files of poles."""
+    """GeoJSON feature of a mount.
+
+    It is named as in files of poles.
+    """
     limits = {"min_height": mount.min_height, "max_height": mount.max_height}
     values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
     if mount.max_sensors > 1:
@@ -214,7 +223,10 @@ def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
 
 
 def feature_collection(features: Iterable[_Json], **members: Any) -> str:
-    """Text of a FeatureCollection with a bbox, one feature a line."""
+    """Text of a FeatureCollection with a bbox.
+
+    Each feature is a line.
+    """
     kept = list(features)
     lines = ",\n".join(json.dumps(each, allow_nan=False, ensure_ascii=False) for each in kept)
     corners = np.array([shapely.bounds(shapely.geometry.shape(each["geometry"])) for each in kept]).reshape(-1, 4)

@@ -1,8 +1,9 @@
-"""Sites from real maps: a piece of an OpenDRIVE or OpenStreetMap file, its roads made by SUMO's netconvert.
+"""Sites from pieces of OpenDRIVE or OpenStreetMap files.
 
-The site frame is centred at the given place, x along `heading`; `map_SE3_site` leads back to the map's coordinates:
-those of the OpenDRIVE file, or metres of a transverse Mercator map of WGS84 (`geo_reference`) about the centre. The
-site has no sensors yet; mounts on lamp posts are real, mounts along the kerbs are suggestions, all at the price of one.
+SUMO's netconvert makes their roads. The site frame is centred at the given place, x along `heading`; `map_SE3_site`
+leads back to the map's coordinates: those of the OpenDRIVE file, or metres of a transverse Mercator map of WGS84
+(`geo_reference`) about the centre. The site has no sensors yet; mounts on lamp posts are real, mounts along the kerbs
+are suggestions, all at the price of one.
 
 Every imported site gets whole roads and kerbs. Where the map is silent, surroundings are drawn from a seed by the code
 that furnishes random sites, around everything that the map does have.
@@ -153,10 +154,11 @@ def kerbstones(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -
 
 
 def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[float, float]]]:
-    """Paths of the network's streets, and half their widths left and right (m).
+    """Paths of the network's streets, with half their widths.
 
-    Within `reach` m of the site's middle. A path runs along the lane nearest to the middle of the street, one for each
-    direction; it goes straight on for 130 m where its edge ends, since houses are drawn along 90 m.
+    The widths are to the left and right (m). Paths are within `reach` m of the site's middle. A path runs along the
+    lane nearest to the middle of the street, one for each direction. It goes straight on for 130 m where its edge
+    ends, since houses are drawn along 90 m.
     """
     paths, widths = [], []
     for edge in ElementTree.fromstring(network).iter("edge"):
@@ -176,10 +178,11 @@ def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "
 
 
 def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int) -> tuple[Site, str]:
-    """Furnish a site around the map's own `solids`; also say what was drawn.
+    """Furnish a site around the map's own `solids`.
 
-    The site has lanes, footways and bays; the uneven ground is drawn from `seed`. Mounts stand on posts of their own,
-    except for those on the map's lamp posts. Raises ValueError for a negative seed.
+    Returns a note of what was drawn too. The site has lanes, footways and bays; the uneven ground is drawn from
+    `seed`. Mounts stand on posts of their own, except for those on the map's lamp posts. Raises ValueError for a
+    negative seed.
     """
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
@@ -212,7 +215,10 @@ def free_bays(
     solids: Sequence[Solid],
     tracks: shapely.Geometry,
 ) -> Float64[np.ndarray, "n 3"]:
-    """Bays x, y, yaw within `window` that are free of solids and traffic."""
+    """Bays (x, y, yaw) in `window` without obstacles.
+
+    They are free of solids and traffic.
+    """
     standing = shapely.union_all([shapely.Polygon(s.footprint) for s in solids if s.kind not in ("island", "kerb")])
     tracks = tracks.buffer(-0.3)
     outlines = [(bay, shapely.Polygon(bay_outline(*bay))) for bay in bays]
@@ -222,14 +228,20 @@ def free_bays(
 
 
 def bays_along(middle: Float[np.ndarray, "k 2"], every: float = 6.4) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw in line along the middle of a parking lane."""
+    """Bays x, y, yaw along a parking lane's middle.
+
+    They stand in line.
+    """
     line = shapely.LineString(middle)
     rows = place_along(line, np.arange(every / 2, line.length - every / 2, every), 0.5)
     return [(float(x), float(y), float(a)) for x, y, a in rows]
 
 
 def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
-    """Solids that neither touch `ours` nor belong to one that does."""
+    """Solids that stay clear of `ours`.
+
+    They neither touch `ours` nor belong to one that does.
+    """
     shapes = [shapely.Polygon(s.footprint) for s in solids]
     groups = shapely.get_parts(
         shapely.union_all([p for p, s in zip(shapes, solids, strict=True) if s.kind != "island"])
@@ -264,7 +276,10 @@ def _interpolate(line: shapely.LineString, at: np.ndarray) -> Float64[np.ndarray
 
 
 def _within_road(part: shapely.Geometry, carriageway: shapely.Geometry) -> bool:
-    """True if most of the border of `part` is shared with the carriageway."""
+    """True if the carriageway encloses most of `part`.
+
+    Most of the border of `part` is shared with it.
+    """
     shared = part.boundary.intersection(carriageway.buffer(0.1)).length
     return bool(shared > 0.85 * part.boundary.length)
 
@@ -390,7 +405,10 @@ def import_opendrive(
 def _slope(
     roads: Sequence[opendrive.MapRoad], window: shapely.Geometry, map_SE3_site: np.ndarray
 ) -> tuple[Relief, list[str]]:
-    """Plane of the roads in a window of the map as a relief, and notes."""
+    """Plane of the roads in a window, and notes.
+
+    The plane is a relief; the window is one of the map.
+    """
     slope, off = opendrive.plane(roads, window, map_SE3_site)
     rise, steepest = float(np.hypot(*slope)), opendrive.steepest(roads, window)
     if steepest <= LEAST_SLOPE:
@@ -486,7 +504,10 @@ def _finish(
     seed: int | None,
     notes: Sequence[str],
 ) -> Site:
-    """Add kerbs and mounts to a site, and furnish it if given a seed."""
+    """Add kerbs and mounts to a site.
+
+    It is furnished if a seed is given.
+    """
     carriageway = _union(site.lanes)
     if not carriageway.intersects(shapely.box(*site.area)):
         raise ValueError(_no_road(path, centre))
@@ -513,7 +534,10 @@ def _finish(
 
 
 def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
-    """Mounts on the lamp posts in and near the area, on brackets over the road."""
+    """Mounts on the lamp posts around the area.
+
+    They are in and near the area, on brackets over the road.
+    """
     mounts: list[Mount] = []
     near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
     for lamp in lamps:
@@ -557,9 +581,10 @@ def _convert(options: Sequence[str], path: Path, centre: tuple[float, float]) ->
 
 
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
-    """Height of the nearest road; edges to remove; True if any is left.
+    """Height of the nearest road, and edges to remove.
 
-    Removed are edges outside `window` and on another storey than the road nearest to its middle.
+    Edges to remove lie outside `window`, or on another storey than the road nearest to its middle. The last value is
+    True if any edge is left.
     """
     heights, near = {}, set()
     nearest, level = np.inf, 0.0
@@ -578,7 +603,10 @@ def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str],
 
 
 def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> str:
-    """Turn a net.xml text from the map's into the site's coordinates, flat."""
+    """Turn a net.xml text into the site's coordinates.
+
+    It is in the map's coordinates before, and flat after.
+    """
     x, y = map_SE3_site[:2, 3]
     turn = map_SE3_site[:2, :2]
     root = ElementTree.fromstring(network)
@@ -599,7 +627,10 @@ def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> st
 
 
 def _repair(outline: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
-    """Largest part of an outline that crosses itself; a strip if it has no area."""
+    """Largest part of an outline that crosses itself.
+
+    If it has no area, it becomes a strip.
+    """
     shape = shapely.Polygon(outline.round(3))
     if shape.is_valid:
         return outline

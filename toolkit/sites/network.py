@@ -1,7 +1,8 @@
-"""Road networks: SUMO's netconvert on plain nodes and edges or on maps, and road surfaces.
+"""Road networks, made by SUMO's netconvert, and road surfaces.
 
-Plain input is rows of attributes, named as SUMO's plain XML names them. Coordinates stay as given: network coordinates
-are site coordinates. https://sumo.dlr.de/docs/Networks/PlainXML.html
+netconvert runs on plain nodes and edges or on maps. Plain input is rows of attributes, named as SUMO's plain XML names
+them. Coordinates stay as given: network coordinates are site coordinates.
+https://sumo.dlr.de/docs/Networks/PlainXML.html
 """
 
 from __future__ import annotations
@@ -70,7 +71,9 @@ def build_network(
     roundabouts: Iterable[XmlAttributes] = (),
     options: Sequence[str] = (),
 ) -> str:
-    """Build the net.xml text of a network; the same rows give the same text.
+    """Build the net.xml text of a network.
+
+    The same rows give the same text.
 
     nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
     `street` makes them; crossings: node, edges, width, priority, None to let netconvert guess them; roundabouts: nodes,
@@ -125,7 +128,9 @@ def netconvert() -> Path:
 def road_polygons(
     network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
 ) -> tuple[Polygons, Polygons]:
-    """Polygons of a net.xml text for wheels and for feet only.
+    """Road polygons of a net.xml text, for wheels and feet.
+
+    Wheels and feet have separate polygons.
 
     Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas. Simple polygons within `margin` (m)
     around `area` (xmin ymin xmax ymax).
@@ -169,7 +174,10 @@ def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float
 
 
 def list_users(lane: ElementTree.Element) -> set[str]:
-    """Users of a lane of a net.xml text, in SUMO's words."""
+    """List the users of a lane, in SUMO's words.
+
+    The lane is one of a net.xml text.
+    """
     allowed = set(lane.get("allow", "").split()) or {"all"}
     forbidden = set(lane.get("disallow", "").split())
     if "all" in forbidden:

@@ -1,8 +1,8 @@
-"""OpenDRIVE maps about a place: reference lines, surfaces of lanes, objects and signals (OpenDRIVE 1.7).
+"""OpenDRIVE maps about a place (OpenDRIVE 1.7).
 
-A road is measured along its reference line, in plan view and elevation (chapters 7, 8). An object's place is s, t on
-its road, turned by hdg against it; its shape is an outline, a radius or a length and width (chapters 11, 12). Flat
-objects (crosswalks, markings) are no solids.
+They give reference lines, surfaces of lanes, objects and signals. A road is measured along its reference line, in plan
+view and elevation (chapters 7, 8). An object's place is s, t on its road, turned by hdg against it; its shape is an
+outline, a radius or a length and width (chapters 11, 12). Flat objects (crosswalks, markings) are no solids.
 """
 
 from __future__ import annotations
@@ -74,7 +74,10 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceLine:
-    """Reference line of a road: pieces in order of s, length, elevation."""
+    """Reference line of a road.
+
+    It has pieces in order of s, a length and an elevation.
+    """
 
     pieces: tuple[Piece, ...]
     length: float
@@ -112,14 +115,20 @@ def number(element: ElementTree.Element, key: str, default: float | None = None)
 
 
 def cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
-    """Pieces described by elements with a, b, c, d, in order of `key`."""
+    """Pieces described by elements with a, b, c, d.
+
+    They are in order of `key`.
+    """
     rows = np.array([[number(e, k, 0.0) for k in (key, *"abcd")] for e in elements]).reshape(-1, 5)
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return Cubics(rows[:, 0], rows[:, 1:])
 
 
 def reference_line(road: ElementTree.Element) -> ReferenceLine:
-    """Reference line of a <road>. Raises ValueError for a damaged one."""
+    """Reference line of a <road>.
+
+    Raises ValueError for a damaged one.
+    """
     pieces = []
     for element in road.findall("planView/geometry"):
         start, x, y, heading, length = (number(element, key) for key in ("s", "x", "y", "hdg", "length"))
@@ -137,7 +146,10 @@ def reference_line(road: ElementTree.Element) -> ReferenceLine:
 
 
 def _local(piece: Piece, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Place and direction u, v, turn in the piece's own frame."""
+    """Place and direction in the piece's own frame.
+
+    They are u, v, turn.
+    """
     shape = piece.shape
     if shape.tag == "arc":
         return _bent(number(shape, "curvature"), ds)
@@ -224,7 +236,10 @@ def roads_near(path: Path, window: shapely.Geometry, level: float, storey: float
 
 
 def surfaces(path: Path, roads_there: Sequence[MapRoad]) -> list[MapLane]:
-    """Lanes of all roads; ValueError that names the file for a damaged one."""
+    """Lanes of all roads.
+
+    Raises ValueError, which names the file, for a damaged one.
+    """
     try:
         return [lane for road in roads_there for lane in lanes(road)]
     except ValueError as error:
@@ -266,10 +281,10 @@ def steepest(roads_there: Sequence[MapRoad], window: shapely.Geometry) -> float:
 def plane(
     roads_there: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[Slope, float]:
-    """Slope of the roads along x and y of the site, and their deviation (m).
+    """Slope of the roads, and their deviation (m).
 
-    By least squares over the middle lines within `window` (map frame). Level where the roads say nothing of one
-    direction.
+    The slope is along x and y of the site. By least squares over the middle lines within `window` (map frame). Level
+    where the roads say nothing of one direction.
     """
     rows = [np.zeros((0, 3))]
     for road in roads_there:
@@ -389,7 +404,10 @@ class Standing:
 
 
 def standing_beside(roads: Sequence[MapRoad]) -> Standing:
-    """Objects and signals of `roads`. Raises ValueError for a damaged number."""
+    """Objects and signals of `roads`.
+
+    Raises ValueError for a damaged number.
+    """
     found = Standing()
     for road in roads:
         for element in road.element.findall("objects/object"):
@@ -401,7 +419,10 @@ def standing_beside(roads: Sequence[MapRoad]) -> Standing:
 
 
 def signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """Post of a signal with a sign, or a signal head if dynamic."""
+    """Post of a signal.
+
+    It has a sign, or a signal head if the signal is dynamic.
+    """
     x, y, heading = _place(road, number(element, "s"), number(element, "t"), number(element, "hOffset", 0.0))
     facing = heading + (np.pi if element.get("orientation", "+") == "+" else 0.0)
     is_head = element.get("dynamic") == "yes"
@@ -457,7 +478,10 @@ def _solids(road: MapRoad, element: ElementTree.Element, kind: str, usual: float
 
 
 def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float, float, float, float]]:
-    """x, y, direction and height over the road of an object and its repeats."""
+    """Places of an object and its repeats.
+
+    They are x, y, direction and height over the road.
+    """
     turn = number(element, "hdg", 0.0) + (np.pi if element.get("orientation") == "-" else 0.0)
     repeats = element.findall("repeat")
     if not repeats:
@@ -495,9 +519,9 @@ def _place(road: MapRoad, s: float, t: float, turn: float) -> tuple[float, float
 
 
 def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float, float]) -> Float64[np.ndarray, "k 2"]:
-    """Corners of an outline, given on the road or about the object.
+    """Corners of an outline.
 
-    All zeros where it makes no polygon.
+    It is given on the road or about the object. All zeros where it makes no polygon.
     """
     x, y, heading = place
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])

@@ -1,4 +1,6 @@
-"""OpenStreetMap extracts: the map in metres around a centre, its roads for netconvert, and the solids beside them.
+"""OpenStreetMap extracts in metres around a centre.
+
+They give roads for netconvert, and the solids beside them.
 
 Extracts are untidy: ways refer to nodes that were cut off, relations to missing members, values are free text. What
 cannot be used is left out; only a file that is no map is refused. https://wiki.openstreetmap.org/wiki/OSM_XML
@@ -37,7 +39,10 @@ AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in
 
 @dataclass(frozen=True)
 class Way:
-    """Line or outline: (k, 2) metres, the k ids of its nodes, its tags."""
+    """Line or outline of a map.
+
+    It has (k, 2) metres, the k ids of its nodes, and its tags.
+    """
 
     line: Float64[np.ndarray, "k 2"] = field(repr=False)
     nodes: tuple[str, ...]
@@ -65,7 +70,9 @@ class Extract:
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
-    """Read a map (.osm, .osm.xml or either with .gz) in metres around `centre`.
+    """Read a map in metres around `centre`.
+
+    Files are .osm, .osm.xml or either with .gz.
 
     centre: longitude, latitude; heading: of x (rad counter-clockwise from east). Raises ValueError where the file is no
     OSM XML, is damaged or empty, or `centre` lies outside it.
@@ -106,9 +113,9 @@ def to_degrees(extract: Extract, points: Float[np.ndarray, "n 2"]) -> Float64[np
 
 
 def metres(text: str) -> float | None:
-    """Parse a length as mappers write it; None if it is not positive.
+    """Parse a length as mappers write it.
 
-    Of several the greatest.
+    Of several lengths the greatest counts. Returns None if it is not positive.
 
     >>> [metres(text) for text in ("12", "12 m", "3;4", "40'", "7,5", "tall", "-2")]
     [12.0, 12.0, 4.0, 12.192, 7.5, None, None]
@@ -182,9 +189,9 @@ def _check_centre(path: Path, centre: tuple[float, float], degrees: np.ndarray, 
 
 
 def _way(references: list[str], tags: Tags, position: Mapping[str, np.ndarray]) -> Way | None:
-    """Way through the nodes that the extract holds; None for fewer than two.
+    """Way through the nodes that the extract holds.
 
-    Repeated nodes count once.
+    Returns None for fewer than two. Repeated nodes count once.
     """
     known = [node for node in references if node in position]
     nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
@@ -206,7 +213,10 @@ def _areas(
 
 
 def _rings(ways: Iterable[Way]) -> shapely.Geometry:
-    """Ground enclosed by rings, which may be made of several ways each."""
+    """Ground enclosed by rings.
+
+    A ring may be made of several ways.
+    """
     lines = [shapely.LineString(way.line) for way in ways]
     return shapely.union_all([shapely.Polygon(ring.exterior) for ring in shapely.get_parts(shapely.polygonize(lines))])
 
@@ -236,9 +246,10 @@ _SIDES = ("both", "left", "right", "no")
 
 
 def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
-    """Roads for vehicles within `window`, cut at its edge, and notes.
+    """Roads for vehicles within `window`, and notes.
 
-    They have the tags meant for netconvert. Tunnels and bridges over another road are left out and noted.
+    They are cut at the window's edge. They have the tags meant for netconvert. Tunnels and bridges over another road
+    are left out and noted.
     """
     drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and not _is_private(way.tags)]
     near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
@@ -317,14 +328,20 @@ def _above(tags: Tags) -> bool:
 
 
 def _crosses(bridge: Way, road: Way) -> bool:
-    """True if a bridge crosses a road away from a common node."""
+    """True if a bridge crosses a road.
+
+    Crossings at a common node do not count.
+    """
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]
     return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
 
 
 def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
-    """Pieces of `way` within `window`, with new nodes at its edge."""
+    """Cut a way to its pieces within `window`.
+
+    They get new nodes at its edge.
+    """
     tags = _road_tags(way.tags, lefthand)
     step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
     line, nodes = way.line[::step], way.nodes[::step]
@@ -366,7 +383,10 @@ def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
 
 
 def _sidewalk(tags: Tags) -> str | None:
-    """Footways beside a road: both, left, right or no; None if unknown."""
+    """Footways beside a road.
+
+    They are both, left, right or no; None if unknown.
+    """
     plain = tags.get("sidewalk", "")
     if plain in _SIDES or plain in ("none", "yes", "separate"):
         return {"none": "no", "yes": "both", "separate": "both"}.get(plain, plain)
@@ -390,9 +410,10 @@ _BARRIERS = {
 
 
 def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
-    """Buildings that reach into `window`, cut off at `road`, and notes.
+    """Buildings that reach into `window`, and notes.
 
-    A building with parts (building:part) is made of them; its own outline stands where there are none.
+    They are cut off at `road`. A building with parts (building:part) is made of them; its own outline stands where
+    there are none.
     """
     parts = [(p, tags) for p, tags in extract.areas if tags.get("building:part", "") not in _NO_BUILDING]
     parts = [(p, tags) for p, tags in parts if p.intersects(window)]
@@ -444,7 +465,10 @@ def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) ->
 
 
 def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], np.ndarray]:
-    """Posts, signs, bins and benches off `road`, and (n, 2) street lamps."""
+    """Street furniture off `road`, and (n, 2) street lamps.
+
+    The furniture is posts, signs, bins and benches.
+    """
     solids: list[Solid] = []
     lamps: list[np.ndarray] = []
     clear = road.buffer(0.4)

@@ -1,9 +1,9 @@
-"""Parking along the kerbs of an OpenStreetMap extract: strips beside the lanes of its roads, and bays on them.
+"""Parking along the kerbs of an OpenStreetMap extract.
 
-Both tagging schemes are read, parking:SIDE with parking:SIDE:orientation and the older parking:lane:SIDE, and areas of
-amenity=parking beside a road. netconvert knows no such strips: they are put into the plain network that it writes, and
-it is run again. A strip lies between lanes and footway, also where vehicles stand half or all on the kerb.
-https://wiki.openstreetmap.org/wiki/Street_parking
+It has strips beside the lanes of the roads, and bays on them. Both tagging schemes are read, parking:SIDE with
+parking:SIDE:orientation and the older parking:lane:SIDE, and areas of amenity=parking beside a road. netconvert knows
+no such strips: they are put into the plain network that it writes, and it is run again. A strip lies between lanes and
+footway, also where vehicles stand half or all on the kerb. https://wiki.openstreetmap.org/wiki/Street_parking
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: no parkin
 
 
 class Sides(NamedTuple):
-    """Parking at the kerb of a lane, and on its other side.
+    """Parking on both sides of a lane.
 
-    The kerb is on the right where traffic keeps right.
+    One side is at the kerb. The kerb is on the right where traffic keeps right.
     """
 
     kerb: Angle = None
@@ -61,7 +61,10 @@ class Parking:
         return bool(self.areas) or any(angles != (None, None) for _, angles in self.roads)
 
     def beside(self, lane: shapely.LineString, at: float) -> Sides:
-        """Parking at the kerb and on the other side, `at` m along a lane."""
+        """Parking on both sides of a lane, at one place.
+
+        It is at the kerb and on the other side, `at` m along the lane.
+        """
         spot, ahead = lane.interpolate(at), _direction(lane, at)
         tagged: tuple[Angle, Angle] = (None, None)
         nearest = _NEAR
@@ -118,7 +121,9 @@ def find_parking(extract: Extract, kinds: Collection[str], window: shapely.Geome
 
 
 def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
-    """Angle of parking on both sides of the edges that get strips.
+    """Parking angles of the edges that get strips.
+
+    There is one for both sides.
 
     network: net.xml text in the extract's frame; the commonest angle counts.
     """
@@ -133,7 +138,10 @@ def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
 
 
 def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
-    """Options of netconvert for the plain network in `folder`, with strips."""
+    """Options of netconvert for a network with strips.
+
+    The plain network is in `folder`.
+    """
     edges, connections = (ElementTree.parse(folder / f"plain.{kind}.xml") for kind in ("edg", "con"))
     first = {str(edge.get("id")): _widen(edge, found.get(str(edge.get("id")), Sides())) for edge in edges.iter("edge")}
     for connection in connections.iter("connection"):
@@ -149,7 +157,10 @@ def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
 
 
 def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw on the strips of a net.xml text, as the map parks."""
+    """Bays x, y, yaw on a network's parking strips.
+
+    Vehicles stand in them as the map says. network: a net.xml text.
+    """
     found: list[tuple[float, float, float]] = []
     for street in _streets(network):
         inside = False
@@ -178,7 +189,10 @@ def _streets(network: str) -> Iterator[_Street]:
 
 
 def _widen(edge: ElementTree.Element, sides: Sides) -> int:
-    """Give an edge its strips; return the first lane number that moves."""
+    """Give an edge its strips.
+
+    Returns the first lane number that moves.
+    """
     lanes = edge.findall("lane") or [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
     first = next((i for i, lane in enumerate(lanes) if "passenger" in list_users(lane)), 0)
     wide = [*lanes[:first], *_strip(sides.kerb), *lanes[first:], *_strip(sides.inner)]
@@ -209,7 +223,10 @@ def _direction(line: shapely.LineString, at: float) -> Float64[np.ndarray, "2"]:
 
 
 def _angle(tags: Tags, side: str) -> Angle:
-    """Angle of parking on a side (left, right) of a road."""
+    """Parking angle on one side of a road.
+
+    side: left or right.
+    """
 
     def said(key: str, rest: str = "") -> str:
         return (tags.get(f"{key}:{side}{rest}") or tags.get(f"{key}:both{rest}") or "").strip().lower()

@@ -1,6 +1,7 @@
-"""Random junctions: 3 to 5 legs or a roundabout, with surroundings, mounts and sensors.
+"""Random junctions: 3 to 5 legs or a roundabout.
 
-Training a detector for any junction, and testing a placement search, needs hundreds of them; each has a seed.
+They have surroundings, mounts and sensors. Training a detector for any junction, and testing a placement search, needs
+hundreds of them; each has a seed.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class Leg:
 
     @property
     def half_widths(self) -> tuple[float, float]:
-        """Distance from the path to the outer edge of the footway (m).
+        """Distance (m) from the path to the footway's outer edge.
 
         Left (inbound side) and right (outbound side), seen from the junction.
         """
@@ -110,9 +111,9 @@ def random_site(rng: np.random.Generator | int) -> Site:
 
 
 def sloping(relief: Relief) -> Relief:
-    """Give a relief a slope of up to `STEEPEST_STREET`, drawn from its seed.
+    """Give a relief a random slope up to `STEEPEST_STREET`.
 
-    Two of five are steeper than 1 %.
+    It is drawn from the relief's seed. Two of five are steeper than 1 %.
     """
     rng = np.random.default_rng([relief.seed, 6])
     if rng.random() > SLOPING:
@@ -122,7 +123,9 @@ def sloping(relief: Relief) -> Relief:
 
 
 def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None = None) -> tuple[Sensor, ...]:
-    """Hang `count` (None: 1 to 10) depth cameras and lidars on mounts.
+    """Hang random depth cameras and lidars on mounts.
+
+    count: number of sensors, 1 to 10 if None.
 
     They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher they hang (level at
     eye level, 35° at most), most of them headed for the middle of the area. Cameras come first in order of name: d0,
@@ -237,7 +240,10 @@ def _directions(rng: np.random.Generator, count: int) -> Float64[np.ndarray, " n
 
 
 def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
-    """Legs along `directions`, gently bent, at most one of them one-way."""
+    """Draw legs along `directions`, gently bent.
+
+    At most one of them is one-way.
+    """
     lane, footway = rng.uniform(3.0, 3.75), rng.uniform(1.5, 4.0)
     one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
     usual = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
@@ -263,7 +269,10 @@ def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
 
 
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
-    """Edges of a leg: towards the junction, away from it, or both."""
+    """Edges of a leg.
+
+    They lead towards the junction, away from it, or both.
+    """
     rows: list[XmlAttributes] = []
     for count, shoulder, name, start, end, path in (
         (leg.inbound, leg.shoulders[0], f"in{number}", f"e{number}", junction, leg.path[::-1]),
@@ -288,7 +297,10 @@ def _shoulder(rng: np.random.Generator) -> Shoulder:
 
 
 def _angles(legs: Sequence[Leg]) -> dict[str, int]:
-    """Angle of the bays (degrees) by edge, for edges with bays."""
+    """Angle of the bays (degrees) by edge.
+
+    Only edges with bays have one.
+    """
     angles: dict[str, int] = {}
     for i, leg in enumerate(legs):
         for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):

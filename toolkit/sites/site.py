@@ -1,4 +1,6 @@
-"""A junction as it stands: detection area, road, what is built beside it, where sensors hang, the network traffic uses.
+"""A junction and its surroundings.
+
+It has a detection area, a road, the solids beside it, the sensors, and the network that traffic uses.
 
 Site frame: right-handed, metres, z up, zero at the mean height of the street; where that slopes, z is 0 at the origin.
 `map_SE3_site` turns it into the frame of the map the site was taken from, which is right-handed too (a CARLA map: x,
@@ -30,7 +32,9 @@ HYBRID_RADIUS = 20.0  # m, where the paper says nothing else of a site (its sect
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Prism that stands still, from `base` up to `top` (m, site frame).
+    """Prism that stands still, between two heights.
+
+    It reaches from `base` up to `top` (m, site frame).
 
     footprint: (k, 2) polygon; kind: one of `KINDS`. A tree is two solids, a `trunk` and a crown (`tree`). A `pond` is a
     hole: there is no ground inside its footprint, but a surface at `top`, below the street.
@@ -160,10 +164,10 @@ class Site:
         )
 
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
-        """Height of the ground (m) at places (..., 2) of the site.
+        """Height of the ground (m) at places of the site.
 
-        On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a large place is zero.
-        Ponds, kerbs and islands are solids and not part of it.
+        Places are (..., 2). On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a
+        large place is zero. Ponds, kerbs and islands are solids and not part of it.
         """
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
@@ -240,7 +244,10 @@ def check_parking(bays: Any) -> Float64[np.ndarray, "n 3"]:
 
 
 def check_network(network: str) -> str:
-    """Return `network` if empty or the text of a SUMO network."""
+    """Check the text of a SUMO network.
+
+    Returns `network` if it is empty or such a text.
+    """
     if not network:
         return ""
     try:
@@ -253,9 +260,9 @@ def check_network(network: str) -> str:
 
 
 def _waves(relief: Relief) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wave vectors (2, w) in rad/m, phases (w,) and weights (w,).
+    """Wave vectors, phases and weights of a relief.
 
-    The weights add up to the amplitude.
+    They are (2, w) in rad/m, (w,) and (w,). The weights add up to the amplitude.
     """
     rng = np.random.default_rng(relief.seed)
     lengths = np.array([160.0, 90, 50, 28, 16, 11, 7])

@@ -1,7 +1,7 @@
-"""The ground around a road, on which things are placed one by one, parking bays, and places for sensors.
+"""Ground around a road, parking bays, and sensor places.
 
-Nothing stands where anyone drives. On a footway stand only slim things near the kerb. Bays lie along kerbs, in line, at
-an angle or at right angles, and on forecourts behind the footways.
+Things are placed on the ground one by one. Nothing stands where anyone drives. On a footway stand only slim things
+near the kerb. Bays lie along kerbs, in line, at an angle or at right angles, and on forecourts behind the footways.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class Road:
 
 
 class Plot:
-    """Ground around a road on which solids are placed one by one.
+    """Ground around a road for placing solids.
 
-    Nothing stands on driven lanes or in another solid. solids: placed so far; open: ground beside the road; lanes: kept
-    clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on shoulders; mounts: (n, 2) places of
-    sensors.
+    They are placed one by one. Nothing stands on driven lanes or in another solid. solids: placed so far; open: ground
+    beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on shoulders;
+    mounts: (n, 2) places of sensors.
     """
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
@@ -93,7 +93,10 @@ class Plot:
         return True
 
     def place(self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False) -> bool:
-        """Place `solids` together if there is room for all; return success."""
+        """Place solids together if there is room for all.
+
+        Returns True on success.
+        """
         ground = shapely.union_all([shapely.Polygon(solid.footprint) for solid in solids])
         if not self.claim(ground, footway=footway, shoulder=shoulder):
             return False
@@ -110,7 +113,7 @@ def place_mounts(
     spacing: float = 5.0,
     avoid: shapely.Geometry | None = None,
 ) -> tuple[Mount, ...]:
-    """Choose places for sensors at the kerb and behind the footway.
+    """Choose sensor places at the kerb and behind the footway.
 
     `at_least` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is room.
     Their feet are at z = 0.
@@ -134,7 +137,10 @@ def place_mounts(
 
 
 def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
-    """Points every `step` m along `lines`: x, y and direction (rad)."""
+    """Points every `step` m along `lines`.
+
+    They are x, y and direction (rad).
+    """
     rows = [np.zeros((0, 3))]
     for part in shapely.get_parts(shapely.line_merge(lines)):
         if part.geom_type != "LineString" or part.length < 2 * step:
@@ -171,7 +177,9 @@ Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, w
 def kerb_bays(
     plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: np.random.Generator
 ) -> Float64[np.ndarray, "n 3"]:
-    """Draw bays x, y, yaw on the strips that have an angle.
+    """Draw bays on the strips that have an angle.
+
+    Bays are x, y, yaw.
 
     angles: degrees, 0 in line with the kerb. The junction is at the end of a strip of an edge `in...`, and at the start
     of the others.
@@ -186,7 +194,10 @@ def kerb_bays(
 
 
 def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "n 3"]:
-    """Middles x, y and headings of all bays on a strip, from the junction on."""
+    """Middles and headings of all bays on a strip.
+
+    They are x, y and heading, from the junction on.
+    """
     line = shapely.LineString(strip[0])
     at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), _spacing(angle))
     at = line.length - at if at_end else at
@@ -194,7 +205,9 @@ def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "
 
 
 def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = False) -> Float64[np.ndarray, "n 3"]:
-    """Middles x, y and headings of all bays on a strip between junctions.
+    """Middles and headings of bays on a strip between junctions.
+
+    They are x, y and heading.
 
     line: in the direction of traffic.
     """
@@ -235,9 +248,9 @@ def outline(x: float, y: float, yaw: float, size: tuple[float, float] = BAY) -> 
 
 
 def _claim(plot: Plot, bay: Float64[np.ndarray, "3"]) -> bool:
-    """Take the ground of a bay on a shoulder; return success.
+    """Take the ground of a bay on a shoulder.
 
-    Parts that reach into the lane or to its neighbours do not count.
+    Returns True on success. Parts that reach into the lane or to its neighbours do not count.
     """
     ground = outline(bay[0], bay[1], bay[2], (BAY[0] - 0.2, BAY[1] - 0.2)).difference(plot.driven).buffer(-0.02)
     near = plot.window.buffer(-_UNSEEN, join_style="mitre").contains(ground)
