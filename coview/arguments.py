@@ -104,7 +104,9 @@ def sensor_set(text: str) -> list[int | str] | None:
 
 
 def split_names(text: str) -> list[str] | None:
-    """Like `sensor_set`, for recordings whose sensors go by name alone.
+    """Split names of sensors, like `sensor_set`.
+
+    For recordings whose sensors go by name alone.
 
     >>> split_names("north, 106")
     ['north', '106']

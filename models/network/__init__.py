@@ -1,1 +1,4 @@
-"""VoxelNet: voxels, network, anchors, and the same network computed sparsely."""
+"""VoxelNet: voxels, network and anchors.
+
+The same network is also computed sparsely.
+"""

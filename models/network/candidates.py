@@ -174,7 +174,7 @@ def hopeful(
 def suppress(
     boxes: Float[Tensor, "n 7"], scores: Float[Tensor, "n L"], config: VoxelNetConfig, nms_threshold: float
 ) -> Detections:
-    """Drop candidates with their centre outside the area, and duplicates."""
+    """Drop duplicates and candidates centred outside the area."""
     xmin, ymin, xmax, ymax = config.area
     x, y = boxes[:, 0], boxes[:, 1]
     inside = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & torch.isfinite(boxes).all(1)

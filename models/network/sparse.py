@@ -32,7 +32,7 @@ from toolkit.arrays import Bool, Float32, Int32, Int64
 
 
 class SparseVoxelNet(nn.Module):
-    """A trained network for inference.
+    """Trained network for inference.
 
     Its weights are a folded copy: train the original.
 
@@ -99,9 +99,9 @@ def fold_point_layer(layer: PointLayer) -> nn.Sequential:
 
 
 class FoldedRegionProposal(nn.Module):
-    """`RegionProposal` and `Head` for inference, channels last in memory.
+    """`RegionProposal` and `Head`, folded for inference.
 
-    input_order: place of each input channel in the original.
+    Channels are last in memory. input_order: place of each input channel in the original.
     """
 
     def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
@@ -130,7 +130,7 @@ class FoldedRegionProposal(nn.Module):
 
 
 class PlainJoin(nn.Module):
-    """The three blocks' maps joined as the network does it."""
+    """Join of the three blocks' maps, as in training."""
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
         super().__init__()
@@ -144,7 +144,7 @@ class PlainJoin(nn.Module):
             )
 
     def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
-        """The feature map of the head."""
+        """Return the feature map of the head."""
         layers: Any = self.upsample
         first, *others = layers
         fine = cell_by_cell(first, maps[0]) if self.add else first(maps[0])
@@ -176,7 +176,7 @@ class LinearHead(nn.Module):
         self.coarse = _compose_transposed(weight, None, 4, 1)
 
     def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
-        """The feature map of the head."""
+        """Return the feature map of the head."""
         fine, middle, coarse = maps
         coarse = torch.cat((coarse, coarse.new_ones(len(coarse), ONES, *coarse.shape[2:])), 1)
         x: Tensor = self.conv3x3(self.fine(fine))
@@ -186,8 +186,8 @@ class LinearHead(nn.Module):
 def cell_by_cell(conv: nn.Conv2d, x: Float32[Tensor, "B C H W"]) -> Float32[Tensor, "B K H W"]:
     """Compute a 1x1 convolution for inference.
 
-    On one CPU thread torch takes a plain matrix product, which needs about twice the time of the convolution library,
-    so that library is asked for by name.
+    On one CPU thread torch uses a plain matrix product, which takes about twice as long as the convolution library. So
+    that library is called by name.
     """
     if x.device.type != "cpu" or not torch.backends.mkldnn.is_available():  # type: ignore[no-untyped-call]
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
@@ -234,7 +234,7 @@ def _fill(layer: nn.Conv2d | nn.ConvTranspose2d, weight: Tensor, bias: Tensor | 
 
 
 class SparseColumns(nn.Module):
-    """Height fold, first convolution and ReLU on occupied columns only.
+    """Height fold, first convolution and ReLU on occupied columns.
 
     The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of its map, depending on
     whether its row and column are even or odd. Each of the nine taps serves the columns of one such kind and sends no
@@ -336,7 +336,7 @@ class Plane(NamedTuple):
 class Reached(NamedTuple):
     """Cells reached by points, ordered by level and place.
 
-    differences: their values, less those of an empty grid.
+    differences: their values minus those of an empty grid.
     """
 
     mask: Bool[Tensor, "D P"]
@@ -368,7 +368,10 @@ class SparseMiddle(nn.Module):
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
     def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K H W"]:
-        """Return the map seen from above, its channels in `channel_order`."""
+        """Return the map seen from above.
+
+        Its channels are in `channel_order`.
+        """
         plane = Plane(voxels.items, *self.shape[:2])
         item, ix, iy, iz = voxels.cells.unbind(1)
         place = plane.place(item, ix, iy)
@@ -385,7 +388,7 @@ class SparseMiddle(nn.Module):
 
 
 class SparseConvolution(nn.Module):
-    """One 3x3x3 convolution and its ReLU on the reached cells."""
+    """3x3x3 convolution and its ReLU on reached cells."""
 
     def __init__(self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int) -> None:
         super().__init__()

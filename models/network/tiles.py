@@ -154,7 +154,7 @@ MOST_OWN = 0.5  # share of tiles that unions do not share, above which one union
 
 
 class Entries(NamedTuple):
-    """The n distinct values of a layer's tiles.
+    """Distinct values of a layer's tiles, n in all.
 
     tile, union: one example of each; of: the entry of each tile in each union.
     """
@@ -196,7 +196,10 @@ def tileable(network: SparseVoxelNet) -> bool:
 
 
 class TiledVoxelNet:
-    """A network for inference on unions of clouds; see `tileable`."""
+    """Network for inference on unions of clouds.
+
+    See `tileable`.
+    """
 
     def __init__(self, network: SparseVoxelNet) -> None:
         self._network, self.config = network, network.config
@@ -341,7 +344,10 @@ class TiledVoxelNet:
         return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
 
     def _within(self, x: Float32[Tensor, "m t t K"], tiles: np.ndarray) -> Float32[Tensor, "m t t K"]:
-        """Set cells beyond the map to zero, as convolutions expect."""
+        """Set cells beyond the map to zero.
+
+        Convolutions expect zeros there.
+        """
         size, whole = x.shape[1], [side * TILE == cells for side, cells in zip(self._grid, self._map, strict=True)]
         at = torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (fits, cells) in enumerate(zip(whole, self._map, strict=True)):

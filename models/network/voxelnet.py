@@ -36,7 +36,7 @@ class Prediction(NamedTuple):
 
 
 class VoxelNet(nn.Module):
-    """The network of a configuration.
+    """Network of a configuration.
 
     >>> from models.network.voxels import voxelise
     >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
@@ -78,7 +78,7 @@ def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n
 class VoxelFeatures(nn.Module):
     """Voxel feature encoding.
 
-    Linear maps per point, each followed by the voxel's maximum; of the last, the maximum only.
+    Linear maps per point, each followed by the voxel's maximum. Only the maximum of the last is returned.
     """
 
     def __init__(self, config: VoxelNetConfig) -> None:
@@ -300,6 +300,6 @@ class Head(nn.Module):
 
 
 def conv_norm_relu(conv: nn.Conv2d | nn.Conv3d) -> nn.Sequential:
-    """A convolution, BatchNorm and ReLU."""
+    """Convolution, BatchNorm and ReLU."""
     norm = nn.BatchNorm3d if isinstance(conv, nn.Conv3d) else nn.BatchNorm2d
     return nn.Sequential(conv, norm(conv.out_channels), nn.ReLU(inplace=True))

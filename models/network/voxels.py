@@ -17,10 +17,10 @@ from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class Voxels(NamedTuple):
-    """Occupied voxels of one or several clouds, and their points.
+    """Occupied voxels of one or several clouds, and points.
 
-    Plain lists of points instead of a (voxels, T, 3) block that is mostly padding. The rows of `cells` are sorted by
-    batch item, z, x, y; no voxel is empty.
+    Points are plain lists, not a (voxels, T, 3) block that is mostly padding. The rows of `cells` are sorted by batch
+    item, z, x, y; no voxel is empty.
     """
 
     points: Float32[Tensor, "n 3"]  # x y z in the frame of the grid, m

@@ -195,7 +195,7 @@ class Machine:
 
 @dataclass
 class TrainingState:
-    """A training in progress: exactly the content of a checkpoint.
+    """Training in progress: exactly a checkpoint's content.
 
     recent: losses since the last row of the log; the next row is their mean.
     """
@@ -240,12 +240,13 @@ def train(
     validate: Callable[[VoxelNet], dict[str, float]] | None = None,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> VoxelNet:
-    """Train on a packed file; called again, resume.
+    """Train on a packed file, or resume.
 
-    `out` receives `checkpoint.pt` and `log.csv`. start: a network of the same shape, on any area, to start from instead
-    of random weights; machine: the CPU by default; validate: called with the network after each epoch, and its figures
-    are logged; progress: called with the step, the number of steps, and the losses of the step or the figures of
-    `validate`. Raises ValueError if preset and network do not fit, or if `out` holds a run with other settings.
+    `out` receives `checkpoint.pt` and `log.csv`; called again, training resumes there. start: a network of the same
+    shape, on any area, to start from instead of random weights; machine: the CPU by default; validate: called with the
+    network after each epoch, and its figures are logged; progress: called with the step, the number of steps, and the
+    losses of the step or the figures of `validate`. Raises ValueError if preset and network do not fit, or if `out`
+    holds a run with other settings.
     """
     machine = machine or Machine()
     device, bfloat16 = machine.device, machine.bfloat16

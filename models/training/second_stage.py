@@ -3,8 +3,9 @@
 Calibrated scores, measured faces, more classes.
 
 Calibration turns scores into shares of true detections and finds thresholds above which nearly all are true. Faces are
-fitted to boxes as detected and to boxes displaced at random: those are displaced more than the detector errs on
-vehicles it knows, as it does on vehicles of other makes, so that the points must count and not the first stage's sizes.
+fitted to boxes as detected and to boxes displaced at random. The random displacement is larger than the detector's
+errors on vehicles it knows, and like its errors on vehicles of other makes. So the points must count, not the first
+stage's sizes.
 """
 
 from __future__ import annotations

@@ -85,8 +85,8 @@ class Background:
 def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
     """Estimate the ground's height in cells.
 
-    It is the 5 % quantile of their points, or the least of the neighbours where that is more than half a metre lower.
-    Finally every cell takes the least of those within two cells, so that kerbs and walls do not lift the street beside
+    It is the 5 % quantile of a cell's points, or the least of its neighbours where that is more than half a metre
+    lower. Finally every cell takes the least height within two cells, so kerbs and walls do not lift the street beside
     them.
     """
     place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
@@ -114,7 +114,7 @@ LEAST_NEW = 0.2  # least share of points in a box that must not be background
 
 @dataclass(frozen=True)
 class KnownBackground:
-    """A detector without its detections of the background.
+    """Detector that leaves out its detections of the background.
 
     Points are in the frame of the background. least: share of the points in a detection's box that must not be
     background. Raises ValueError for a share outside 0 to 1.
@@ -138,7 +138,10 @@ class KnownBackground:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Classes that the detector names; AttributeError if it names none."""
+        """Classes that the detector names.
+
+        Raises AttributeError if it names none.
+        """
         return self.detector.labels  # type: ignore[attr-defined]
 
     @property

@@ -125,7 +125,7 @@ def _nearest(
 
 
 def compute_mean(values: Sequence[float]) -> float:
-    """The mean, NaN of none."""
+    """Mean; NaN of none."""
     return float(np.mean(values)) if len(values) else float("nan")
 
 

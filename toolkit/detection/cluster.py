@@ -1,4 +1,4 @@
-"""The classical detector: clusters of foreground points, with fitted rectangles.
+"""Classical detector: clusters of points with fitted rectangles.
 
 It needs no labels and no training, only a look at the empty site, and is the baseline that a trained one must beat:
 
@@ -125,7 +125,7 @@ class ClusterDetector:
 
 
 class _Rectangle(NamedTuple):
-    """Rectangle round points.
+    """Rectangle around points.
 
     low, high: ends along its own axes (m), the longer axis first; at_low, at_high: share of points within 0.2 m of each
     side.
@@ -210,7 +210,7 @@ def _label(rectangle: _Rectangle, height: float) -> int:
 def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
     """Complete rectangles of cars to the usual size.
 
-    Each grows in the way that covers least of the background seen just now: no car stands where that is seen.
+    Each grows in the way that covers least of the visible background, since no car stands where the background is seen.
     """
     ways = [_ways_to_complete(car) for car in cars]
     flat = [way for some in ways for way in some]
@@ -221,7 +221,7 @@ def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> l
 
 
 def _ways_to_complete(seen: _Rectangle) -> list[tuple[_Rectangle, float]]:
-    """Return possible completions of a rectangle, each with its doubt.
+    """Return possible completions of a rectangle, with doubts.
 
     A short side grows to one end or the other; a longer side that may be a car's width is tried as such. The doubt is
     the share of points on the sides that grow: a side with many points was seen as it is.

@@ -35,9 +35,9 @@ class Message(NamedTuple):
 
 @runtime_checkable
 class Codec(Protocol):
-    """Turn points and boxes into messages and back.
+    """Codec that turns points and boxes into messages and back.
 
-    A lossless codec hands back the very array that it was given, so that its detections are shared.
+    A lossless codec returns the very array that it was given, so that its detections are shared.
     """
 
     @property
@@ -95,7 +95,10 @@ class ImageCodec(Protocol):
         ...
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
-        """Decode an image of the sensor, 0 where nothing arrived."""
+        """Decode an image of the sensor.
+
+        0 where nothing arrived.
+        """
         ...
 
 
@@ -103,7 +106,7 @@ class ImageCodec(Protocol):
 class PaperCodec:
     """Codec with fixed bits for each point and box.
 
-    Nothing is lost. Raises ValueError for a cost that is not finite or below 0.
+    Nothing is lost.
 
     Raises ValueError for a cost that is not finite or below 0.
 
@@ -152,7 +155,10 @@ PAPER = PaperCodec()
 
 
 def check_codec(codec: Codec) -> Codec:
-    """Return the codec, or raise ValueError if it is none."""
+    """Return the codec if it is one.
+
+    Raises ValueError if it is not.
+    """
     if isinstance(codec, type) or not isinstance(codec, Codec):
         raise ValueError(f"codec must be an object with the members of toolkit.detection.codec.Codec, got {codec!r}")
     return codec

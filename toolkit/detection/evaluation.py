@@ -137,7 +137,7 @@ class ClassFigures:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Schemes and sensor sets to be compared, and the rules.
+    """Schemes and sensor sets to be compared, and rules.
 
     schemes: objects or names, None for all clouds at once, uncropped; sensor_sets: indices or names, None for all;
     classes: names or numbers of `toolkit.objects.LABELS`; iou_thresholds: of all classes, None for those usual for
@@ -164,7 +164,10 @@ class Comparison:
         return [LABELS[k] for k in dict.fromkeys(label_index(label) for label in self.classes)]
 
     def named(self) -> dict[str, Scheme | None]:
-        """The schemes by name. Raises ValueError where two share one."""
+        """Return the schemes by name.
+
+        Raises ValueError where two share one.
+        """
         named: dict[str, Scheme | None] = {}
         for given in self.schemes:
             scheme = None if given is None else find_scheme(given)
@@ -176,7 +179,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Evaluation(Sequence[Row]):
-    """Rows of an evaluation and what stands beside them.
+    """Rows of an evaluation, with their context.
 
     classes: worth of the detector's threshold, class by class; loads: of each scheme and sensor set on a link, if a
     rate was given; schemes: frames, detections, problems and median milliseconds of each; breakdown: by range, points
@@ -255,10 +258,6 @@ def evaluate_recording(
     ground; reads: errors of the sensors and number of frames; scenes: empty ones, for schemes that need them, None to
     learn them from this recording. Several workers share out the frames, unless a scheme's messages can only be read
     after others.
-
-    place: where the detector looks and on what ground; reads: errors of the sensors and number of frames; scenes: empty
-    ones, for schemes that need them, None to learn them from this recording. With several workers the frames are
-    shared out, unless a scheme's messages can only be read after others.
 
     Raises ValueError for a scheme, sensor, class or error profile that does not exist, a class that the detector does
     not know, two schemes of one name, and a recording without frames.

@@ -42,7 +42,7 @@ class Clusters:
         return int(self.of.max(initial=-1)) + 1
 
     def __getitem__(self, number: int) -> Float64[np.ndarray, "m 3"]:
-        """The points of an object."""
+        """Points of an object."""
         if not 0 <= number < len(self):
             raise IndexError(f"there are {len(self)} objects, got number {number}")
         return self.points[self.of == number]
@@ -60,7 +60,7 @@ class AreaClusters:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The classes it knows."""
+        """Classes it knows."""
         return self.clusters.labels
 
     @property

@@ -405,8 +405,8 @@ class Diagnosis:
 def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None = None, frames: int = 20) -> Diagnosis:
     """Check a recording for the classic mistakes.
 
-    Files of images are checked as they are stored (`toolkit.datasets.doctor`), labels of clouds by how the points of
-    the first frames lie in them. Raises what opening a recording of clouds raises.
+    Files of images are checked as they are stored (`toolkit.datasets.doctor`). Labels of clouds are checked by how the
+    points of the first frames lie in them. Raises what opening a recording of clouds raises.
     """
     if (layout or guess_layout(path)) == "hdf5" and not (Path(path).is_file() and _holds_clouds(path)):
         return Diagnosis(diagnose_file(path, site))
@@ -445,7 +445,7 @@ def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
 
 
 class _Undone(NamedTuple):
-    """A mistake, the boxes without it, and their fits."""
+    """Mistake, the boxes without it, and their fits."""
 
     mistake: LabelMistake
     boxes: list[np.ndarray]
@@ -455,8 +455,8 @@ class _Undone(NamedTuple):
 def _best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
     """Find the mistake whose undoing raises the fits most.
 
-    It is looked for in the frame of the world or the map; then, if that fits clearly better, in those of the sensors or
-    among lost angles.
+    The coordinate frames of the world and the map are tried first. Those of the sensors, or lost angles, are taken only
+    if they fit clearly better.
     """
     everywhere = [np.eye(4)] * len(some)
     attempts = [_undo_mistake(some, mistake, everywhere) for mistake in LABEL_MISTAKES]
@@ -490,7 +490,10 @@ def _means(attempts: Sequence[_Undone]) -> list[float]:
 
 
 def _undo_mistake(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
-    """Undo a mistake in one frame for each sample (frame_SE3_world)."""
+    """Undo a mistake in a coordinate frame for each frame.
+
+    frames: frame_SE3_world of each.
+    """
     boxes = [undo_mistake(mistake, each.sample.objects.boxes, frame) for each, frame in zip(some, frames, strict=True)]
     return _Undone(mistake, boxes, fits(some, boxes))
 

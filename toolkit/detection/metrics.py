@@ -92,7 +92,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class DetectionScore:
-    """A detector's score at one IoU threshold.
+    """Score of a detector at one IoU threshold.
 
     precision, recall: of all its detections together; scores, hits: of the n detections that are not ignored, in no
     order.
@@ -132,7 +132,9 @@ class Reliability:
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], bins: int = 10) -> Reliability:
-    """Reliability diagram of detections; an empty bin has NaN.
+    """Build the reliability diagram of detections.
+
+    An empty bin has NaN.
 
     >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
     array([0. , 0.5])

@@ -99,7 +99,10 @@ class Place:
 
     @property
     def middle(self) -> Float64[np.ndarray, "2"] | None:
-        """Middle of the area, None where the sensors say it."""
+        """Middle of the area.
+
+        None where the sensors say it.
+        """
         return None if self.area is None else (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
 
     @property
@@ -136,7 +139,7 @@ class Place:
 
 
 def _ground(stand: Stand, frame: Frame, method: Level) -> tuple[Ground | None, str | None]:
-    """The ground below a frame, and a warning."""
+    """Ground below a frame, and a warning."""
     points = frame.points() - [*stand.middle, 0.0]
     if not len(points):
         return None, None

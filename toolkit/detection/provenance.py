@@ -36,7 +36,10 @@ def dataset_origin(dataset: object) -> dict[str, Any]:
 
 
 def detector_origin(detector: Detector) -> dict[str, Any]:
-    """Kind and digest of a detector; None without a digest."""
+    """Kind and digest of a detector.
+
+    None without a digest.
+    """
     name = getattr(detector, "__name__", type(detector).__name__)
     return {"detector": name, "detector_digest": getattr(detector, "digest", None)}
 

@@ -92,7 +92,7 @@ class Scheme(Protocol):
 
     @property
     def sends_boxes(self) -> bool:
-        """True if each sensor detects by itself and sends boxes."""
+        """True if each sensor detects alone and sends boxes."""
         ...
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
@@ -138,14 +138,18 @@ class Chained(Protocol):
 
 
 def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:
-    """Return the scheme's own `codec` attribute, else the given codec."""
+    """Return the scheme's own codec, else the given one.
+
+    Its own is the attribute `codec`.
+    """
     return getattr(scheme, "codec", codec)
 
 
 def surrogate_name(scheme: Scheme) -> str:
-    """Name of the scheme whose surrogate predicts this one's AP.
+    """Name of the surrogate that predicts a scheme's AP.
 
-    Its attribute `predicted_as`, for schemes that detect in the same points as another, else its own name.
+    It is the attribute `predicted_as`, for schemes that detect in the same points as another, else the scheme's own
+    name.
     """
     return getattr(scheme, "predicted_as", scheme.name)
 

@@ -1,15 +1,6 @@
-"""The built-in fusion schemes: early, late, hybrid, foreground and differences.
+"""Built-in fusion schemes.
 
-    early    every sensor sends its points; all points go through the detector together   (paper section II-C)
-    late     every sensor detects in its own points and sends boxes                                    (II-D)
-    hybrid   every sensor sends its boxes, and its points beyond a radius, which go through the
-             detector together as well                                                                 (II-E)
-
-Finally, of overlapping boxes of one class the surest stays (non-maximum suppression at BEV IoU 0.1, as in the published
-code, which knows vehicles only), so that one sensor gives the same early and late. Classes do not suppress each other:
-a pedestrian beside a cyclist and a car below a bus's overhang are two objects. Early fusion is ready when the slowest
-sensor has cropped and the detector has run, late fusion when the slowest sensor has detected, hybrid after the slower
-of both.
+Early, late, hybrid, foreground and differences.
 """
 
 from __future__ import annotations

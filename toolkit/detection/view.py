@@ -71,7 +71,7 @@ class Captured:
 
     @property
     def measurement(self) -> Float32[np.ndarray, "rows columns"]:
-        """The whole image."""
+        """Measurements of the whole image."""
         return self.frame.images[self.index]
 
     @cached_property
@@ -85,7 +85,7 @@ class Captured:
         return find_crop_pixels(self.frame, self.index, area=self.area, height=self.height)
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
-        """The image of some pixels alone."""
+        """Image of some pixels alone."""
         sent = np.zeros(self.measurement.size, np.float32)
         sent[pixels] = self.measurement.ravel()[pixels]
         return RangeImage(self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index)
@@ -126,13 +126,13 @@ class SentBoxes(NamedTuple):
 
 
 class View:
-    """One frame.
+    """View of one frame.
 
     site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
     clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes of one label is
-    dropped; capture: gives the image behind the points of a sensor, None where there is none; scene: gives the empty
-    scene of a sensor, None where none is known; memory: passed from one frame's view to the next by whoever reads
-    frames in order, None where they are not.
+    dropped; capture: gives the image behind the points of a sensor, None if it has none; scene: gives the empty scene
+    of a sensor, None if unknown; memory: passed from one frame's view to the next by code that reads frames in order,
+    None where they are not read in order.
     """
 
     def __init__(
@@ -235,7 +235,7 @@ class View:
         return boxes
 
     def send_points(self, cloud: Cloud) -> SentCloud:
-        """A cloud through the codec."""
+        """Send a cloud through the codec."""
         if cloud not in self._sent_clouds:
             (points, bits), ms = _timed(partial(self._transmitted_points, cloud))
             coded = () if points is cloud.points else (self.codec.digest,)
@@ -244,7 +244,7 @@ class View:
         return self._sent_clouds[cloud]
 
     def send_boxes(self, boxes: Boxes) -> SentBoxes:
-        """Detections through the codec."""
+        """Send detections through the codec."""
         if boxes not in self._sent_boxes:
             (detections, bits), ms = _timed(partial(self._transmitted_boxes, boxes))
             self._sent_boxes[boxes] = SentBoxes(Boxes(detections, boxes.ms + ms), bits)
@@ -304,7 +304,7 @@ def frame_view(
 
 
 def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
-    """The points of several clouds as one."""
+    """Join the points of several clouds."""
     return np.concatenate([np.zeros((0, 3), np.float32), *(cloud.points for cloud in clouds)])
 
 

@@ -80,7 +80,7 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One experiment.
+    """Experiment of the paper.
 
     name: of its files; source: place in the paper; heads: of the labels of its rows; basis: data behind our figures;
     conclusion: a sentence or two; draw: writes its picture; curves: more tables by file name, heads first.
@@ -98,7 +98,7 @@ class Experiment:
 
     @property
     def csv(self) -> str:
-        """The rows as CSV, figures unrounded."""
+        """Rows as CSV, figures unrounded."""
         rows: list[TableRow] = [(*self.heads, *HEADS)]
         for row in self.rows:
             low, high = row.interval or ("", "")

@@ -280,7 +280,10 @@ def count_hits(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, regio
 
 
 def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()) -> ApScore:
-    """AP of a run by the exact protocol of `toolkit.detection.metrics.evaluate`."""
+    """Compute the AP of a run by the exact protocol.
+
+    See `toolkit.detection.metrics.evaluate`.
+    """
     counted = count_hits(stored, run, iou, region)
     vehicles, hits = sum(counted.to_find), sum(int(hit.sum()) for hit in counted.hits)
     ap = average_precision(counted.curve) if vehicles else float("nan")

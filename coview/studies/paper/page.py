@@ -111,7 +111,7 @@ def _kind(place: int) -> str:
 
 
 class Pair(NamedTuple):
-    """A pair of bars; interval: of ours."""
+    """Pair of bars; interval: of ours."""
 
     name: str
     ours: float | None

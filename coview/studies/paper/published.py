@@ -61,7 +61,7 @@ class RegionRow(NamedTuple):
 
 
 class Statement(NamedTuple):
-    """A figure that the paper's text gives or bounds.
+    """Figure that the paper's text gives or bounds.
 
     of: the measurement it is about; value: a share of vehicles or a precision.
     """

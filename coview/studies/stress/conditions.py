@@ -45,11 +45,11 @@ CLOCKS = (0.02, 0.05, 0.1)  # s
 
 @dataclass(frozen=True)
 class Condition:
-    """One thing that goes wrong, at one level.
+    """Single fault at one level.
 
     kind, level: in words; errors: of the sensors; channel: of their messages; tracks: whether the centre moves
     detections to where they are by now; silent, blinded, frozen: sensors (indices); amount: the level as a number where
-    the levels of a kind are ordered; redrawn: whether errors are drawn anew for each block of frames.
+    the levels of a kind are ordered; redrawn: whether errors are redrawn for each block of frames.
     """
 
     kind: str

@@ -158,7 +158,7 @@ def _zeros(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -
 
 
 def _interval(levels: Float64[np.ndarray, " draws"]) -> tuple[float, float]:
-    """Interval of levels, some of which may be infinite."""
+    """Interval of levels, some perhaps infinite."""
     some = percentiles(np.where(np.isfinite(levels), levels, np.finfo(float).max), confidence=CONFIDENCE)
     low, high = (math.inf if end > 1e100 else end for end in some)
     return low, high

@@ -3,9 +3,9 @@
 Intervals are given, and the bits that schemes send.
 
 Objects centred in the site's area are to be found, by protocol `exact`. Where frames lie close together, the first
-second after traffic starts afresh is not scored under any condition, because late messages cannot have arrived yet.
-Intervals are a bootstrap over blocks of frames (`placement_env.analysis.intervals`) with one seed, so that conditions
-are compared on the same draws; over frames close together, which resemble each other, they are too narrow.
+second after traffic restarts is not scored under any condition, because late messages cannot have arrived yet.
+Intervals are a bootstrap over blocks of frames (`placement_env.analysis.intervals`) with one seed, so conditions are
+compared on the same draws. They are too narrow over frames close together, which resemble each other.
 """
 
 from __future__ import annotations

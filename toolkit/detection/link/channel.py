@@ -2,14 +2,14 @@
 
 Frames are given as they arrive.
 
-Losses come singly or in bursts: the two states of Gilbert and Elliott, of which one loses every message and the other
+Losses come singly or in bursts. A channel has the two states of Gilbert and Elliott: one loses every message, the other
 none (Gilbert: Capacity of a burst-noise channel, Bell System Technical Journal 39, 1960). With a share l lost in bursts
 of b messages on average, the bad state ends after a message with probability 1 / b and begins with l / (b (1 - l)).
 
 At each instant the centre has the newest frame of every sensor whose message has arrived. The combined frame holds
 measurements of different instants and the truth of now, so every scheme fuses it and is scored as usual. A message
-older than `STALE` is not shown; a sensor without one measures nothing. Traffic starts anew where no track continues
-from one frame to the next (as recordings of `coview simulate` do after each block), and so do the messages.
+older than `STALE` is not shown; a sensor without one measures nothing. Traffic restarts where no track continues from
+one frame to the next (as recordings of `coview simulate` do after each block), and so do the messages.
 """
 
 from __future__ import annotations
@@ -98,10 +98,10 @@ class Line:
 
 
 class Lagged(NamedTuple):
-    """A frame as the centre has it.
+    """Frame as the centre has it.
 
     frame: the combined frame; ages: of each sensor's measurement (s), NaN without one; since: seconds since traffic
-    started anew; sent: current measurements of the sensors.
+    restarted; sent: current measurements of the sensors.
     """
 
     frame: Frame

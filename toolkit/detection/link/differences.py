@@ -152,7 +152,10 @@ class DifferenceSender:
 
 
 class DifferenceReader:
-    """Reader of a `DifferenceSender`'s messages, with the same empty scene."""
+    """Reader of a `DifferenceSender`'s messages.
+
+    It has the same empty scene.
+    """
 
     def __init__(self, scene: EmptyScene) -> None:
         self.scene = scene
@@ -257,7 +260,7 @@ class Reference:
     ) -> Reference:
         """State after one more image.
 
-        Means continue where pixels stand still, and start anew where they do not.
+        Means continue where pixels stand still, and restart where they do not.
         """
         stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
         images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
@@ -281,7 +284,10 @@ class Reference:
 def still_squares(
     reference: Reference, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
 ) -> Bool[np.ndarray, "down across"]:
-    """Mark squares that the reference predicts better than neighbours do."""
+    """Mark squares that the reference predicts best.
+
+    It predicts them better than neighbours do.
+    """
     stands = _count_pixels(reference.standing(steps, sent))
     return (stands > 0) & (stands > STILL_SHARE * _count_pixels(reference.known))
 
@@ -371,11 +377,12 @@ def _spread(squares: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ForegroundDifferences(SendsForeground):
-    """`Foreground` with messages that say what changed.
+    """Foreground scheme whose messages send only changes.
 
-    The same points arrive, so the detections are the same; only the bytes differ. Pass a memory from view to view
-    (`toolkit.detection.view.View`) when frames are read in order; otherwise every image is sent whole. step, sigmas: as
-    of `Foreground`; refers_to, key_every: as of `DifferenceSender`. Raises ValueError as these.
+    The same points arrive as with `Foreground`, so the detections are the same; only the bytes differ. Pass a memory
+    from view to view (`toolkit.detection.view.View`) when frames are read in order; otherwise every image is sent
+    whole. step, sigmas: as of `Foreground`; refers_to, key_every: as of `DifferenceSender`. Raises ValueError as these
+    do.
     """
 
     step: float = 0.02

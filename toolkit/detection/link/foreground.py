@@ -124,7 +124,7 @@ class Foreground(SendsForeground):
 
 
 class Restored(NamedTuple):
-    """An image at the centre.
+    """Image restored at the centre.
 
     header: of the message; image: the whole image, with the empty scene in pixels that were not sent; sent: mask of
     sent pixels; missing: mask of missing pixels, 0 in the image.
@@ -172,9 +172,9 @@ def read_foreground(
     Bool[np.ndarray, "rows columns"],
     Bool[np.ndarray, "rows columns"],
 ]:
-    """Read header, measurements in steps, sent pixels and missing pixels.
+    """Read header, measurements, sent pixels and missing pixels.
 
-    Raises ValueError as `decode_foreground`.
+    Measurements are in steps. Raises ValueError as `decode_foreground`.
     """
     header, content = read_message(message)
     check_header(header, MessageKind.FOREGROUND, **scene_header(scene))
@@ -201,7 +201,7 @@ def check_pixels(
 
 
 def scene_header(scene: EmptyScene) -> dict[str, int]:
-    """Header fields of every message made with an empty scene."""
+    """Header fields of messages made with an empty scene."""
     rows, columns = scene.model.shape
     return {"sensor": sensor_number(scene.name), "rows": rows, "columns": columns, "scene": scene_number(scene)}
 

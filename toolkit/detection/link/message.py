@@ -223,5 +223,8 @@ class Inbox:
         return self._missing
 
     def age(self, now: float) -> float:
-        """Seconds since the shown measurement, infinite before the first."""
+        """Seconds since the shown measurement.
+
+        Infinite before the first.
+        """
         return float("inf") if self.latest is None else now - self.latest.time

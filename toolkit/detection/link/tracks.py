@@ -1,9 +1,10 @@
-"""`Tracks`: current places of earlier detections, at constant velocity.
+"""`Tracks`: current places of earlier detections.
 
-Each track is a Kalman filter of position and velocity in the ground plane (Bar-Shalom, Li and Kirubarajan: Estimation
-with Applications to Tracking and Navigation, 2001, section 6.2: white noise acceleration). A detection joins the
-nearest track of its label within a gate, the nearest pairs first. At ten frames a second road users move by a third of
-the distance between them at most, so that an optimal assignment joins the same pairs, and no solver is needed.
+They move at constant velocity. Each track is a Kalman filter of position and velocity in the ground plane (Bar-Shalom,
+Li and Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section 6.2: white noise
+acceleration). A detection joins the nearest track of its label within a gate, the nearest pairs first. At ten frames a
+second road users move by at most a third of the distance between them. An optimal assignment would join the same pairs,
+so no solver is needed.
 
 A box is moved only where its speed is sure: `SURE_SPEED` times its standard deviation. Its size, height, yaw and score
 stay.
@@ -26,7 +27,10 @@ FORGOTTEN = 1.0  # s without a detection
 
 
 class Tracks:
-    """Tracks of detected objects, none at first; times in s."""
+    """Tracks of detected objects, none at first.
+
+    Times are in s.
+    """
 
     def __init__(self) -> None:
         self._time = 0.0
