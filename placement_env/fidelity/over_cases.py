@@ -52,7 +52,7 @@ class CasesFidelity:
 
     @property
     def detector(self) -> Any:
-        """Detector that scores, None where there is none."""
+        """Detector that scores, or None."""
         return getattr(self._first, "detector", None)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:

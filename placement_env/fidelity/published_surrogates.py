@@ -109,7 +109,7 @@ class InformationGain:
 
 
 def spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """σ = 1/AP - 1 of so many points."""
+    """σ = 1/AP - 1 of a number of points."""
     with np.errstate(divide="ignore"):
         return 1 / np.clip(SLOPE * np.log(points) + OFFSET, LOWEST, HIGHEST) - 1
 

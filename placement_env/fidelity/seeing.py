@@ -45,7 +45,7 @@ def see(
     mean, as in a pool. A candidate whose range ends within the site is rendered in full all the same;
     labels: classes (numbers) of the objects that count; run: its cache keeps the finished blocks of candidates, so that
     what was broken off goes on there.
-    Raises ValueError without candidates and for a rendering that there is not.
+    Raises ValueError without candidates and for an unknown rendering.
     """
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")

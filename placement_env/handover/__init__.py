@@ -1,1 +1,4 @@
-"""What is handed over to those who build: visible ground, sensors as mounted, and files for other programs."""
+"""Results for builders and installers.
+
+They are visible ground, sensors as mounted, and files for other programs.
+"""

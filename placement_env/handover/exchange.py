@@ -1,4 +1,6 @@
-"""Files for spreadsheets, GIS tools and coview itself; the same set gives the same bytes.
+"""Files for spreadsheets, GIS tools and coview itself.
+
+The same set gives the same bytes.
 
 schedule.csv has a line per sensor (RFC 4180, UTF-8); a text that a spreadsheet would take for a formula begins with an
 apostrophe. plan.geojson is in longitude and latitude (RFC 7946), or in the site's metres if it has no geographic
@@ -57,7 +59,10 @@ def write_exchange(
 
 
 def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
-    """Mounting schedule: a line per sensor, lengths in m (site frame), angles in degrees, kbit per frame."""
+    """Mounting schedule, one line per sensor.
+
+    Lengths are in m (site frame), angles in degrees, kbit per frame.
+    """
     rows = [_row(sensor, currency or "ordinary poles") for sensor in sensors]
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
@@ -92,7 +97,7 @@ def _row(sensor: PlannedSensor, unit: str) -> list[str]:
 
 
 def safe_cell(text: str) -> str:
-    """Return a text for a cell of a table that no program takes for a formula."""
+    """Return a cell text that no program reads as formula."""
     return f"'{text}" if text.startswith(FORMULA) else text
 
 
@@ -105,7 +110,10 @@ def _bearing(sensor: PlannedSensor) -> float:
 
 
 def plan_geojson(site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *, unused: Sequence[Mount] = ()) -> str:
-    """Sensors, the ground that each sees, blind spots and unused poles, for GIS tools."""
+    """Sensors, their ground, blind spots and unused poles.
+
+    The layers are for GIS tools.
+    """
     note: dict[str, object] = {} if site.geo_reference is not None else {"coview_site": 1, "note": IN_METRES}
     return feature_collection(_layers(site, sensors, ground, unused), name=f"{site.name} plan", **note)
 

@@ -1,4 +1,6 @@
-"""Ground of a site that sensors see, by casting rays at the empty site: visibility and density of points.
+"""Ground of a site that sensors see.
+
+Visibility and density of points come from rays cast at the empty site.
 
 The area is cut into square cells. A sensor sees a cell if a place `TARGET_HEIGHT` above the ground at its centre lies
 in the sensor's field of view and range, and nothing in the static scene is in between. The density is counted in the
@@ -32,7 +34,9 @@ MOST_CELLS = 4_000_000  # of a grid
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Ground of the area that each sensor sees, on a grid of square cells.
+    """Ground of the area that each sensor sees.
+
+    It is a grid of square cells.
 
     x, y: centres of columns and rows (m, site frame, ascending); seen: whether the centre of a cell of open ground is
     in unobstructed view; density: points that a frame puts on the cell's open ground, per m²; open_ground: free of
@@ -75,7 +79,9 @@ class GroundShares:
 
 
 def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) -> Ground:
-    """Compute the ground that each sensor sees; none sees cells with a solid or a pond.
+    """Compute the ground that each sensor sees.
+
+    No sensor sees cells with a solid or a pond.
 
     cell: side of a cell (m). If it does not divide the area, the grid is centred on it and the outermost cells stick
     out or fall short by a quarter of a cell at most. Raises ValueError for a cell that is not positive, so large that a
@@ -100,7 +106,9 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
 
 
 def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
-    """Compute shares of the ground; names: of its sensors, in order. Without lanes their blind share is 0.
+    """Compute shares of the ground.
+
+    names: of its sensors, in order. Without lanes their blind share is 0.
 
     Raises ValueError for names that are too few, too many or not distinct, and for an area without open ground.
     """
@@ -125,12 +133,18 @@ def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
 
 
 def blind_polygons(ground: Ground) -> list[shapely.Polygon]:
-    """Open ground that no sensor sees, as polygons with holes (m, site frame), without pieces below `SPECK`."""
+    """Open ground that no sensor sees, as polygons.
+
+    They have holes (m, site frame); pieces below `SPECK` are left out.
+    """
     return _polygons(ground, ground.open_ground & (ground.views == 0))
 
 
 def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
-    """Ground that each sensor sees, as polygons with holes (m, site frame), without pieces below `SPECK`."""
+    """Ground that each sensor sees, as polygons.
+
+    They have holes (m, site frame); pieces below `SPECK` are left out.
+    """
     return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
 
 
@@ -196,7 +210,10 @@ def _covered(polygons: Sequence[np.ndarray], middles: Float64[np.ndarray, "ny nx
 
 
 def _polygons(ground: Ground, mask: Bool[np.ndarray, "ny nx"]) -> list[shapely.Polygon]:
-    """Merge cells along their edges, smoothing the steps of slanting edges to about half a cell."""
+    """Merge cells along their edges.
+
+    The steps of slanting edges are smoothed to about half a cell.
+    """
     half = ground.cell / 2
     edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     (rows, first), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)

@@ -1,4 +1,7 @@
-"""A chosen set as it is mounted: the site that has it, each sensor for its installer, links and materials."""
+"""A chosen set as it is mounted.
+
+The site has it; each sensor is described for its installer, with links and materials.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,10 @@ class PlannedSensor:
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of one pole's link at `RATE` frames a second, in the mean and the largest frame, and its capacity."""
+    """Load of one pole's link, and its capacity.
+
+    The load is at `RATE` frames a second, for the average and the largest frame.
+    """
 
     pole: str
     mbit_s: float
@@ -73,7 +79,9 @@ class MaterialItem:
 
 
 def mounted_site(site: Site, candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()) -> Site:
-    """Return `site` with the chosen sensors and no others, and with their mounts if it lacks them.
+    """Return `site` with only the chosen sensors.
+
+    Their mounts are added if it lacks them.
 
     chosen: indices of candidates; moved: the same sensors, in that order, as a search of continuous poses placed them.
     """
@@ -92,7 +100,9 @@ def format_sensors(
     model_names: Sequence[str] | None = None,
     model_prices: Sequence[float] | Float64[np.ndarray, " k"] | None = None,
 ) -> tuple[PlannedSensor, ...]:
-    """Describe each sensor of a set for its installer. All arguments but the first two follow the order of the set.
+    """Describe each sensor of a set for its installer.
+
+    All arguments but the first two follow the order of the set.
 
     chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit, peak_kbit: sent by each, mean and
     maximum per frame; model_names: None for the usual names of the sensor models; model_prices: None for no price.
@@ -141,7 +151,10 @@ def unused_mounts(candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor
 def _sensors(
     candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor]
 ) -> tuple[tuple[Sensor, ...], tuple[Mount, ...]]:
-    """Sensors of the set, under their names in files, and their mounts."""
+    """Sensors and mounts of the set.
+
+    The sensors have their names in files.
+    """
     members = np.asarray(chosen, np.int64)
     if len(moved) not in (0, len(members)):
         raise ValueError(f"moved must hold the {len(members)} chosen sensors, got {len(moved)}: pass one for each")
@@ -159,14 +172,20 @@ def _sensors(
 
 
 def _moved_name(sensor: Sensor, mount: Mount) -> str:
-    """Name as in a pool: mount, height, heading and tilt (degrees) of the new pose, and model."""
+    """Name of a moved sensor, as in a pool.
+
+    It has the mount, height, heading and tilt (degrees) of the new pose, and the model.
+    """
     (heading,), (tilt,) = np.rad2deg(aims([sensor])).round(1) + 0.0
     height = sensor.position[2] - mount.position[2]
     return f"{mount.name}_{height:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}_{sensor.model.kind}"
 
 
 def _merge_mounts(mounts: Sequence[Mount], others: Sequence[Mount]) -> tuple[Mount, ...]:
-    """Merge mounts with those of `others` that stand elsewhere, which replace mounts of the same name."""
+    """Merge mounts with those of `others` elsewhere.
+
+    These replace mounts of the same name.
+    """
     feet = np.array([mount.position[:2] for mount in mounts]).reshape(-1, 2)
     new = [o for o in others if not (np.hypot(*(feet - o.position[:2]).T) <= SAME_SPOT).any()]
     names = {mount.name for mount in new}
@@ -180,7 +199,9 @@ def mounted_sensors(
     bits: Sequence[Int64[np.ndarray, " k"]],
     catalogue: SensorCatalogue | None,
 ) -> tuple[PlannedSensor, ...]:
-    """Describe the sensors of a set (indices of candidates, ascending) with names and prices of a catalogue, if any.
+    """Describe the sensors of a set.
+
+    The set is indices of candidates, ascending. Names and prices of a catalogue are used, if any.
 
     bits: sent by each sensor, for every frame.
     """
@@ -198,7 +219,9 @@ def mounted_sensors(
 
 
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
-    """Load of each pole's link; sensors that share one add up, peaks too.
+    """Load of each pole's link.
+
+    Sensors that share one add up, peaks too.
 
     limited: whether the scheme sends points; only points count against the capacity.
     """

@@ -1,1 +1,1 @@
-"""What goes out: the deployment planning report, and the paper's experiments made again."""
+"""The deployment planning report and the paper's experiments."""

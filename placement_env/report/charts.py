@@ -1,4 +1,7 @@
-"""Charts of a plan as SVG text. Wherever AP is shown, so are its interval and the number of vehicles."""
+"""Charts of a plan as SVG text.
+
+AP is always shown with its interval and the number of vehicles.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,10 @@ MOST_FIGURES = 14  # sensors up to which the cells of the table of pairs hold fi
 
 
 def interval_bars(rows: Sequence[tuple[str, Judgement]], title: str) -> str:
-    """Bar of AP for each row, with its interval and the number of vehicles."""
+    """Bar of AP for each row.
+
+    Each has its interval and the number of vehicles.
+    """
     with house_style():
         judged = [each for _, each in rows]
         figure, axes = row_axes(title, describe_sample(judged), [name for name, _ in rows])
@@ -44,7 +50,10 @@ def interval_bars(rows: Sequence[tuple[str, Judgement]], title: str) -> str:
 
 
 def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
-    """AP of the fusion schemes at each IoU, and what they send."""
+    """AP of the fusion schemes at each IoU.
+
+    The data they send is shown too.
+    """
     with house_style():
         names = [f"{each.scheme}, IoU {iou_text(each.iou)}" for each in schemes]
         judged = [each.judged for each in schemes]
@@ -56,7 +65,10 @@ def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
 
 
 def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
-    """AP left when sensors fail (hatched), beside that of the whole set."""
+    """AP left when sensors fail (hatched).
+
+    It stands beside the AP of the whole set.
+    """
     with house_style():
         judged = [intact, *(each.judged for each in failures)]
         names = ["all work", *(f"without {set_label(each.failed)}" for each in failures)]
@@ -69,7 +81,10 @@ def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
 
 
 def link_chart(links: Sequence[LinkLoad]) -> str:
-    """Mbit/s of each link, mean and largest frame, against its capacity."""
+    """Mbit/s of each link against its capacity.
+
+    The average and the largest frame are shown.
+    """
     with house_style():
         text = f"{RATE:g} frames a second; bar: mean, line: largest frame, upright: capacity of the link"
         figure, axes = row_axes("Load of the links", text, [each.pole for each in links], right=2.3)
@@ -94,7 +109,7 @@ def link_chart(links: Sequence[LinkLoad]) -> str:
 
 
 def order_chart(order: Sequence[BuildStep], currency: str) -> str:
-    """AP after each sensor built, over what is spent by then."""
+    """AP after each sensor built, over money spent."""
     with house_style():
         judged = [each.judged for each in order]
         figure = blank_figure(CHART_INCHES, HEAD + 2.9 + 0.2 * len(order))
@@ -118,9 +133,9 @@ def order_chart(order: Sequence[BuildStep], currency: str) -> str:
 
 
 def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str) -> str:
-    """AP over kbit per sensor and over price, with the chosen set marked.
+    """AP over kbit per sensor and over price.
 
-    Judged sets have intervals; of the others the predicted AP is shown hollow.
+    The chosen set is marked. Judged sets have intervals; for the others the predicted AP is shown hollow.
     """
     from matplotlib.lines import Line2D
 
@@ -169,7 +184,10 @@ def _option_mark(*, judged: bool) -> dict[str, Any]:
 
 
 def worth_chart(worth: Sequence[SensorWorth]) -> str:
-    """Shapley value of each sensor, and the interaction of each pair: above 0 they add more together than apart."""
+    """Shapley value of each sensor, and pair interactions.
+
+    An interaction above 0 means that two sensors add more together than apart.
+    """
     with house_style():
         labels = sensor_labels([each.sensor for each in worth])
         names = [
@@ -204,7 +222,10 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
 
 
 def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) -> None:
-    """Draw the interactions as cells: blue below 0, orange above, with their figures."""
+    """Draw the interactions as cells with their figures.
+
+    Below 0 is blue, above orange.
+    """
     pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth]).reshape(
         len(worth), -1
     )
@@ -224,7 +245,10 @@ def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) 
 
 
 def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> tuple[Figure, Axes]:
-    """Figure with a row for each name, the first on top; right: inches kept free beside the rows for figures."""
+    """Figure with a row for each name.
+
+    The first is on top; right: inches kept free beside the rows for figures.
+    """
     names = [shorten(name, LETTERS) for name in names]
     left = 0.35 + 0.066 * max(map(len, names), default=0)
     height = HEAD + FOOT + ROW * max(len(names), 1)
@@ -247,7 +271,10 @@ def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 
 
 
 def _draw_bars(axes: Axes, judged: Sequence[Judgement | None], *, hatched: Sequence[bool] = ()) -> None:
-    """Draw a bar for each AP with its interval as a line, and its figures to the right of the axes."""
+    """Draw a bar for each AP.
+
+    Its interval is a line, and its figures stand to the right of the axes.
+    """
     axes.set(xlim=(0, 1), xlabel="AP")
     for row, each in enumerate(judged):
         if each is None:
@@ -286,7 +313,7 @@ def ap_label(judged: Judgement) -> str:
 
 
 def describe_sample(judged: Sequence[Judgement | None]) -> str:
-    """Number of vehicles and frames behind figures, the greatest of them."""
+    """Largest number of vehicles and frames behind figures."""
     some = [each for each in judged if each is not None]
     if not some:
         return "no vehicles were judged"

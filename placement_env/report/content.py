@@ -1,9 +1,9 @@
-"""What a plan says: plain figures, names and sentences, from which plan.json, pages and drawings are made.
+"""Contents of a plan: plain figures, names and sentences.
 
-`Plan` goes to plan.json as it is (`Plan.as_dict`). Nothing in it depends on the clock, so the same question has the
-same plan, byte for byte. kbit are per frame, 1 kbit = 1000 bit; prices in the plan's currency; AP and recall at the
-plan's IoU unless a field says otherwise, always by the detector on traffic that no search saw. An undefined figure is
-None.
+plan.json, pages and drawings are made from them. `Plan` goes to plan.json as it is (`Plan.as_dict`). Nothing in it
+depends on the clock, so the same question has the same plan, byte for byte. kbit are per frame, 1 kbit = 1000 bit;
+prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always by the
+detector on traffic that no search saw. An undefined figure is None.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ CONFIDENCE = 0.95  # of every interval
 
 @dataclass(frozen=True)
 class Judgement:
-    """The detector's result for one sensor set on traffic that no search saw.
+    """The detector's result for one sensor set.
+
+    The traffic is new to all searches.
 
     low, high: interval of the AP from a bootstrap over blocks of frames; vehicles, frames: to be detected, in how many
     frames; kind: of the objects, "vehicle", or "object" if several classes count, whose AP and recall are combined.
@@ -42,7 +44,10 @@ class Judgement:
 
 
 def overlap(one: Judgement, other: Judgement) -> bool:
-    """Return whether the intervals of two AP overlap, so that the data cannot tell them apart."""
+    """Return whether the intervals of two AP overlap.
+
+    If so, the data cannot tell them apart.
+    """
     return one.low <= other.high and other.low <= one.high
 
 
@@ -70,7 +75,10 @@ class PlanOption:
 
     @property
     def counted(self) -> Judgement | None:
-        """Result by which sets are compared: with error profiles, failures and levels if the plan asks for them."""
+        """Result by which sets are compared.
+
+        It counts error profiles, failures and levels if the plan asks for them.
+        """
         if self.over_errors is not None:
             return self.over_errors
         intact = self.judged if self.over_levels is None else self.over_levels
@@ -79,7 +87,10 @@ class PlanOption:
 
 @dataclass(frozen=True)
 class BreakdownRow:
-    """The chosen set in one zone, range, approach, level of traffic or error profile; judged: None without vehicles."""
+    """The chosen set in one group of the traffic.
+
+    The group is a zone, range, approach, level of traffic or error profile; judged: None without vehicles.
+    """
 
     name: str
     judged: Judgement | None
@@ -88,7 +99,10 @@ class BreakdownRow:
 
 @dataclass(frozen=True)
 class ClassSeen:
-    """Coverage of one class in the judged traffic: share of its road users with at least `least_points` points."""
+    """Coverage of one class in the judged traffic.
+
+    It is the share of its road users with at least `least_points` points.
+    """
 
     label: str
     objects: int
@@ -98,7 +112,10 @@ class ClassSeen:
 
 @dataclass(frozen=True)
 class ClassAP:
-    """Result of the chosen set for one class; weight: in the mean over classes; iou: at which a detection counts."""
+    """Result of the chosen set for one class.
+
+    weight: in the mean over classes; iou: at which a detection counts.
+    """
 
     label: str
     weight: float
@@ -108,7 +125,10 @@ class ClassAP:
 
 @dataclass(frozen=True)
 class SchemeFigures:
-    """The chosen set under one fusion scheme, at one IoU or averaged over several."""
+    """The chosen set under one fusion scheme.
+
+    Figures are at one IoU or averaged over several.
+    """
 
     scheme: str
     iou: IoUs
@@ -118,7 +138,10 @@ class SchemeFigures:
 
 @dataclass(frozen=True)
 class SensorWorth:
-    """Shapley value of one sensor of the chosen set in AP, and its interaction with each other sensor, by name."""
+    """Shapley value of one sensor, in AP.
+
+    The sensor is of the chosen set; its interaction with each other sensor comes by name.
+    """
 
     sensor: str
     shapley: float
@@ -135,7 +158,10 @@ class FailureCase:
 
 @dataclass(frozen=True)
 class BuildStep:
-    """Next sensor to build, what is spent by then, and the result of those built so far."""
+    """Next sensor to build.
+
+    It comes with the money spent so far and the result of the sensors built so far.
+    """
 
     sensor: str
     price: float
@@ -220,7 +246,7 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A plan with what its pages and maps are made from.
+    """A plan with the inputs of its pages and maps.
 
     site: with the chosen sensors mounted; candidates: None without any; ground, moments: None and empty if no set may
     be built.

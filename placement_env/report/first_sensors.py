@@ -1,4 +1,7 @@
-"""A first set of sensors for a site without any, by greedy coverage: to try a site, not a plan."""
+"""First sensors for a site without any.
+
+Greedy coverage finds them, to try a site; they are not a plan.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,9 @@ class FirstSensors:
 
 
 class HalvedViews:
-    """Mean over objects of 1 - 2^-n, where n sensors of a set have `LEAST` points on the object.
+    """Mean over objects of 1 - 2^-n.
+
+    n sensors of a set have `LEAST` points on the object.
 
     Each further view of an object is worth half of the one before, so that sensors that add no object still spread
     their views. Submodular.
@@ -61,7 +66,10 @@ class HalvedViews:
         self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Return the mean of each set as AP and recall, with 0 kbit."""
+        """Return the mean of each set as AP and recall.
+
+        kbit are 0.
+        """
         worth = np.zeros(len(subsets))
         for block, views in self._sums.blocks(subsets):
             worth[block] = (1 - 0.5 ** views.astype(np.float64)).mean(axis=1)
@@ -69,7 +77,9 @@ class HalvedViews:
 
 
 def with_first_sensors(site: Site, count: int, *, seed: int = 0) -> FirstSensors:
-    """Replace the sensors of a site by `count` cameras on its mounts, fewer if no more fit or see a vehicle.
+    """Replace a site's sensors by `count` cameras.
+
+    They stand on its mounts. There are fewer if no more fit or see a vehicle.
 
     Raises ValueError for a count below 1, and for a site without mounts, poses or vehicles.
     """

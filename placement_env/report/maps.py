@@ -1,4 +1,6 @@
-"""Maps of a plan as SVG text: the site with its sensors, coverage and density of the ground, and blind spots.
+"""Maps of a plan as SVG text.
+
+They show the site with its sensors, coverage and density of the ground, and blind spots.
 
 Cells lie between streets and solids as an image; everything else is lines. The same arguments give the same text.
 """
@@ -42,7 +44,9 @@ def plan_view(
     poles_unused: Sequence[str] = (),
     ground: Ground | None = None,
 ) -> str:
-    """Draw the site with the chosen sensors, used and unused poles (names of mounts), and the ground each sensor sees.
+    """Draw the site with the chosen sensors.
+
+    Used and unused poles (names of mounts) and the ground each sensor sees are drawn too.
 
     Without `ground`, fields of view up to the first building are drawn. Raises ValueError for an unknown pole, and for
     a ground of other sensors.
@@ -67,7 +71,10 @@ def plan_view(
 
 
 def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Map how many sensors see each place: 0, 1, 2, 3 or more. Raises ValueError for a ground of other sensors."""
+    """Map the number of sensors that see each place.
+
+    The classes are 0, 1, 2, 3 or more. Raises ValueError for a ground of other sensors.
+    """
     _check(ground, sensors)
     views = np.minimum(ground.views, 3)
     shares = [float((views[ground.open_ground] == k).mean()) if ground.open_ground.any() else 0.0 for k in range(4)]
@@ -81,8 +88,10 @@ def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
 
 
 def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Map the points of all sensors on the ground in a frame, per m². Raises ValueError for a ground of other
-    sensors."""
+    """Map the points on the ground, per m².
+
+    They are of all sensors in a frame. Raises ValueError for a ground of other sensors.
+    """
     _check(ground, sensors)
     density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
     names = ["under 1", *point_names()[1:]]
@@ -97,7 +106,10 @@ def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
 
 
 def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Map the open ground that no sensor sees, by kind. Raises ValueError for a ground of other sensors."""
+    """Map the open ground that no sensor sees.
+
+    It is shown by kind. Raises ValueError for a ground of other sensors.
+    """
     _check(ground, sensors)
     blind = ground.open_ground & (ground.views == 0)
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))
@@ -113,7 +125,9 @@ def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
 def smooth(
     values: Float64[np.ndarray, "ny nx"], counted: Bool[np.ndarray, "ny nx"], cell: float
 ) -> Float64[np.ndarray, "ny nx"]:
-    """Average the counted cells in a square of side `SMOOTHED` around each cell; 0 without any.
+    """Average the counted cells around each cell.
+
+    They lie in a square of side `SMOOTHED`; 0 without any.
 
     >>> smooth(np.array([[0.0, 9.0, 3.0]]), np.array([[True, True, False]]), 0.5)
     array([[4.5, 4.5, 9. ]])
@@ -154,7 +168,10 @@ def _finish(sheet: MapSheet, sensors: Sequence[Sensor], name: str) -> str:
 def _draw_cells(
     sheet: MapSheet, site: Site, ground: Ground, colours: Float64[np.ndarray, "ny nx 4"], shown: np.ndarray
 ) -> None:
-    """Draw the shown cells in their colours, and the edges of the lanes over them."""
+    """Draw the shown cells in their colours.
+
+    The edges of the lanes are drawn over them.
+    """
     half = ground.cell / 2
     image = (np.concatenate([colours[..., :3], shown[..., None]], axis=-1) * 255).round().astype(np.uint8)
     image = image.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
@@ -168,7 +185,10 @@ def _draw_cells(
 
 
 def _draw_seen(sheet: MapSheet, ground: Ground) -> None:
-    """Fill the ground that each sensor sees, smoothed to drop slivers, in its colour."""
+    """Fill the ground that each sensor sees.
+
+    Smoothing drops slivers; each sensor has its colour.
+    """
     calm = [ground.open_ground & (smooth(seen * 1.0, ground.open_ground, ground.cell) > 0.5) for seen in ground.seen]
     for index, polygons in enumerate(
         visible_polygons(replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape)))

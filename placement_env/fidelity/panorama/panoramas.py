@@ -25,7 +25,7 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor, SensorModel
 
 FRAMES_AT_ONCE = 4  # that a process looks at before it hands over what is seen
-SHARED = 4  # sensors of a place, in the mean, from which on panoramas are worth their while
+SHARED = 4  # mean number of sensors per place above which panoramas pay
 
 
 def worthwhile(sensors: Sequence[Sensor]) -> bool:

@@ -1,1 +1,4 @@
-"""The report for readers: one document as a page for browsers, with the junction in 3D, and as a PDF."""
+"""The report for readers.
+
+One document becomes a page for browsers, with the junction in 3D, and a PDF.
+"""

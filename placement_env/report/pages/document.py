@@ -1,8 +1,8 @@
-"""A report as one structure, and how it becomes a page of HTML and a PDF.
+"""A report as one structure, written as HTML and PDF.
 
-A document is sections of paragraphs, lists, tables and drawings; every section opens with the sentence that says what
-to conclude from it. All texts are plain text. The page works from disk: styles, script, drawings and the 3D scene are
-all inside, and a policy in the page forbids every request. The scene is held as data until the reader scrolls near it.
+A document is sections of paragraphs, lists, tables and drawings; every section opens with its conclusion in one
+sentence. All texts are plain text. The page works from disk: styles, script, drawings and the 3D scene are all inside,
+and a policy in the page forbids every request. The scene is held as data until the reader scrolls near it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ _FOLDER = Path(__file__).parent
 
 @dataclass(frozen=True)
 class Cell:
-    """Content of one place in a table; value: the number to sort the column by (None: sort by text)."""
+    """Content of one place in a table.
+
+    value: the number to sort the column by (None: sort by text).
+    """
 
     text: str
     value: float | None = None
@@ -33,7 +36,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table; unit: of its numbers, "" without; number: whether it holds numbers, aligned right."""
+    """Column of a table.
+
+    unit: of its numbers, "" without; number: whether it holds numbers, aligned right.
+    """
 
     title: str
     unit: str = ""
@@ -63,7 +69,10 @@ class Bullets:
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table with the sentence above it. Raises ValueError for a row without a cell for each column."""
+    """A table with the sentence above it.
+
+    Raises ValueError for a row without a cell for each column.
+    """
 
     caption: str
     columns: tuple[Column, ...]
@@ -78,7 +87,10 @@ class TableBlock:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture as SVG text, the sentence that says what to conclude from it, and a description for screen readers."""
+    """A picture as SVG text.
+
+    It has the sentence that states its conclusion, and a description for screen readers.
+    """
 
     svg: str
     caption: str
@@ -88,7 +100,10 @@ class Drawing:
 
 @dataclass(frozen=True)
 class SceneView:
-    """Place of the junction in 3D on the page; on paper stands `instead`."""
+    """Place of the junction in 3D on the page.
+
+    On paper `instead` stands there.
+    """
 
     caption: str
     instead: str
@@ -100,7 +115,10 @@ ReportBlock = Paragraph | Bullets | TableBlock | Drawing | SceneView
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a report; key: its anchor; conclusion: the sentence that opens it."""
+    """Section of a report.
+
+    key: its anchor; conclusion: the sentence that opens it.
+    """
 
     key: str
     title: str
@@ -128,7 +146,10 @@ def table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]
 
 
 def to_html(document: Document, scene: Scene | None) -> str:
-    """Return the page; without a scene it says in its place that there is none."""
+    """Return the page.
+
+    A missing scene is replaced by a note.
+    """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -153,12 +174,17 @@ def to_html(document: Document, scene: Scene | None) -> str:
 
 
 def _data_address(svg: str) -> str:
-    """Address of a drawing as an image: no script runs in it, and its ids cannot clash with another drawing's."""
+    """Address of a drawing as an image.
+
+    No script runs in it, and its ids cannot clash with another drawing's.
+    """
     return "data:image/svg+xml;base64," + b64encode(svg.encode("utf-8")).decode("ascii")
 
 
 def to_pdf(document: Document) -> bytes:
-    """Return the PDF, set by typst; the same document gives the same bytes.
+    """Return the PDF, set by typst.
+
+    The same document gives the same bytes.
 
     All texts are passed as data, so none of them is read as markup. Raises ValueError if a drawing is not SVG.
     """

@@ -1,4 +1,7 @@
-"""Sections on what the set does: visible ground, detection by place and case, schemes, and each sensor's worth."""
+"""Sections on the performance of the set.
+
+They cover visible ground, detection by place and case, schemes, and each sensor's worth.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,10 @@ SHAPLEY = (
 
 
 def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
-    """Visible ground, how many sensors see it, density of points and blind spots."""
+    """Visible ground, density of points and blind spots.
+
+    It also shows the number of sensors that see each place.
+    """
     key, title = "ground", "What the sensors see of the ground"
     if plan.ground is None or ground is None:
         why = "." if plan.chosen else ", because no set of sensors was chosen."
@@ -102,7 +108,10 @@ def _describe_density(ground: Ground, lanes: np.ndarray) -> str:
 
 
 def detection_section(plan: Plan) -> Section:
-    """AP by zone, distance, approach, level of traffic, error profile and class."""
+    """AP by place, traffic, error profile and class.
+
+    Places are zones, distances and approaches; traffic is split by level.
+    """
     key, title = "detection", "How well vehicles are detected, and where"
     parts = (("zone", plan.by_zone), ("distance", plan.by_range), ("lane approach", plan.by_approach))
     judged = [(row.name, row.judged) for _, rows in parts for row in rows if row.judged is not None]
@@ -330,7 +339,7 @@ def order_section(plan: Plan) -> Section:
 
 
 def _find_saturation(order: Sequence[BuildStep]) -> str:
-    """Number of sensors from which more of them have no certain gain."""
+    """Number of sensors beyond which gains are uncertain."""
     last = order[-1].judged
     enough = next(i for i, each in enumerate(order, 1) if overlap(each.judged, last))
     if enough == len(order):

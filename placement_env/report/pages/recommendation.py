@@ -1,4 +1,7 @@
-"""Sections on what to build: the answer, the chosen set and its rivals, links, materials, mounting, and the method."""
+"""Sections on what to build.
+
+They are the answer, the chosen set and its rivals, links, materials, mounting, and the method.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP"), *JUDG
 
 
 def requirement_section(plan: Plan) -> Section:
-    """Answer to the question, the obstacles, and how to read the figures."""
+    """Answer to the question, with obstacles and reading help."""
     blocks: list[ReportBlock] = []
     if plan.verdict.reasons:
         blocks += [Paragraph("What stands in the way:"), Bullets(plan.verdict.reasons)]
@@ -69,7 +72,7 @@ def requirement_section(plan: Plan) -> Section:
 
 
 def value_text(value: object) -> str:
-    """Value of the question or the provenance as readers write it."""
+    """Value of the question or provenance, as readers write."""
     if value is None or value == "" or value == [] or value == () or value == {}:
         return "not given"
     if isinstance(value, bool):
@@ -156,12 +159,15 @@ def alternatives_section(plan: Plan) -> Section:
 
 
 def _when_compared(plan: Plan, chosen: PlanOption) -> PlanOption:
-    """The chosen set with the figures from when the sets were compared."""
+    """The chosen set with its figures from the comparison."""
     return next((each for each in (*plan.front, *plan.considered) if each.sensors == chosen.sensors), chosen)
 
 
 def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
-    """Explain why the chosen set has another AP here than in the rest of the report."""
+    """Explain why the chosen set has another AP here.
+
+    The comparison is with the rest of the report.
+    """
     compared = _when_compared(plan, chosen)
     if compared.counted is None or chosen.counted is None:
         return ()
@@ -180,7 +186,10 @@ def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
 
 
 def _cases_text(chosen: PlanOption) -> str:
-    """Cases behind the AP by which sets are compared; "" for the intact set in all traffic."""
+    """Cases behind the AP by which sets are compared.
+
+    It is "" for the intact set in all traffic.
+    """
     left = "" if chosen.left is None else "after the failures"
     levels = "" if chosen.over_levels is None else "over the levels of traffic"
     errors = "" if chosen.over_errors is None else "over the error profiles"
@@ -243,7 +252,7 @@ def links_section(plan: Plan) -> Section:
 
 
 def materials_section(plan: Plan) -> Section:
-    """What to order."""
+    """Items to order."""
     key, title = "materials", "Bill of materials"
     if plan.chosen is None or not plan.materials:
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "There is nothing to order.")

@@ -1,4 +1,7 @@
-"""The report of a plan: its sections in the order in which a reader needs them, as report.html and report.pdf."""
+"""The report of a plan, as report.html and report.pdf.
+
+Its sections come in the order in which a reader needs them.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,10 @@ REPORT_FILES = ("report.html", "report.pdf")
 
 
 def build_document(plan: Plan, site: Site, ground: Ground | None) -> Document:
-    """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
+    """Build the document.
+
+    site: with the chosen sensors mounted; ground: that they see, None if unknown.
+    """
     sections = (
         requirement_section(plan),
         chosen_section(plan, site, ground),
@@ -60,7 +66,9 @@ def build_document(plan: Plan, site: Site, ground: Ground | None) -> Document:
 
 
 def write_report(planned: Planned, out: Path) -> None:
-    """Write `REPORT_FILES` into a folder, made if missing: both or neither, the same bytes for the same plan.
+    """Write `REPORT_FILES` into a folder, made if missing.
+
+    Writes both or neither; the same plan gives the same bytes.
 
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written.
     """

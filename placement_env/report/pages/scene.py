@@ -1,4 +1,6 @@
-"""The junction in 3D: a page of viser that plays in an iframe without server or network.
+"""The junction in 3D, as a page of viser.
+
+It plays in an iframe without server or network.
 
 viser's own player cannot hide one sensor with its points under a name that a reader knows. So every sensor, frame and
 kind of box is a node of its own, and the page around the scene switches nodes by messages (`Layer.node`).
@@ -52,7 +54,10 @@ _HIT, _MISSED, _FALSE_ALARM = OUTCOME["hit"].colour, OUTCOME["missed"].colour, O
 
 @dataclass(frozen=True)
 class Layer:
-    """A part that readers may hide: name, node of the scene, colour, and mark in words."""
+    """A part that readers may hide.
+
+    It has a name, node of the scene, colour, and mark in words.
+    """
 
     name: str
     node: str
@@ -62,7 +67,10 @@ class Layer:
 
 @dataclass(frozen=True)
 class Scene:
-    """A page of HTML with the scene, its layers, and the nodes of each frame."""
+    """A page of HTML with the scene.
+
+    It has the layers and the nodes of each frame.
+    """
 
     html: str
     layers: tuple[Layer, ...]
@@ -70,7 +78,10 @@ class Scene:
 
 
 def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence[Moment]) -> Scene:
-    """Build the scene of a plan: site, chosen sensors with the ground they see, and the frames of `moments`."""
+    """Build the scene of a plan.
+
+    It has the site, chosen sensors with the ground they see, and the frames of `moments`.
+    """
     with viser_server() as server:
         api = server.scene
         _add_site(api, site, {sensor.pole for sensor in plan.sensors})
@@ -121,7 +132,10 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
 
 
 def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> None:
-    """Add edges of the fields of view of the planned sensors that the site has."""
+    """Add edges of the planned sensors' fields of view.
+
+    Only sensors that the site has are drawn.
+    """
     hanging: dict[str, Sensor] = {sensor.name: sensor for sensor in site.sensors}
     found = [(index, hanging[each.name]) for index, each in enumerate(planned) if each.name in hanging]
     if not found:
@@ -148,7 +162,10 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
 
 
 def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
-    """Add truth and detections, told apart by colour, line and mark."""
+    """Add truth and detections.
+
+    Colour, line and mark tell them apart.
+    """
     layers = {
         "truth": Layer("Vehicles that were there", "/truth", _TRUTH, "thin solid boxes"),
         "hit": Layer("Detections that hit", "/hit", _HIT, "thick solid boxes"),
@@ -179,7 +196,10 @@ def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
 
 
 def _frame_nodes(frame: int, sensors: int) -> tuple[str, ...]:
-    """Nodes of one frame; some may be missing, and hiding those does nothing."""
+    """Nodes of one frame.
+
+    Some may be missing, and hiding those does nothing.
+    """
     clouds = [f"/sensors/{index}/points {frame}" for index in range(sensors)]
     return (*clouds, *(f"{kind}/{frame}" for kind in ("/truth", "/hit", "/missed", "/false")))
 
@@ -200,7 +220,10 @@ def ground_mesh(site: Site) -> Mesh:
 def drape(
     site: Site, shapes: Sequence[shapely.Polygon], *, lift: float, without: Sequence[shapely.Polygon] = ()
 ) -> Mesh:
-    """Drape polygons over the ground near the area, `lift` metres above it."""
+    """Drape polygons over the ground near the area.
+
+    They lie `lift` metres above it.
+    """
     covered = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
     tiles = shapely.intersection(covered, _tiles(_extent(site)))
     flat = triangulate(tiles[~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)])
@@ -208,7 +231,10 @@ def drape(
 
 
 def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
-    """Cells that a sensor sees, as rectangles along the rows of the grid; each sensor's a little above the last."""
+    """Cells that a sensor sees, as rectangles.
+
+    They run along the rows of the grid; each sensor's lie a little above the last.
+    """
     half, boxes = ground.cell / 2, []
     for row, y in zip(ground.seen[index], ground.y, strict=True):
         steps = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
@@ -227,7 +253,9 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
 
 
 def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"], *, spokes: int = 6) -> Segments:
-    """Outline of what a sensor sees of the empty site, and rays to it from the sensor.
+    """Outline of a sensor's view of the empty site.
+
+    Rays lead to it from the sensor.
 
     background: measurement of each ray, 0 without a return.
     """

@@ -1,4 +1,7 @@
-"""Figures as words and table cells, the same throughout the report."""
+"""Figures as words and table cells.
+
+They are the same throughout the report.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,10 @@ def figure_cell(value: float | None, digits: int = 1) -> Cell:
 
 
 def iou_cell(iou: IoUs) -> Cell:
-    """Cell of an IoU threshold, or of several whose mean counts."""
+    """Cell of an IoU threshold, or of several.
+
+    Of several the mean counts.
+    """
     return figure_cell(iou) if isinstance(iou, float) else Cell(iou_text(iou))
 
 
@@ -46,7 +52,9 @@ def text_cell(text: object) -> Cell:
 
 
 def percent(share: float | None) -> str:
-    """Format a share in percent, never rounding to 0 or 100 % a share that is neither.
+    """Format a share in percent.
+
+    A share that is neither 0 nor 100 % is never rounded to it.
 
     >>> percent(0.934), percent(0.0004), percent(1.0)
     ('93%', 'under 1%', '100%')
@@ -64,7 +72,9 @@ def share_cell(share: float | None) -> Cell:
 
 
 def price_text(price: float, currency: str) -> str:
-    """Format a price; without a currency, in units of one ordinary pole.
+    """Format a price.
+
+    Without a currency it is in units of one ordinary pole.
 
     >>> price_text(1250.0, "EUR"), price_text(1.0, ""), price_text(2.5, "")
     ('1,250 EUR', '1 unit', '2.5 units')
@@ -110,7 +120,10 @@ def ap_text(judged: Judgement) -> str:
 
 
 def ap_figure(judged: Judgement) -> str:
-    """AP with interval and number of vehicles, without the word AP."""
+    """AP with interval and number of vehicles.
+
+    The word AP is left out.
+    """
     return f"{number(judged.ap)} ({interval_text(judged)}, {count_text(judged.vehicles, judged.kind)})"
 
 

@@ -1,1 +1,4 @@
-"""Planning: from a question to a plan, by search, judgement on traffic that no search saw, and plain figures."""
+"""Planning: from a question to a plan.
+
+It uses search, judgement on traffic that no search saw, and plain figures.
+"""

@@ -1,4 +1,7 @@
-"""Answer: all figures of the chosen set, by the detector on the final traffic, put together as a `Plan`."""
+"""All figures of the chosen set, as a `Plan`.
+
+They are by the detector on the final traffic.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +63,10 @@ class Findings:
 
 
 def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
-    """Put the plan together. final: the detector on the final traffic; ground: that the chosen sensors see."""
+    """Put the plan together.
+
+    final: the detector on the final traffic; ground: that the chosen sensors see.
+    """
     question, choice = findings.question, findings.choice
     candidates, site, seed = findings.objective.candidates, question.site, question.run.seed
     members = choice.members
@@ -114,21 +120,26 @@ def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
 
 
 def best_first(options: Sequence[PlanOption]) -> tuple[PlanOption, ...]:
-    """Sort judged sets by AP, then the others by predicted AP."""
+    """Sort judged sets by AP, then others by predicted AP."""
     return tuple(
         sorted(options, key=lambda each: (each.counted is None, -(each.counted.ap if each.counted else each.predicted)))
     )
 
 
 def name_detector(detector: Detector, network: str | None) -> str:
-    """Name the kind of detector, and the shipped network if it is one."""
+    """Name the kind of detector.
+
+    The name of a shipped network is added.
+    """
     kind: str = detector_origin(detector)["detector"]
     return kind if network is None else f"{kind} (shipped network {network!r})"
 
 
 @dataclass(frozen=True, eq=False)
 class ChosenSet:
-    """Figures of the chosen set: schemes, worth of each sensor, failures, and order of building.
+    """Figures of the chosen set.
+
+    They are schemes, worth of each sensor, failures, and order of building.
 
     members: indices of its candidates, ascending; names: of these; judge: on the final traffic; objective: of the
     searches, which scores subsets of large sets.
@@ -156,7 +167,10 @@ class ChosenSet:
         return rows
 
     def schemes(self) -> tuple[SchemeFigures, ...]:
-        """The set under every scheme at every IoU; detections are reused."""
+        """The set under every scheme at every IoU.
+
+        Detections are reused.
+        """
         detected, judge, rows = self.judge.detected, self.judge, []
         whole = self.rows(np.ones((1, len(self.members)), np.bool_))
         ious = judge.cases.ious
@@ -182,7 +196,10 @@ class ChosenSet:
         return tuple(rows)
 
     def worth(self) -> tuple[SensorWorth, ...]:
-        """Shapley values and interactions: exact by the detector for small sets, else sampled by the objective."""
+        """Shapley values and interactions.
+
+        They are exact by the detector for small sets, else sampled by the objective.
+        """
         count = len(self.members)
         if self.small:
             judged = self.judge.judge(self.rows(all_subsets(count)), progress=self.report("subsets"))
@@ -200,7 +217,10 @@ class ChosenSet:
         )
 
     def failures(self) -> tuple[FailureCase, ...]:
-        """Judge what one or two failures leave, if anything; worst first for each number."""
+        """Judge the remaining sensors after one or two failures.
+
+        The list may be empty; the worst comes first for each number.
+        """
         count = len(self.members)
         cases: list[FailureCase] = []
         for failing in (1, 2):
@@ -212,9 +232,9 @@ class ChosenSet:
         return tuple(cases)
 
     def order(self) -> tuple[BuildStep, ...]:
-        """Order of building: each sensor adds most AP to those before; the steps are judged by the detector.
+        """Order of building, each sensor adding most AP.
 
-        For small sets the detector chooses, for larger ones the objective.
+        The steps are judged by the detector. For small sets the detector chooses, for larger ones the objective.
         """
         built, order, prefixes = np.zeros(len(self.members), np.bool_), [], []
         while not built.all():
@@ -238,7 +258,10 @@ class ChosenSet:
 
 
 def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
-    """Provenance of a plan: digests of all inputs, seeds and versions; nothing depends on the clock."""
+    """Provenance of a plan.
+
+    It has digests of all inputs, seeds and versions; nothing depends on the clock.
+    """
     question = findings.question
     setting, stock, seed = question.setting, question.stock, question.run.seed
     return {

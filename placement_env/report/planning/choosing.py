@@ -1,4 +1,6 @@
-"""Choosing the answer among entrants, by a race of the detector on traffic that no search saw.
+"""Choosing the answer among entrants.
+
+They race by the detector on traffic that no search saw.
 
 Sets of one size race each other until the best of them is known well enough (`placement_env.racing.race_until`), so
 that small and cheap sets stay in; the best few of each size are judged on all frames. Without a requirement the answer
@@ -63,7 +65,10 @@ def choose_set(
     confidence: float = 0.95,
     run: Run = Run(),
 ) -> Choice:
-    """Choose among the entrants, at least one. confidence: at which a race of one size ends."""
+    """Choose among the entrants, at least one.
+
+    confidence: at which a race of one size ends.
+    """
     judged = _judge_best(objective, found, judge, confidence, run)
     options = [_option(objective, found, i, *judged.get(i, (None, None))) for i in range(len(found.sets))]
     chosen, rule = choose(tuple(options), min_ap)
@@ -71,7 +76,10 @@ def choose_set(
 
 
 def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, Rule]:
-    """Return the index of the answer among options, some of them judged, and the rule that chose it."""
+    """Return the index of the answer among options.
+
+    Some of them are judged. The rule that chose it comes too.
+    """
     judged = [(i, option, option.counted) for i, option in enumerate(options) if option.counted is not None]
 
     def thrift(entry: tuple[int, PlanOption, Judgement]) -> tuple[float, int, float, float]:
@@ -88,7 +96,10 @@ def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, 
 
 
 def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOption, ...]:
-    """Judged sets other than the chosen one whose interval overlaps its interval, cheap ones first."""
+    """Judged sets whose interval overlaps the chosen one's.
+
+    The chosen set is left out; cheap sets come first.
+    """
     best = options[chosen].counted
     if best is None:
         return ()
@@ -98,7 +109,10 @@ def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOpti
 
 
 def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
-    """Judged sets that no other beats in AP, kbit per sensor and price at once, by price, then AP."""
+    """Judged sets that no other beats.
+
+    A set is beaten in AP, kbit per sensor and price at once. They come by price, then AP.
+    """
     judged = [(option, option.counted) for option in options if option.counted is not None]
     figures = np.array([(-j.ap, o.kbit_per_sensor, o.price) for o, j in judged]).reshape(-1, 3)
     kept = [judged[i] for i in find_front(figures)]
@@ -108,7 +122,10 @@ def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...
 def _judge_best(
     objective: Objective, found: Entrants, judge: Judge, confidence: float, run: Run
 ) -> dict[int, tuple[SetJudgement, float]]:
-    """Judgement, and mean AP over IoU thresholds, of the best sets of each size, by index of the entrant."""
+    """Judgement of the best sets of each size.
+
+    The mean AP over IoU thresholds comes too, by index of the entrant.
+    """
     sizes = found.sets.sum(axis=1)
     judged: dict[int, tuple[SetJudgement, float]] = {}
     evaluator = judge.evaluator()

@@ -1,4 +1,6 @@
-"""`plan`: from a question to a plan, in stages that the cache keeps, so that an interrupted plan resumes.
+"""`plan`: from a question to a plan.
+
+The cache keeps its stages, so an interrupted plan resumes.
 
 There are three parts of traffic, each with its own seed: searches see the first, the detector compares the entrants on
 the second, and the plan's figures for the chosen set are from the third.
@@ -39,7 +41,9 @@ PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)
 
 
 def plan(question: Question) -> Planned:
-    """Answer a question with a plan; if nothing may be built or nothing reaches the requirement, it says why.
+    """Answer a question with a plan.
+
+    If nothing may be built or nothing reaches the requirement, it says why.
 
     The same question has the same plan, byte for byte, whatever the cache and the processes. Raises ValueError and
     OSError for damaged inputs, ImportError without SUMO.
@@ -101,7 +105,10 @@ def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates
 
 
 def _most_sensors(question: Question, candidates: Candidates) -> int:
-    """Most sensors that the budget allows: by number, money and mounts."""
+    """Most sensors that the budget allows.
+
+    Number, money and mounts limit it.
+    """
     each = np.full(len(candidates.mounts), np.inf)
     np.minimum.at(each, candidates.mount, candidates.prices)
     second = np.full(len(candidates.mounts), np.inf)
@@ -114,7 +121,9 @@ def _most_sensors(question: Question, candidates: Candidates) -> int:
 
 
 def write_plan(planned: Planned, out: Path) -> list[Path]:
-    """Write a plan's files into a folder, made if missing, all of them or none; return their paths.
+    """Write a plan's files into a folder, made if missing.
+
+    Writes all or none; returns their paths.
 
     Files of `PLAN_FILES` that an earlier plan left there and this one lacks are removed.
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written.
@@ -133,5 +142,8 @@ def write_plan(planned: Planned, out: Path) -> list[Path]:
 
 
 def format_json(plan: Plan) -> str:
-    """Format a plan as JSON: the same text for the same plan, null for numbers that are not finite."""
+    """Format a plan as JSON.
+
+    The same plan gives the same text; non-finite numbers become null.
+    """
     return json.dumps(replace_infinite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -1,4 +1,7 @@
-"""`Question`: what a plan is asked for, checked before any work begins. `Stock`: what may be mounted, at what price."""
+"""`Question` and `Stock`, the inputs of a plan.
+
+A question is checked before any work begins. A stock lists what may be mounted, at what price.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,9 @@ USUAL_SENSORS = 4
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stock:
-    """Sensors that may be mounted at a site; called with the site, it returns the candidates.
+    """Sensors that may be mounted at a site.
+
+    Call it with the site to get the candidates.
 
     candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and
     prices, None for the paper's camera at no price; keep_out: areas where no sensor may stand; capacity_kbit: of the
@@ -50,7 +55,9 @@ class Stock:
             )
 
     def __call__(self, site: Site) -> Candidates:
-        """Candidates with prices in the currency and the links asked for.
+        """Candidates with prices and links.
+
+        Prices are in the requested currency, links as requested.
 
         Raises `placement_env.candidates.pool.NoCandidates` if no pole or pose is left, ValueError and OSError for a
         damaged file.
@@ -67,7 +74,10 @@ class Stock:
 
     @property
     def currency(self) -> str:
-        """Currency of all prices; "" for prices of one ordinary pole."""
+        """Currency of all prices.
+
+        It is "" for prices of one ordinary pole.
+        """
         return "" if self.catalogue is None else self.catalogue.currency
 
     @property
@@ -86,14 +96,14 @@ class Stock:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What a plan is asked for.
+    """Question that a plan answers.
 
     setting: site, candidates (a `Stock`, or a name for one), scheme, codec, classes, cases, detector, and most money
     that may be spent, in the catalogue's currency, else in prices of one ordinary pole. Its error profiles apply when
     sets are compared and the answer is judged; searches know the sensors' own noise alone. run: its seed is that of the
     first of three parts of traffic; its frames are those of each part, None for `PART_FRAMES`. sensors: most, None
     for as many as the money buys; min_ap: AP to be reached by the cheapest set that does, None for the best set within
-    the budget; max_kbit: most that one sensor may send in the mean frame; confidence: at which a comparison ends, that
+    the budget; max_kbit: most that one sensor may send in the average frame; confidence: at which a comparison ends, that
     no set of as many sensors is better by more than 0.01.
 
     Raises ValueError in one line if a field does not fit.
@@ -150,12 +160,18 @@ class Question:
 
     @property
     def currency(self) -> str:
-        """Currency of all prices; "" for prices of one ordinary pole."""
+        """Currency of all prices.
+
+        It is "" for prices of one ordinary pole.
+        """
         return self.stock.currency
 
     @cached_property
     def searched(self) -> Setting:
-        """Setting of the searches: by the surrogate if there is one for it, else by coverage; no errors but noise."""
+        """Setting of the searches.
+
+        It uses the surrogate if available, else coverage; no errors but noise.
+        """
         plain = replace(
             self.setting, cases=replace(self.cases, errors=("paper",)), candidates=self.setting.pool, detector=None
         )

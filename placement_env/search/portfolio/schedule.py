@@ -97,7 +97,7 @@ class Schedule:
         return np.inf if self.seconds is None else self.began + self.seconds - time.monotonic()
 
     def searching(self, searches: int) -> float | None:
-        """Seconds of each search, of so many."""
+        """Seconds of each search, for a number of searches."""
         return None if self.seconds is None else self.seconds * SEARCHING / searches
 
     def frames(self, frames: int) -> int:
