@@ -18,7 +18,7 @@ Block = tuple[int, int]  # the first of it, and the first after it
 
 @runtime_checkable
 class BlockView(Protocol):
-    """Looks at a block; can be pickled."""
+    """View of a block, as a picklable callable."""
 
     def __call__(self, block: Block, /) -> Seen:
         """View of a block."""

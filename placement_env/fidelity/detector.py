@@ -174,7 +174,7 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, ClassEstimates]:
-        """Like `estimates`, class by class."""
+        """Figures like those of `estimates`, class by class."""
         sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)
         to_find = [int(sum(self.to_find(k, label).sum() for k in chosen_frames)) for label in self.classes.labels]
         figures = np.zeros((len(sets), len(self.classes), len(self.ious), 3))
@@ -294,7 +294,7 @@ class Detected:
 
     @cached_property
     def _depends_on(self) -> str:
-        """A digest of what all values depend on."""
+        """Digest of everything that all values depend on."""
         parts = [self.renders.digest, getattr(self.detector, "digest", ""), self.renders.site.hybrid_radius]
         within = getattr(self.detector, "detector", self.detector)  # of one that knows its background
         code = code_digest(__name__, *(each.__module__ for each in (self.detector, within, self.scheme, self.codec)))

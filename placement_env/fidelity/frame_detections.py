@@ -47,7 +47,7 @@ class Measured(Protocol):
         ...
 
     def objects(self, k: int) -> Objects:
-        """All that is there in frame k."""
+        """All objects present in frame k."""
         ...
 
 
@@ -57,7 +57,7 @@ class MeasuredImages(Protocol):
 
     @property
     def scene(self) -> Callable[[int], EmptyScene]:
-        """Gives the empty scene of candidate c."""
+        """Return the empty scene of candidate c."""
         ...
 
     def captured(self, k: int, c: int) -> Captured:
@@ -98,7 +98,7 @@ class FrameDetections:
         )  # fmt: skip
 
     def fused(self, chosen: tuple[int, ...]) -> Fused:
-        """Detections of a set together, and what its sensors sent."""
+        """Joint detections of a set, and its sensors' bits."""
         if chosen not in self._fused:
             self._fused[chosen] = self._scheme.fuse(self._view, chosen)
         return self._fused[chosen]
@@ -133,7 +133,7 @@ class FrameDetections:
         return True
 
     def _detections(self, clouds: Sequence[Cloud]) -> Detections:
-        """Detections in the points of some clouds together."""
+        """Joint detections in the points of some clouds."""
         adding = [cloud for cloud in clouds if len(cloud.points)]
         key = self._key(adding)
         if key not in self._detected:

@@ -122,7 +122,7 @@ class _Scene:
         return self._views.windows(bodies, boxes)
 
     def part(self, body: int, box: np.ndarray, windows: Windows) -> _Part:
-        """One object seen by itself."""
+        """Part of one object seen alone."""
         pixels, sensors, depth, points = self._views.silhouette(body, box, windows)
         if not len(pixels):
             return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), depth, depth)

@@ -108,7 +108,7 @@ class CasesFidelity:
 
 
 class CasesByFrames(CasesFidelity):
-    """`CasesFidelity` of fidelities that score some frames alone."""
+    """`CasesFidelity` that can score some frames alone."""
 
     @property
     def frames(self) -> int:

@@ -42,7 +42,7 @@ BY_LEVELS = ("coverage", "surrogate")  # fidelities that know levels of traffic
 
 @dataclass(frozen=True, eq=False)
 class Preparation:
-    """Parts that the fidelities of a setting are made from."""
+    """Shared parts of a setting's fidelities."""
 
     setting: Setting
     run: Run = Run()
@@ -175,7 +175,7 @@ class Preparation:
         return over_cases(profiles, cases)
 
     def at_thresholds(self, name: FidelityName, errors: ErrorProfile) -> tuple[Fidelity, ...]:
-        """Fidelity of that name at each IoU threshold, by itself."""
+        """Separate fidelity of that name at each IoU threshold."""
         ious = self.setting.cases.ious
         if name == "detector":
             detected = self.detected(errors)

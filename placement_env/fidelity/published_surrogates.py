@@ -7,31 +7,33 @@ and Design", arXiv 2104.06615. Of m lidar points on a place,
 
     AP = a ln m + b, a = 0.152, b = 0.659     σ = 1/AP - 1     H = 2 ln σ + 1 + ln 2π
 
-early fusion adds the m of all sensors, late fusion their 1/σ², and the entropy is the mean of H. Checked against the
-formulas and constants that an implementation quotes from the paper (github.com/robosquiggles/go4robo); of the paper
-itself only abstract and introduction were at hand, so that its equations' numbers, and whether m counts the points of
-an object or of a voxel of the space around the car, are not checked. Here m counts those of an object.
-Adapted: the mean is over the vehicles of our frames rather than over weighted voxels about a car; AP is held within
+Early fusion adds the m of all sensors, late fusion their 1/σ², and the entropy is the mean of H. Checked against the
+formulas and constants that an implementation quotes from the paper (github.com/robosquiggles/go4robo). Only abstract
+and introduction of the paper itself were available. So its equation numbers are not checked, nor whether m counts the
+points of an object or of a voxel of the space around the car. Here m counts those of an object.
+
+Adapted: the mean is over the vehicles of our frames rather than over weighted voxels around a car; AP is held within
 0.001 to 0.999, as in that implementation; late fusion joins single sensors, there kinds of sensors; the entropy is
-turned about and scaled, so that 0 stands for nothing seen and 1 for 0.999 everywhere; hybrid is taken as late.
+reversed and scaled, so that 0 stands for nothing seen and 1 for 0.999 everywhere; hybrid is treated as late.
 
 `InformationGain`: H. Hu et al., "Investigating the Impact of Multi-LiDAR Placement on Object Detection for Autonomous
-Driving", CVPR 2022, arXiv 2105.00373. A voxel is occupied in a share p of the frames and has the entropy
-H(p) = -p ln p - (1 - p) ln(1 - p); the published metric is
+Driving", CVPR 2022, arXiv 2105.00373. A voxel is occupied in a share p of the frames and has the entropy H(p) = -p ln p
+- (1 - p) ln(1 - p); the published metric, to be maximised, is
 
     S-MIG = -Σ H(p) over the voxels that rays cross        of the gain Σ H(p) over all voxels + S-MIG
 
-to be as large as may be. Checked against the authors' released code, folder S_MIG of
-github.com/HanjiangHu/Multi-LiDAR-Placement-for-3D-Detection, and what they say of it in arXiv 2310.05245, section III;
-the first paper's own text was not at hand.
-It compares placements of equally many lidars. **The sign here is the other one**: of sets of any size S-MIG prefers
-those that see least, so a set is given the share that the Σ H(p) of what it reaches has in that of the whole place, as
-if nothing were uncertain any more where it looks. S-MIG's own correlation is minus this one's.
-Adapted, too: cells are 1 m squares of the ground rather than voxels of 5 cm, and each counts once, not once a ray; a
+Checked against the authors' released code, folder S_MIG of
+github.com/HanjiangHu/Multi-LiDAR-Placement-for-3D-Detection, and their description of it in arXiv 2310.05245, section
+III; the first paper's own text was not available.
+
+It compares placements of equally many lidars. **The sign here is reversed**: among sets of any size S-MIG prefers those
+that see least. So a set scores the share of the whole place's Σ H(p) that its reach covers, as if nothing were
+uncertain any more where it looks. S-MIG's own correlation is minus this one's.
+
+Adapted, too: cells are 1 m squares of the ground rather than voxels of 5 cm, and each counts once, not once per ray; a
 sensor reaches one when it has a point on some vehicle over it in any frame. The scheme of fusion changes nothing.
 
-Neither says anything of communication: kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as
-AP.
+Neither covers communication: kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as AP.
 """
 
 from __future__ import annotations
@@ -143,7 +145,7 @@ def cell_entropy(over: Float[np.ndarray, "O V"], visibility: Visibility) -> Floa
 
 
 class _Cost:
-    """kbit of sets, as `Coverage` takes it."""
+    """kbit of sets, computed as in `Coverage`."""
 
     def __init__(self, visibility: Visibility, scheme: Scheme | str, codec: Codec) -> None:
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)

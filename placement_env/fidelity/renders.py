@@ -2,10 +2,10 @@
 
 Clouds are rendered on first use and kept packed.
 
-A candidate's measurements are kept as in `models.training.packed`: what it sees of the empty site once, and of each
-frame the pixels that differ. Noise is drawn from a seed, the frame's number and the sensor's pose and model alone, so
-that a set of sensors measures the same in any order, pool or process. Errors beyond the sensors' own noise need whole
-images, since they look at neighbouring pixels and may carry points into the crop: these are packed apart.
+A candidate's measurements are kept as in `models.training.packed`: its view of the empty site once, and the differing
+pixels of each frame. Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of
+sensors measures the same in any order, pool or process. Errors beyond the sensors' own noise need whole images, since
+they look at neighbouring pixels and may carry points into the crop: these are packed separately.
 """
 
 from __future__ import annotations
@@ -47,8 +47,7 @@ class Renders:
     """Measurements of candidates in traffic.
 
     cache: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
-    no noise; errors: of the sensors, drawn from that seed when a cloud is asked for. Pickles without what it has
-    rendered.
+    no noise; errors: of the sensors, drawn from that seed when a cloud is requested. Pickles exclude rendered data.
     """
 
     def __init__(
@@ -73,12 +72,15 @@ class Renders:
 
     @staticmethod
     def of(recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS) -> Recorded:
-        """Measurements of a recording, as `toolkit.detection.evaluation` sees it."""
+        """Measurements of a recording.
+
+        They are as in `toolkit.detection.evaluation`.
+        """
         return Recorded(recording, noise_seed, errors=errors)
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 over all that clouds depend on but the sensor."""
+        """SHA-256 over everything behind clouds except the sensor."""
         parts = [_code(self.sensors), self.traffic.digest(), self._noise_seed]
         return make_key(*parts, *_beyond_noise(self.errors)).hex()
 
@@ -125,7 +127,7 @@ class Renders:
         return self._scenes[c]
 
     def objects(self, k: int) -> Objects:
-        """All that is there in frame k, scored or not."""
+        """All objects in frame k, scored or not."""
         return self.traffic.snapshots[k].objects
 
     @property
@@ -133,7 +135,7 @@ class Renders:
         return not only_own_noise(self.errors)
 
     def _reading(self, packed: _Packed, k: int, c: int) -> Frame:
-        """Reading of candidate c in frame k, errors and all."""
+        """Reading of candidate c in frame k, with errors."""
         snapshots, sensor = self.traffic.snapshots, self.sensors[c]
         now, speed = snapshots[k], None
         if self.errors.needs_velocities:
@@ -204,7 +206,7 @@ class Recorded:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 over all that clouds depend on but the sensor."""
+        """SHA-256 over everything behind clouds except the sensor."""
         from toolkit.sites.files import format_site
 
         parts = [_code(self.sensors), self._noise_seed, format_site(self.site), *_beyond_noise(self.errors)]
@@ -222,11 +224,11 @@ class Recorded:
         return frame_points(self._frame(k), [c], area=self.site)[0]
 
     def captured(self, k: int, c: int) -> Captured:
-        """The image behind these points."""
+        """Image behind these points."""
         return Captured(self._frame(k), c, self.site)
 
     def objects(self, k: int) -> Objects:
-        """All that is there in frame k, scored or not."""
+        """All objects in frame k, scored or not."""
         return self._frame(k).objects
 
     def _frame(self, k: int) -> Frame:
@@ -303,7 +305,7 @@ def _beyond_noise(errors: ErrorProfile) -> list[str]:
 
 
 def _code(sensors: Sequence[Sensor]) -> str:
-    """A digest of the source that measures with these sensors."""
+    """Digest of the source that measures with these sensors."""
     return code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
 
 

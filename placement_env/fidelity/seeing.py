@@ -39,12 +39,11 @@ def see(
 ) -> Visibility:
     """View of the candidates on the traffic.
 
-    rendering: "full" casts every ray of every candidate; "panorama" looks once from each place and counts the rays of
-    all that hangs there in what it saw, which is much faster where many candidates share a place and agrees within 3 %
-    or 8 points of an object nearly always; "auto" takes panoramas where at least four candidates share a place in the
-    mean, as in a pool. A candidate whose range ends within the site is rendered in full all the same;
-    labels: classes (numbers) of the objects that count; run: its cache keeps the finished blocks of candidates, so that
-    what was broken off goes on there.
+    rendering: "full" casts every ray of every candidate. "panorama" looks once from each place and counts the rays of
+    all its sensors in that view; this is much faster where many candidates share a place, and nearly always agrees
+    within 3 % or 8 points of an object. "auto" uses panoramas where places have at least four candidates on average, as
+    in a pool. A candidate whose range ends within the site is always rendered in full. labels: classes (numbers) of the
+    objects that count; run: its cache keeps the finished blocks of candidates, so an interrupted run resumes there.
     Raises ValueError without candidates and for an unknown rendering.
     """
     if not len(candidates):
@@ -66,7 +65,7 @@ def see(
 
 
 def check_rendering(rendering: str) -> None:
-    """Raises ValueError where there is no such way to render."""
+    """Raise ValueError for an unknown rendering."""
     if rendering not in RENDERINGS:
         raise ValueError(f"rendering must be one of {', '.join(RENDERINGS)}, got {rendering!r}")
 
@@ -96,7 +95,7 @@ def _blocks(sensors: Sequence[Sensor]) -> list[Block]:
 
 @dataclass(frozen=True, eq=False)
 class _FullLook:
-    """Looks at all frames with a block of the sensors."""
+    """View of all frames from a block of sensors."""
 
     traffic: Traffic
     sensors: tuple[Sensor, ...]

@@ -1,10 +1,9 @@
 """`Surrogate`: AP of sensor sets predicted from points.
 
-It uses the number of points that their sensors have on each object.
-
-A `HitModel` gives each object's probability p of being hit. Objects are ranked by it, as a detector's scores would, and
-down to the i-th of them T_i = p_1 + ... + p_i hits are expected and λ (i - T_i) false alarms, λ being the model's
-`false_alarms`. The area under that expected precision-recall curve of O objects is
+It uses the number of points that their sensors have on each object. A `HitModel` gives each object's probability p of
+being hit. Objects are ranked by it, as by a detector's scores. Down to the i-th of them, T_i = p_1 + ... + p_i hits are
+expected and λ (i - T_i) false alarms, λ being the model's `false_alarms`. The area under that expected precision-recall
+curve of O objects is
 
     AP = 1/O Σ_i p_i · T_i / (T_i + λ (i - T_i)),      recall = T_O / O
 """
@@ -155,7 +154,7 @@ class Surrogate:
 
 
 class _Part:
-    """The objects of one class, and their model."""
+    """Objects of one class, and their model."""
 
     def __init__(self, visibility: Visibility, scheme: Scheme, radius: float, model: HitModel) -> None:
         self.visibility, self._scheme, self._radius = visibility, scheme, radius

@@ -111,11 +111,11 @@ class Table:
 
     @property
     def subsets(self) -> Bool[np.ndarray, "sets C"]:
-        """The set of each row, the empty one first."""
+        """Set of each row, the empty one first."""
         return all_subsets(len(self.origin.sensors))
 
     def row(self, subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, " n"]:
-        """The row of each set."""
+        """Row of each set."""
         if subsets.shape[1] != len(self.origin.sensors):
             raise ValueError(f"sets must be rows of {len(self.origin.sensors)} sensors, got {subsets.shape}")
         return subsets @ (1 << np.arange(subsets.shape[1]))

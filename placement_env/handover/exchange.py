@@ -2,10 +2,10 @@
 
 The same set gives the same bytes.
 
-schedule.csv has a line per sensor (RFC 4180, UTF-8); a text that a spreadsheet would take for a formula begins with an
+schedule.csv has a line per sensor (RFC 4180, UTF-8); a text that a spreadsheet would read as a formula begins with an
 apostrophe. plan.geojson is in longitude and latitude (RFC 7946), or in the site's metres if it has no geographic
 reference. Its layers are area, sensor, visible, blind and mount: the unused poles, which coview reads back as poles.
-site.json is the site with the sensors, as `coview simulate` takes it.
+site.json is the site with the sensors, in the format for `coview simulate`.
 """
 
 from __future__ import annotations
@@ -40,10 +40,11 @@ def write_exchange(
     unused: Sequence[Mount] = (),
     currency: str = "",
 ) -> None:
-    """Write `EXCHANGE_FILES` into a folder, such as that of `toolkit.runtime.files.writing_together`.
+    """Write `EXCHANGE_FILES` into a folder.
 
-    site: with the sensors; ground: that they see, in their order; unused: poles without a sensor; currency: of prices,
-    "" for units of one ordinary pole. Raises ValueError if site, sensors and ground do not belong to one set.
+    The folder may be that of `toolkit.runtime.files.writing_together`. site: with the sensors; ground: that they see,
+    in their order; unused: poles without a sensor; currency: of prices, "" for units of one ordinary pole. Raises
+    ValueError if site, sensors and ground do not belong to one set.
     """
     names = [sensor.name for sensor in sensors]
     mounted = [sensor.name for sensor in site.sensors]

@@ -81,9 +81,8 @@ class MaterialItem:
 def mounted_site(site: Site, candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()) -> Site:
     """Return `site` with only the chosen sensors.
 
-    Their mounts are added if it lacks them.
-
-    chosen: indices of candidates; moved: the same sensors, in that order, as a search of continuous poses placed them.
+    Their mounts are added if it lacks them. chosen: indices of candidates; moved: the same sensors, in that order, as
+    placed by a search of continuous poses.
     """
     sensors, mounts = _sensors(candidates, chosen, moved)
     return replace(site, sensors=sensors, mounts=_merge_mounts(site.mounts, mounts))

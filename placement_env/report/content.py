@@ -56,9 +56,9 @@ class PlanOption:
     """A sensor set that was considered.
 
     sensors: names of candidates; predicted: AP by the fidelity of the searches; judged: intact, None if not judged;
-    searches: that found it; mean_ap: over IoU 0.7, 0.8 and 0.9. If the plan asks for them, else None: left: what is
-    left when sensors fail, over the levels of traffic if there are several; over_levels: intact, over the levels;
-    over_errors: over the error profiles, with failures and levels. All other figures are at the first profile.
+    searches: those that found it; mean_ap: over IoU 0.7, 0.8 and 0.9. Three results are None unless the plan asks for
+    them: left: with failed sensors, over the levels of traffic if there are several; over_levels: intact, over the
+    levels; over_errors: over the error profiles, with failures and levels. All other figures are at the first profile.
     """
 
     sensors: tuple[str, ...]
@@ -150,7 +150,7 @@ class SensorWorth:
 
 @dataclass(frozen=True)
 class FailureCase:
-    """Result that is left when these sensors fail."""
+    """Result after these sensors fail."""
 
     failed: tuple[str, ...]
     judged: Judgement

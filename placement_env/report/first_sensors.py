@@ -54,10 +54,8 @@ class FirstSensors:
 class HalvedViews:
     """Mean over objects of 1 - 2^-n.
 
-    n sensors of a set have `LEAST` points on the object.
-
-    Each further view of an object is worth half of the one before, so that sensors that add no object still spread
-    their views. Submodular.
+    n sensors of a set have `LEAST` points on the object. Each further view of an object is worth half of the one
+    before, so sensors that add no object still spread their views. Submodular.
     """
 
     name = "halved views"

@@ -49,13 +49,13 @@ USUAL_FRAMES = 200
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchOrder:
-    """A search as it is asked for.
+    """Specification of a search.
 
-    setting: what is asked, with the errors of what detects; run: how it is computed; method: of
-    `placement_env.search.methods`; budget: most sensors; verify: fidelity by which an answer and its neighbours are
-    scored, None for none; judge, confidence: of a portfolio's race and assessment; seconds, evaluations: limits;
-    demand: of the cheapest set; curve: the best set of every number of sensors up to the budget, or for every amount of
-    money where it is limited, by a portfolio; currency: of prices, "" for those of one ordinary pole.
+    setting: the question, with the errors of the detecting fidelities; run: how it is computed; method: of
+    `placement_env.search.methods`; budget: most sensors; verify: fidelity that scores an answer and its neighbours,
+    None for none; judge, confidence: of a portfolio's race and assessment; seconds, evaluations: limits; demand: of the
+    cheapest set; curve: the best set of every number of sensors up to the budget, or for every amount of money where it
+    is limited, by a portfolio; currency: of prices, "" for those of one ordinary pole.
 
     Raises ValueError and ImportError, before anything is rendered, where these do not fit.
     """

@@ -86,7 +86,7 @@ class Limits:
         self.rows = [(int(count), float(seconds), float(reward)) for count, seconds, reward in state["rows"]]
 
     def history(self, reward: float) -> History:
-        """The improvements, and where it ends."""
+        """Improvements so far, and the end."""
         count, seconds, rewards = zip(*self.rows, (self.count, self.elapsed, reward), strict=True)
         return History(np.array(count, np.int64), np.array(seconds, np.float64), np.array(rewards, np.float64))
 
@@ -159,13 +159,13 @@ class Progress:
     def result(
         self, method: str, certificate: Certificate, front: tuple[Score, ...] = (), by_size: tuple[Score, ...] = ()
     ) -> Result:
-        """The best so far, the incumbent, as the answer."""
+        """Best set so far, the incumbent, as the answer."""
         best = self.objective.score(np.flatnonzero(self.best).tolist())
         history = self.limits.history(self.reward)
         return Result(method, best, history, certificate, self.limits.count, self.limits.elapsed, front, by_size)
 
     def unknown(self, note: str) -> Certificate:
-        """The certificate that nothing is known."""
+        """Certificate without any evidence."""
         return Certificate("none", self.reward, note=note)
 
     def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:

@@ -142,12 +142,11 @@ class Assessment:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The answer of a search.
+    """Answer of a search.
 
-    evaluations: sets scored, repeated ones too; front: the sets that no other beats in AP, kbit and price at once, of
-    those that were scored, by price and kbit (searches for fronts only); by_size: the best set of 1, 2, ... sensors
-    (exhaustive only); sensors: as they are mounted, for continuous poses; assessment: on fresh traffic (portfolio
-    only).
+    evaluations: sets scored, repeated ones too; front: scored sets that no other beats in AP, kbit and price at once,
+    by price and kbit (searches for fronts only); by_size: the best set of 1, 2, ... sensors (exhaustive only); sensors:
+    as they are mounted, for continuous poses; assessment: on fresh traffic (portfolio only).
     """
 
     method: str
@@ -216,7 +215,7 @@ def _sensor_row(sensor: Sensor) -> dict[str, Any]:
 
 
 def _result_of(content: dict[str, Any]) -> Result:
-    """A result from the values of its file."""
+    """Result from the values of its file."""
     history = content["history"]
     certificate, assessment = content["certificate"], content["assessment"]
     return Result(
@@ -238,7 +237,7 @@ def _result_of(content: dict[str, Any]) -> Result:
 
 
 def load_score(row: dict[str, Any]) -> Score:
-    """The score whose values a file holds."""
+    """Score from the values of a file."""
     by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
     return Score(**row | {"subset": tuple(map(int, row["subset"])), "class_ap": by_class})
 

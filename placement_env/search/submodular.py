@@ -56,9 +56,9 @@ def online_bound(progress: Progress, chosen: list[int]) -> float:
 
 
 def certificate(progress: Progress, chosen: list[int], ratio: float, rise: float) -> Certificate:
-    """Greedy's certificate for an objective said to be monotone submodular.
+    """Greedy's certificate for a monotone submodular objective.
 
-    ratio: the share of the optimum it is sure of, which cost weights void; rise: how much a gain was seen to grow.
+    ratio: the guaranteed share of the optimum, which cost weights void; rise: largest observed growth of a gain.
     """
     if rise > TOLERANCE and not _costs(progress.objective):
         return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined")

@@ -118,7 +118,7 @@ def _greedy(progress: Progress) -> list[int]:
 
 
 def _begun(progress: Progress, start: int, before: float, chosen: list[int]) -> Climb:
-    """The start of a climb from a set."""
+    """Start of a climb from a set."""
     places = chosen + [EMPTY] * (progress.budget - len(chosen))
     reward = float(progress.rewards(as_rows([chosen], progress.size))[0])
     return Climb(start, before, places, list(range(len(places))), reward)

@@ -72,7 +72,7 @@ class HitDomain:
 def build_domain(
     points: list[Float[np.ndarray, "_ _"]], distance: list[Float[np.ndarray, "_ _"]], sensors: Iterable[str], sets: int
 ) -> HitDomain:
-    """Domain of what sensors of several sites saw."""
+    """Domain of the data that sensors of several sites saw."""
     seen = np.concatenate([each[each > 0].ravel() for each in points])
     away = np.concatenate([d[n > 0].ravel() for n, d in zip(points, distance, strict=True)])
     if not len(seen):

@@ -2,22 +2,26 @@
 
 It depends on the points on the object and has a few numbers, kept as JSON.
 
-Of an object headed ψ with N_i points from sensor i of a set, d_i metres away, a hit has the probability
+An object has heading ψ, N_i points from sensor i of a set, and distance d_i in metres. Its hit probability is
 
     p = ceiling · (V / 16 m³) ^ -bulk · sigmoid(intercept + density · e) · min(1, r / floor)        0 without any point
     e = log(1 + Σ n_i ^ norm) / norm           n_i = N_i · (d_i / 20 m) ^ reach · exp(-oblique · |sin 2ψ|)
     r = (Σ N_i ^ norm) ^ (1 / norm)
 
-A point from farther off stands for more of the object: with reach 2, n is the share of it that is seen. At 45° to the
-axes of the world, along which a network's anchors lie, an object needs exp(oblique) times the points: a network that
-has seen few vehicles turn finds those less surely. With norm 1 all points count together, with less, points from many
-sensors count more than as many from one, which is the gain of spatial diversity: early fusion, where a set detects by
-the density that it gathers. The greater the norm, the more the best sensor alone decides: late fusion. Hybrid fusion
-has one sensor more, which holds the far points of all. However dense they may be at their distance, few points are few:
-below `floor` points of the set a hit becomes less likely in proportion, 0 for no such floor. A box of more than 16 m³
-(V is its volume, 16 m³ for a smaller one), a long van rather than a car, is found less surely whatever its points.
-The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hit_fit`), which is the paper's
-analysis of density and spatial diversity (its sections on sensor sets and on diversity gain) made predictive.
+A point from farther away stands for more of the object: with reach 2, n is the visible share of it. At 45° to the axes
+of the world, along which a network's anchors lie, an object needs exp(oblique) times the points: a network that has
+seen few vehicles turn finds those less surely.
+
+With norm 1 all points count together. With less, points from many sensors count more than as many from one, which is
+the gain of spatial diversity: early fusion, where a set detects by its combined density. The greater the norm, the more
+the best sensor alone decides: late fusion. Hybrid fusion has one more sensor, which holds the far points of all.
+
+Few points remain few, however dense they are for their distance: below `floor` points of the set a hit becomes
+proportionally less likely; 0 means no such floor. A box of more than 16 m³ (V is its volume, 16 m³ for a smaller one),
+a long van rather than a car, is found less surely whatever its points.
+
+The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hit_fit`). This makes the paper's
+analysis of density and spatial diversity predictive (its sections on sensor sets and on diversity gain).
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class Views:
 
     @staticmethod
     def of(sensors: Sequence[Sensor]) -> Views:
-        """Sensors by where they are and how they look."""
+        """Sensors grouped by position and aim."""
         positions = np.array([sensor.position for sensor in sensors]).round(6)
         viewpoints, viewpoint = np.unique(positions, axis=0, return_inverse=True)
         keys, heading, more = table_keys(sensors)

@@ -70,7 +70,7 @@ def _frame_after_frame(parts: Sequence[Seen]) -> Seen:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """Looks at some frames with all sensors."""
+    """View of some frames from all sensors."""
 
     traffic: Traffic
     sensors: tuple[Sensor, ...]

@@ -162,11 +162,11 @@ class Rectangles:
         return Rectangles(*places, (top + PI / 2) * PER_STEEP, np.cos(middle), np.sin(middle), tan)
 
     def take(self, rows: Int64[np.ndarray, " m"]) -> Rectangles:
-        """Some of them."""
+        """Some of the rectangles."""
         return Rectangles(*(each.take(rows) for each in self._columns))
 
     def part(self, rows: slice) -> Rectangles:
-        """Some that lie side by side; nothing is copied."""
+        """Adjacent rectangles, without copying."""
         return Rectangles(*(each[rows] for each in self._columns))
 
     @property
@@ -191,7 +191,7 @@ class Rectangles:
 
 @lru_cache(maxsize=MOST_TABLES)
 def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
-    """A table, made once."""
+    """Cached ray table."""
     return RayTable(model, tilt, roll)
 
 

@@ -70,7 +70,7 @@ class Still:
         azimuth: Float32[np.ndarray, " n"],
         elevation: Float32[np.ndarray, " n"],
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Chances of what stands in directions (rad)."""
+        """Chances of the scene in some directions (rad)."""
         column, row = find_cells(azimuth, elevation)
         cell = (viewpoint.astype(np.int64) * CELL_COLUMNS + column) * CELL_ROWS + row
         sent, far = (flat.take(cell) / CHANCE_STEPS for flat in (self.sent.ravel(), self.far.ravel()))
@@ -78,7 +78,7 @@ class Still:
 
 
 def _directions() -> Float32[np.ndarray, "cells 3"]:
-    """Through the middle of each cell."""
+    """Directions through the middle of each cell."""
     azimuth = (np.arange(CELL_COLUMNS) + 0.5)[:, None] * (2 * np.pi / CELL_COLUMNS) - np.pi
     elevation = cell_elevations()
     flat = np.cos(elevation)

@@ -238,7 +238,7 @@ def _compare_data(judged: Sequence[SchemeFigures]) -> str:
 
 
 def worth_section(plan: Plan) -> Section:
-    """Worth of each sensor, and which go well together."""
+    """Worth of each sensor, and good pairs."""
     key, title = "worth", "What each sensor is worth"
     if plan.chosen is None or not plan.worth:
         return Section(

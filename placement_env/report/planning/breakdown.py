@@ -241,9 +241,10 @@ def pick_moments(
     points: int = MOMENT_POINTS,
     seed: int = 0,
 ) -> tuple[Moment, ...]:
-    """Pick consecutive frames with the most vehicles.
+    """Pick the run of frames with most vehicles.
 
-    The first `count` such frames in a row are taken. points: kept of each cloud, drawn from the seed.
+    It has `count` consecutive frames; the first of equal runs is taken. points: kept of each cloud, drawn from the
+    seed.
     """
     found = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
     count = min(count, detected.frames)

@@ -98,13 +98,13 @@ class Stock:
 class Question:
     """Question that a plan answers.
 
-    setting: site, candidates (a `Stock`, or a name for one), scheme, codec, classes, cases, detector, and most money
-    that may be spent, in the catalogue's currency, else in prices of one ordinary pole. Its error profiles apply when
-    sets are compared and the answer is judged; searches know the sensors' own noise alone. run: its seed is that of the
-    first of three parts of traffic; its frames are those of each part, None for `PART_FRAMES`. sensors: most, None
-    for as many as the money buys; min_ap: AP to be reached by the cheapest set that does, None for the best set within
-    the budget; max_kbit: most that one sensor may send in the average frame; confidence: at which a comparison ends, that
-    no set of as many sensors is better by more than 0.01.
+    setting: site, candidates (a `Stock`, or a name for one), scheme, codec, classes, cases, detector, and spending
+    limit, in the catalogue's currency, else in prices of one ordinary pole. Its error profiles apply when sets are
+    compared and the answer is judged; searches know only the sensors' own noise. run: its seed is that of the first of
+    three parts of traffic; its frames are those of each part, None for `PART_FRAMES`. sensors: largest number, None for
+    as many as the money buys; min_ap: AP that the cheapest set must reach, None for the best set within the budget;
+    max_kbit: most that one sensor may send in the average frame; confidence: that no set of as many sensors is better
+    by more than 0.01, at which a comparison ends.
 
     Raises ValueError in one line if a field does not fit.
     """

@@ -167,7 +167,7 @@ def _by_surrogate(
 
 
 def _in_shares(objective: Objective, surrogate: Surrogate, demand: Demand) -> list[Surrogate]:
-    """The surrogate of each share of the traffic."""
+    """Surrogate of each share of the traffic."""
     seen = objective.visibility
     if seen is None:
         raise ValueError("parts and levels of traffic need to know what each candidate sees: pass visibility=see(...)")
@@ -176,7 +176,7 @@ def _in_shares(objective: Objective, surrogate: Surrogate, demand: Demand) -> li
 
 
 def _demanding(objective: Objective, shares: Sequence[Surrogate], demand: Demand) -> Objective:
-    """The objective as the demand looks at sets."""
+    """Objective scored under the demand."""
     if demand.plain:
         return objective
     scored_by = DemandFidelity(objective.scored_by, shares, demand)
@@ -317,7 +317,7 @@ def _prune(objective: Objective, chosen: list[int], at_least: float, reached: Re
 def _result(
     objective: Objective, progress: Progress, found: Solved, unit: float, what: str, *, said: str = ""
 ) -> Result:
-    """The result, and what is proven of its price."""
+    """Result, and the proof about its price."""
     bound = found.bound * unit
     if found.chosen is None:
         sure = "no set within the budget " if found.optimal else "no set was found in time that "

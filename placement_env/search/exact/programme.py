@@ -3,12 +3,12 @@
 CP-SAT solves them over sensor sets.
 
     Σ_c known[c, o] x_c >= threshold[j, o] l_jo      level j of object o is reached, which is worth gain[j, o]
-    Σ_c x_c <= budget, and what `placement_env.search.exact.poles` says of places, links and money
+    Σ_c x_c <= budget, and the places, links and money of `placement_env.search.exact.poles`
 
-Either the levels reached are worth as much as can be, or the set costs as little as can be and is worth enough. With
-one level of threshold 1 an object is covered or not; several make steps of a hit's probability, which a surrogate
-says grows with the evidence Σ n_i ^ norm. Steps above the curve make the programme worth no less than the truth, so
-that what it proves impossible is impossible; steps that cut it in the middle are near the truth.
+Either the worth of the reached levels is maximal, or the set is as cheap as possible for a given worth. With one level
+of threshold 1 an object is covered or not; several make steps of a hit's probability, which a surrogate says grows with
+the evidence Σ n_i ^ norm. Steps above the curve make the programme worth no less than the truth, so anything it proves
+impossible is impossible; steps that cut it in the middle are near the truth.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Levels(NamedTuple):
 
     @property
     def whole(self) -> int:
-        """Worth of all levels, of the party that has least."""
+        """Worth of all levels, for the least party."""
         return int((self.parties @ self.gain.sum(axis=0)).min())
 
 
@@ -185,7 +185,7 @@ def solve(
 
 
 def _price_of(cost: int, budget: int, prices: Int64[np.ndarray, " C"] | None) -> int:
-    """The price in a cost that also counts sensors."""
+    """Price within a cost that also counts sensors."""
     return cost if prices is None else cost // (budget + 1)
 
 

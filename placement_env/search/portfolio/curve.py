@@ -200,7 +200,7 @@ def _different(sums: Float64[np.ndarray, " n"], money: float) -> Float64[np.ndar
 def _of_sizes(
     objective: Objective, search: Callable[..., Entrants], checkpoint: Checkpoint
 ) -> Iterator[tuple[float, Entrants]]:
-    """The entrants of each number of sensors."""
+    """Entrants of each number of sensors."""
     found = search(objective, checkpoint=checkpoint)
     sizes = found.sets.sum(axis=1)
     for size in np.unique(sizes):

@@ -90,9 +90,9 @@ def keep_entrants(
     seed: int = 0,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """`entrants`, from the cache where it keeps them.
+    """Entrants, from the cache where possible.
 
-    depends_on: digest of what the objective's figures depend on beside its candidates and setting, such as traffic.
+    depends_on: digest of the objective's other inputs besides its candidates and setting, such as traffic.
     """
     asked = (objective.provenance, objective.most_price, vars(effort), seed)
     key = make_key("entrants", code_digest(__name__), depends_on, *asked)
@@ -106,9 +106,10 @@ def keep_entrants(
 
 
 def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint: Checkpoint = NOWHERE) -> Entrants:
-    """Entrants of all sizes; none where nothing may be built.
+    """Entrants of all sizes.
 
-    checkpoint: keeps the answer of each search that has ended, and how far the one on its way is.
+    Empty where nothing may be built. checkpoint: keeps the answer of each finished search, and the progress of the
+    current one.
     """
     ended: KeptState = checkpoint.load() or {}
     answers: dict[bytes, list[str]] = {}

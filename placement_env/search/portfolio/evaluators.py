@@ -83,7 +83,10 @@ class Evaluator(Protocol):
 
 
 class ProfileEvaluator(Protocol):
-    """Scores sets at one error profile, at every IoU threshold."""
+    """Score sets at one error profile.
+
+    Figures are at every IoU threshold.
+    """
 
     @property
     def name(self) -> str:

@@ -133,7 +133,7 @@ def search(
 
 
 def _without(objective: Objective, found: Entrants, limits: Limits, note: str) -> Result:
-    """The answer that nothing is to be built."""
+    """Answer that builds nothing."""
     best = objective.score([])
     certificate = Certificate("none", best.reward, note=note)
     return Result("portfolio", best, limits.history(best.reward), certificate, found.considered, limits.elapsed)
