@@ -13,7 +13,7 @@ from contextlib import suppress
 from toolkit.runtime.parallel import WorkLost
 
 OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
-NOT_MET = SUSPECTED  # a plan's requirement cannot be met: the answer is no, as where the doctor suspects something
+NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
 OURS = ("coview", "placement_env", "models", "toolkit")
 REPORT = "this is a fault of coview, not of what you gave it: please report it with the lines above"
 

@@ -30,7 +30,7 @@ class Bar:
 
     def to(self, done: int) -> None:
         """Show the number done."""
-        if done < self._done:  # the stage begins anew
+        if done < self._done:  # the stage restarts
             self._began, self._first = time.monotonic(), done
         self._bar.update(done - self._bar.n)
         self._done = done

@@ -197,13 +197,13 @@ def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_thr
     weights[np.arange(len(kept)), kept] = candidates.scores[kept] ** 2
     weights /= weights.sum(axis=1, keepdims=True)
     turn = boxes[:, 6] - best[:, 6:]
-    turn = (turn + np.pi / 2) % np.pi - np.pi / 2  # a candidate that faces the other way lies along the same line
+    turn = (turn + np.pi / 2) % np.pi - np.pi / 2  # a box facing the other way lies along the same line
     mean = weights @ boxes
     mean[:, 6] = best[:, 6] + (weights * turn).sum(axis=1)
     return Detections(mean, candidates.scores[kept], candidates.labels[kept])
 
 
-TOGETHER = 0.3  # share of the smaller of two footprints that lies on the other, above which both claim the same place
+TOGETHER = 0.3  # overlap, as a share of the smaller footprint, above which two claim one place
 LEAST_RIVAL = 0.2  # least score of a rival
 _NEVER_SURE = 1e-6  # scores are clipped to this distance from 0 and 1
 

@@ -67,7 +67,7 @@ class SparseVoxelNet(nn.Module):
         return self.rpn(self.middle(self.features(voxels), voxels))
 
 
-ONES = 8  # channels that carry the biases; a multiple of what the convolution kernels take at once
+ONES = 8  # channels that carry the biases; a multiple of the convolution kernels' width
 
 
 def fold_norm(layer: nn.Module, norm: nn.Module) -> tuple[Tensor, Tensor]:

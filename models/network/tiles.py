@@ -147,10 +147,10 @@ class PointsByTile(NamedTuple):
         return self.row[torch.from_numpy(place).to(self.row.device)], torch.from_numpy(item).to(self.row.device)
 
 
-TILE = 24  # cells of the head's map; a multiple of what the two strides after it take together
-AT_ONCE = 64  # tiles that a layer takes together
+TILE = 24  # cells of the head's map; a multiple of the two following strides together
+AT_ONCE = 64  # tiles that a layer processes together
 MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
-MOST_OWN = 0.5  # share of tiles that unions do not share, above which one union after the other is quicker
+MOST_OWN = 0.5  # share of unshared tiles above which one union after another is quicker
 
 
 class Entries(NamedTuple):

@@ -209,7 +209,7 @@ def quality_loss(
     kind = torch.tensor([0] * count if classes is None else list(classes), device=labels.device)
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
     number = torch.bincount(kind[positive[3]], minlength=int(kind.max()) + 1).clamp(min=1)
-    share = 1 / number[kind]  # per anchor of a cell: what one of its class counts
+    share = 1 / number[kind]  # weight of one anchor of its class, per anchor of a cell
     classes_lost = focal_loss(maps.class_logits[..., 0], labels == POSITIVE, share * (labels != IGNORED))
     each = share[positive[3]]
     anchor, wanted = anchors[positive[1:]], boxes[positive]

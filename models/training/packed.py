@@ -39,7 +39,7 @@ from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 
 STEPS_PER_METRE = 512  # quantisation of what changes: 2 mm steps are far below the sensors' noise
-MOST_PIXELS = 10**8  # of a sensor; a file that says more is damaged
+MOST_PIXELS = 10**8  # pixels of a sensor; a file with more is damaged
 MARGIN = 0.2  # m kept around the crop, so that noise can carry a point across its edge
 
 Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m

@@ -278,7 +278,7 @@ def _find_changes(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray
     depth = np.where(flat[pixels] < FARTHEST, flat[pixels], np.float32(0))
     seen = (depth > 0) & rig.in_crop(rig.world(s, pixels, depth), MARGIN)
     steps = np.where(seen, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(np.uint16)
-    counts = seen | (still[pixels] > 0)  # or hides what would make a point
+    counts = seen | (still[pixels] > 0)  # or hides a point of the empty site
     return pixels[counts], steps[counts]
 
 

@@ -52,7 +52,7 @@ class Background:
                 f"the background must be finite and small, got {np.ptp(points, axis=0)} m: crop to the area"
             )
         origin = points.min(axis=0).astype(np.float64) - 2 * voxel
-        index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)  # the least one is, but for rounding
+        index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)  # at least 2, but for rounding
         occupied = np.zeros(index.max(axis=0) + 3, bool)
         occupied[tuple(index.T)] = True
         for axis in range(3):

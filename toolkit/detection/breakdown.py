@@ -130,7 +130,7 @@ def compute_mean(values: Sequence[float]) -> float:
 
 
 LEAST_POINTS = 1
-TWICE = 0.9  # 3D IoU of two labels of a class from which they are of one object: no two bodies share that much room
+TWICE = 0.9  # least 3D IoU of two labels of one object; no two bodies overlap that much
 RANGES = (0.0, 20.0, 35.0, 50.0, float("inf"))  # m
 POINTS = (1.0, 5.0, 20.0, 100.0, float("inf"))
 _LARGE, _SMALL = (0.3, 0.5, 0.7), (0.1, 0.25, 0.5)

@@ -22,7 +22,7 @@ from toolkit.geometry import transform
 from toolkit.objects import Detections
 
 CLUSTER_REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
-SWEEPS = 4  # of the empty scenes with their noise, that a background is learnt from
+SWEEPS = 4  # noisy sweeps of the empty scenes for learning a background
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,12 +30,12 @@ from toolkit.sites.site import Site
 CLEARANCE = 0.3  # m above the ground
 SHELL = 0.5  # m
 SLACK = 0.1  # m that a point may lie outside its box, as sensors err
-HOLLOW = 0.6  # fraction of a box's length and width where a sensor sees nothing of a vehicle
-LEAST_ON_BOX = 15  # points in and around a box: with fewer its fit is 0
-LEAST_BOXES = 5  # with a fit: with fewer nothing is suspected
-STANDARD_ERRORS = 3.0  # of the mean change of fits that a suspicion needs
-GAIN = 0.02  # gain in mean fit that a suspicion needs as well
-GROUND_POINTS = 20_000  # of a cloud, evenly taken, that its ground is looked for in
+HOLLOW = 0.6  # inner fraction of a box's length and width, where no sensor sees a vehicle
+LEAST_ON_BOX = 15  # points in and around a box; its fit is 0 below this
+LEAST_BOXES = 5  # boxes with a fit; nothing is suspected below this
+STANDARD_ERRORS = 3.0  # least mean change of fits for a suspicion, in standard errors
+GAIN = 0.02  # least gain in mean fit for a suspicion
+GROUND_POINTS = 20_000  # evenly spaced points of a cloud for finding its ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def _scale(factor: float) -> Change:
 
 YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", _change(yaw=lambda b: -b[:, 6]), axes=True)
 
-LOST_DEGREES = LabelMistake(  # undo is unknown: `degrees_of_turns` gives the angles it may be
+LOST_DEGREES = LabelMistake(  # not undone directly: `degrees_of_turns` gives the possible angles
     "yaw in degrees where radians belong, of which only sine and cosine are left",
     "multiply yaw by pi / 180 before its sine and cosine are taken",
     lambda boxes: boxes,
@@ -225,13 +225,13 @@ def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
 
 
-SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # s that labels may be late or early
-MOST_SAMPLES = 3  # that labels may be late or early where there are no times
+SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # s; tried delays of labels, late or early
+MOST_SAMPLES = 3  # frames; tried delays where clouds have no times
 MOVING = 2.0  # m/s
-STANDING = 0.2  # m between frames: an object that moves less stands
+STANDING = 0.2  # m between frames; an object that moves less stands still
 FASTEST = 60.0  # m/s: a faster track has jumped
 ALONG = 0.7  # cosine between heading and way: above this the two agree
-LEAST_TRACKS = 2  # that must head along their way only once a mistake is undone
+LEAST_TRACKS = 2  # tracks that must need the undoing to head along their way
 
 
 class Shift(NamedTuple):
@@ -385,7 +385,7 @@ def find_movers(samples: Sequence[Frame], k: int) -> Movers:
 
 
 SUNK = 0.3  # fraction of its height that the median box may be off its place above the ground
-ALIKE = 0.04  # of the mean fit: within this, the mistake that comes first in the list is named
+ALIKE = 0.04  # difference in mean fit within which the first mistake in the list is named
 TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn that is suspected
 FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need

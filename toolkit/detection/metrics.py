@@ -49,7 +49,7 @@ Protocol = Literal["exact", "published"]
 GRID = 50  # points along each side of a truth's footprint, protocol `published`
 USUAL_IOUS = {VEHICLE: (0.7, 0.8, 0.9), HEAVY: (0.7, 0.8, 0.9), CYCLIST: (0.25, 0.5, 0.7), PEDESTRIAN: (0.25, 0.5, 0.7)}
 TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}  # least 3D IoU of a true detection
-MOSTLY = 0.5  # of a detection's footprint: with more on an object that is not scored, it is ignored
+MOSTLY = 0.5  # share of a footprint on an unscored object above which a detection is ignored
 
 
 @dataclass(frozen=True)
@@ -360,7 +360,7 @@ class _Overlaps(NamedTuple):
     They are with its truths and with the objects that are not scored.
     """
 
-    order: np.ndarray  # (n,) rows of the detections, best first; all the others are in this order
+    order: np.ndarray  # (n,) rows of the detections, best first; the other fields follow this order
     scores: np.ndarray  # (n,)
     iou: np.ndarray  # (n, m) with the truths
     unscored_iou: np.ndarray  # (n,) greatest IoU with an object that is not scored

@@ -26,7 +26,7 @@ Level = Literal["map", "plane", "none"]
 Corners = tuple[float, float, float, float]
 LEVELS: tuple[Level, ...] = ("map", "plane", "none")
 DETECTION_REACH = 50.0  # m about the sensors, where no area is given
-CROP_HEIGHT = 4.0  # m, of the paper's crop
+CROP_HEIGHT = 4.0  # m, as in the paper's crop
 MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that those on its edge are known
 
 

@@ -27,13 +27,13 @@ from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
 from toolkit.sensors.sensor import Sensor, is_return
 
 SILENT_AFTER = 0.5  # s
-LEAST_REPEATED = 50  # pixels of a message whose repetition counts; with fewer, other sensors are asked
+LEAST_REPEATED = 50  # pixels of a message whose repetition counts; below this, ask other sensors
 REPEATS = 2  # messages that repeat another
 MESSAGES = 3  # in a row that show a sensor blind or shifted
 BLIND_SHARE = 0.5  # of the pixels that should return something
 SHIFTED_SHARE = 0.1  # of the pixels that return something
-LEAST_COVERED = 100  # pixels that others' objects must cover to tell that a sensor shows none of them
-SEEN_SHARE = 0.1  # of these pixels: with fewer it shows none
+LEAST_COVERED = 100  # pixels that others' objects must cover before a sensor can be found blind to them
+SEEN_SHARE = 0.1  # share of these pixels below which it shows none
 _INSIDE = 0.2  # m: a body may be this much smaller than its box on each side
 _BEFORE = 1.0  # m between an object and the scene behind it
 

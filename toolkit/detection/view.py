@@ -28,7 +28,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 NMS_IOU = 0.1
-LinkMemory = dict[tuple[int, str], Any]  # what links keep from frame to frame, by sensor (index) and name
+LinkMemory = dict[tuple[int, str], Any]  # state of links between frames, by sensor (index) and name
 _Value = TypeVar("_Value")
 Lift = Callable[[Float32[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
 

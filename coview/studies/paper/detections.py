@@ -179,7 +179,7 @@ class _FrameJob:
             sys.modules["torch"].set_num_threads(1)  # each core has a process already
         k, runs = task
         renders = self.renders
-        objects = renders.objects(k)  # reads the frame, which must not count as time of a run
+        objects = renders.objects(k)  # read the frame now, so that a run's time leaves it out
         counted = scored(objects, renders.site)
         view = View(
             renders.site,

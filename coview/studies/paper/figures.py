@@ -47,8 +47,8 @@ from placement_env.analysis.intervals import Interval, ratio_interval
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.metrics import Curve
 
-RECALL_STEP = 0.001  # of recall, between the points of a curve that are written to a file
-FEW = 300  # points that the paper speaks of
+RECALL_STEP = 0.001  # recall between the points of a curve in its file
+FEW = 300  # points; the paper's threshold in its text
 AT = (0, 1, 2, 5, 10, 20, 50, 70, 100, 150, 200, 250, 300, 400, 500, 750, *range(1000, 4001, 250))
 WANTED_IOU = (0.5, 0.6, 0.7, 0.8, 0.9)
 

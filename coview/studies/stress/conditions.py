@@ -36,7 +36,7 @@ from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.error_terms import Calibration, ClockOffset
 
 POSE_LEVELS = (0.0, 0.1, 0.2, 0.4, 0.6, 1.0)  # m and degrees
-METRES_PER_DEGREE = 0.1  # offset of a sensor that is mounted crooked
+METRES_PER_DEGREE = 0.1  # offset of a crooked sensor
 DELAYS = (0.1, 0.2, 0.3)  # s
 LOSSES: tuple[tuple[float, float | None], ...] = ((0.1, None), (0.3, None), (0.3, 5.0))  # share, messages in a burst
 RATES = (2, 5)  # every n-th frame

@@ -269,7 +269,7 @@ class _ConditionJob:
                 sent = frame_view(lagged.sent, self.detector, site, scene=self.scenes, memory=memory)
                 fused = replace(fused, bits=np.array(scheme.sent_bits(sent, sending), np.int64))
             ages, detections = lagged.ages[sending] if sending else np.array([np.nan]), fused.detections
-            if condition.tracks:  # if one sensor has long sent nothing new, others have: the median age
+            if condition.tracks:  # median age: one sensor may have been silent for long
                 detections = trial.track(detections, frame.time, float(np.median(ages)), begins=not lagged.since)
             if scored:
                 trial.add(frame, site, detections, fused.kbit_per_sensor, float(ages.mean()))

@@ -18,11 +18,11 @@ from toolkit.arrays import Float64, Int64
 from toolkit.objects import Detections
 
 GATE, WIDEST_GATE = 1.0, 8.0  # m between a detection and where its track is predicted
-SIGMA = 2.5  # standard deviations of that position by which the gate widens
+SIGMA = 2.5  # the gate widens by this many standard deviations of that position
 MEASURED = 0.15  # m, standard deviation of a detected centre
 ACCELERATION = 3.0  # m/s², standard deviation
 FIRST_SPEED = 8.0  # m/s, standard deviation before a second detection
-SURE_SPEED = 2.0  # standard deviations of the speed from which on it counts
+SURE_SPEED = 2.0  # least speed that counts, in its standard deviations
 FORGOTTEN = 1.0  # s without a detection
 
 
