@@ -240,7 +240,7 @@ def fit_map(points: Float[np.ndarray, "n 3"], *, reach: float = MAP_REACH) -> He
 
     Their ground is nearly z = 0.
 
-    reach: distance (m) from the middle of the points that the map covers. Raises ValueError where it is not above 0.
+    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0.
     """
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
@@ -397,7 +397,7 @@ def level(
 
     cloud: an Open3D cloud or points (n, 3). method: "plane" for one plane, "map" for a smooth map of heights upon it,
     as far as `reach` (m) from the middle of the points. The same points and seed give the same ground. Raises
-    ValueError where no ground is found.
+    ValueError if no ground is found.
 
     >>> rng = np.random.default_rng(0)
     >>> street = np.column_stack([rng.uniform(-20, 20, (4000, 2)), np.full(4000, -1.7)])

@@ -241,7 +241,7 @@ def find_pose(
 
 TOGETHER = "together"  # in place of a reference: sensors are fitted to each other
 LEAST_SHARED = 50  # rows that a sensor must share with the others
-OBJECT_FRAMES = 40  # in which road users are looked for
+OBJECT_FRAMES = 40  # searched for road users
 
 
 def align_clouds(
@@ -300,7 +300,7 @@ class Corrected:
 
     @property
     def site(self) -> Site | None:
-        """The place, None where unknown."""
+        """The place, None if unknown."""
         return self.recording.site
 
     @property

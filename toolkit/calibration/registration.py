@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 SURFACE_SPACING = 0.15  # m between the sampled points of a surface
-OUTSKIRTS = 30.0  # m beyond the detection area that a site's surface is sampled
+OUTSKIRTS = 30.0  # m beyond the detection area; a site's surface reaches that far
 LEAST_FLAT = 50  # points that a surface must have
 GROWS = ("tree", "bush")  # kinds of solids whose leaves no drawing of a site has
 _NEIGHBOURHOOD, _NEIGHBOURS = 2.0, 24  # radius (m) and number of the points that a normal is fitted to

@@ -22,8 +22,8 @@ from toolkit.datasets.lidar_grid import CloudImage, LidarGrid, find_grid, raster
 from toolkit.frame import Frame, Frames, SensorCloud
 from toolkit.sensors.sensor import Sensor
 
-GRID_SAMPLES = 8  # first samples, that the grids are found in
-FEW_SAMPLES = 5  # below which who stands still is taken for the scene
+GRID_SAMPLES = 8  # first frames, used to find the grids
+FEW_SAMPLES = 5  # with fewer frames, standing road users are taken for the scene
 STANDS_STILL = 0.5  # m that a sensor may be off its first place in the map
 _KEPT_PIXELS = 1 << 26  # of all images kept of one sensor
 

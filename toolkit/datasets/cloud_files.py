@@ -298,7 +298,7 @@ def _poses_of_json(content: Any) -> dict[str, Any]:
     if isinstance(content, dict):
         if not content:
             raise ValueError("it is empty")
-        placed = "world_SE3_sensor"  # of an object that says more of a sensor, as coview calibrate writes them
+        placed = "world_SE3_sensor"  # of an object with more fields of a sensor, as coview calibrate writes them
         return {name: pose.get(placed, pose) if isinstance(pose, dict) else pose for name, pose in content.items()}
     if not isinstance(content, list) or not content:
         raise ValueError("it must be a pose, a list of poses, or an object {name: pose}")

@@ -329,7 +329,7 @@ def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[
 
 
 def _ground(exam: _Examination) -> Iterator[Finding]:
-    """Find boxes whose floor is above or below the ground."""
+    """Find boxes whose floor is off the ground beside them."""
     gaps = []
     for objects, cloud in exam.clouds():
         points = level_rows(cloud[::4], exam.site.relief.slope)

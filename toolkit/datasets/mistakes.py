@@ -21,7 +21,7 @@ from toolkit.geometry import invert, transform
 from toolkit.objects import HEAVY, VEHICLE, Objects
 from toolkit.sensors.sensor import Sensor
 
-CLEAR = 0.05  # gain in fit from which a mistake is suspected
+CLEAR = 0.05  # least gain in fit that raises suspicion of a mistake
 FITS = 0.6  # least fit without the mistake
 ENOUGH = 200  # moving points: with fewer nothing is suspected
 _MOVED = 0.3  # m nearer than the empty scene
@@ -311,7 +311,7 @@ def suspect_sensor(
 
 
 MOST_FRAMES_OFF = 3
-CLEARLY = 0.2  # gain in fit from which frames are suspected to be off
+CLEARLY = 0.2  # least gain in fit that raises suspicion of shifted frames
 
 
 def suspect_frames(

@@ -161,7 +161,7 @@ def parse_rows(
 ) -> Objects:
     """Return published rows as objects of the site frame.
 
-    Pitch and roll are dropped, yaw is brought to -pi..pi. Raises ValueError where the rows have another width, and
+    Pitch and roll are dropped, yaw is brought to -pi..pi. Raises ValueError if the rows have another width, and
     InvalidObjects for a row that is no object, see `wrong_rows`.
 
     >>> len(parse_rows(np.zeros((0, 10)), np.eye(4)))

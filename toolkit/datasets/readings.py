@@ -37,7 +37,7 @@ class Reads:
     def count(self, recording: Frames) -> int:
         """Number of frames to be read.
 
-        Raises ValueError if it is 0.
+        Raises ValueError if it is 0, and for a `frames` that is not whole.
         """
         total = min(len(recording), len(recording) if self.frames is None else self.frames)
         if total < 1 or isinstance(self.frames, float):
@@ -63,7 +63,7 @@ class ReadRecording:
 
     @property
     def site(self) -> Site | None:
-        """The place, None where unknown."""
+        """The place, None if unknown."""
         return getattr(self.recording, "site", None)
 
     def __len__(self) -> int:

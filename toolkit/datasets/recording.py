@@ -37,7 +37,7 @@ from toolkit.sites.site import Site
 
 RECORDING_SCHEMA = 1
 _GZIP_LEVEL = 1
-OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by what a sensor measures
+OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by a sensor's measurement
 
 
 @dataclass(frozen=True)

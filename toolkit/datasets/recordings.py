@@ -120,7 +120,7 @@ def open_recording(path: str | Path, layout: str | None = None, **options: Any) 
     and inverted of folder, site and drop_invalid of hdf5; None and False are not given. Invalid labels and points are
     left out, and counted in `Frame.problems`.
 
-    Raises FileNotFoundError where there is no such recording; ValueError for an unknown layout, an option that its
+    Raises FileNotFoundError for a missing recording; ValueError for an unknown layout, an option that its
     reader does not have, and a damaged file.
     """
     path, name = Path(path), layout or guess_layout(path)
@@ -170,7 +170,7 @@ def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> i
 class Part:
     """Part of a recording's frames.
 
-    Every n-th frame is kept, and only the first of these; None keeps all.
+    every: step between kept frames; frames: number of these to keep, the first ones, None for all.
 
     Raises ValueError for numbers below 1, and for a recording without frames.
     """
@@ -188,7 +188,7 @@ class Part:
 
     @property
     def site(self) -> Site | None:
-        """The place, None where unknown."""
+        """The place, None if unknown."""
         return self.recording.site
 
     @property

@@ -173,8 +173,8 @@ def heading(target_SE3_source: Float64[np.ndarray, "4 4"], yaw: Any) -> Float64[
     return np.asarray(np.arctan2(forward[..., 1], forward[..., 0]))
 
 
-FULL_TURN = 2 * np.pi + 0.01  # rad, which no file in radians goes beyond
-SAME = 1e-3  # m and rad in which two boxes may differ and yet be one label given twice
+FULL_TURN = 2 * np.pi + 0.01  # rad; no file in radians exceeds it
+SAME = 1e-3  # m and rad; two boxes that differ by less are one label given twice
 
 NOT_FINITE = "labels with NaN or infinite numbers"
 NO_SIZE = "boxes of no size"
@@ -183,7 +183,7 @@ OTHER_KINDS = "labels of other kinds than ours"
 DOUBLED = "doubled labels"
 FULL_TURNS = "yaws beyond a full turn"
 
-_NAMES = {  # what sets call our classes, in small letters
+_NAMES = {  # datasets' names of our classes, in lower case
     VEHICLE: """car van vehicle passengercar suv pickup taxi police emergency_vehicle regular_vehicle vehicle.car
         vehicle.emergency.police""",
     HEAVY: """heavy truck bus tram trailer minibus large_truck construction_truck large_vehicle box_truck truck_cab
@@ -294,7 +294,7 @@ def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: dict[str, int]) -
 def track_number(name: Any) -> int:
     """Track id as a number.
 
-    An integer stays itself. Any other id becomes a number of its text, the same in every frame.
+    An integer, also as text, stays itself. Any other id becomes a number of its text, the same in every frame.
 
     >>> track_number("17"), track_number("b1d0") == track_number("b1d0")
     (17, True)
@@ -318,7 +318,7 @@ ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
 NOT_FINITE_POINTS = "points with NaN or infinite numbers"
 NO_RETURN_POINTS = "points of no return"
 EMPTY = "clouds without points"
-FARTHEST_POINT = 1e5  # m from the sensor, beyond which float32 keeps no centimetres
+FARTHEST_POINT = 1e5  # m from the sensor; farther out float32 loses centimetres
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
 _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does

@@ -242,7 +242,7 @@ def _legend(axes: Axes, legend: Sequence[Entry], columns: int) -> None:
         text.set_text(plain(label))  # the call above would drop names that begin with "_"
 
 
-VIEW_RANGE = 25.0  # m up to which fields of view are drawn
+VIEW_RANGE = 25.0  # m; fields of view are drawn this far
 DISC = 15.0  # diameter of a sensor's disc in points
 SHORT = 3  # letters of a name that fit into the disc
 TALL = 2.0  # m; buildings above this height cut off fields of view

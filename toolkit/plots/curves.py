@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ROW = 0.19  # inches of a row of the legend
-FEW = 100.0  # points on an object, up to which the axis is linear
+FEW = 100.0  # points on an object; the axis is linear up to here
 
 
 def draw_pr_curves(

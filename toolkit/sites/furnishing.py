@@ -100,7 +100,7 @@ def _room(plot: Plot, foot: shapely.Point, *, over_road: bool) -> float:
     return float(min([*gaps, *shapely.distance(foot, np.array(houses, object)), road]))
 
 
-_SMALLEST = 30.0  # m², of an island on which anything stands
+_SMALLEST = 30.0  # m², smallest island with solids on it
 
 
 def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
@@ -164,7 +164,7 @@ def _around(middle: tuple[float, float], out: float, angle: float) -> tuple[floa
 
 
 CLOSED_LANE = (2.6, 3.6)  # m, how wide a lane closed for works is, from .. to
-_EDGE = 0.45  # m between the edge of the strip and what closes it off
+_EDGE = 0.45  # m between the edge of the strip and its barrier
 _INSIDE: tuple[Make, ...] = (container, skip, digger, digger, heap, heap, bushes)
 
 

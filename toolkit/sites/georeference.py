@@ -38,7 +38,7 @@ WGS84 = "EPSG:4326"
 def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"] | None:
     """Convert site metres to degrees of longitude and latitude (WGS84).
 
-    None if the site does not say where on earth it is. Raises ValueError where `geo_reference` is no projection or does
+    None if the site has no known place on earth. Raises ValueError if `geo_reference` is no projection or does
     not reach there; ImportError if pyproj is needed and missing.
     """
     if site.geo_reference is None:
@@ -54,7 +54,7 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
     """Convert degrees of longitude and latitude (WGS84) to site metres.
 
-    Raises ValueError where the site does not say where on earth it is, or as `longitude_latitude`; ImportError too.
+    Raises ValueError for a site without a known place on earth, and the errors of `longitude_latitude`.
     """
     if site.geo_reference is None:
         raise ValueError(
@@ -181,7 +181,7 @@ _Json = dict[str, Any]
 def site_geojson(site: Site) -> str:
     """GeoJSON text of a site in longitude and latitude.
 
-    Raises ValueError where the site does not say where on earth it is; ImportError if its map needs pyproj.
+    Raises ValueError for a site without a known place on earth; ImportError if its map needs pyproj.
     """
     if site.geo_reference is None:
         raise ValueError(

@@ -45,7 +45,7 @@ from toolkit.sites.surroundings import POLE, Road, place_along, place_mounts
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
-OUTLINE_GRID = 1e-3  # m, on which outlines lie
+OUTLINE_GRID = 1e-3  # m, grid of outlines
 SLIVER = 0.2  # m, half the width of the thinnest footway that is kept
 THINNEST_ROAD = 0.5  # m, half the width of the thinnest carriageway that is kept
 ISLET = 20.0  # m², of a footway in the middle of a carriageway that is a fault of the network's corners
@@ -296,7 +296,7 @@ def _close_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
 
 REACH = 80.0  # m of road kept around the area, for traffic to enter
 SURROUNDINGS = 30.0  # m around the area where buildings and furniture are kept
-LEAST_SLOPE = 0.005  # m per m; what rises less is taken to be level
+LEAST_SLOPE = 0.005  # m per m; flatter ground counts as level
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
@@ -351,7 +351,7 @@ def import_opendrive(
     and signals become solids and bays, mounts are made along the kerbs. Warnings name a georeference that is no
     projection, what is left out and what is drawn.
 
-    Raises ValueError in one line where the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
+    Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".xodr")
     x, y = _check_place(centre, size, heading)
@@ -438,7 +438,7 @@ def import_osm(
     the map; mounts are on its lamp posts, or else along the kerbs. What the site cannot hold (tunnels, bridges over a
     road, buildings over a road) is left out with a warning.
 
-    Raises ValueError in one line where the file is no OSM map or has no road there, ImportError without SUMO.
+    Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".osm")
     longitude, latitude = _check_place(centre, size, heading)

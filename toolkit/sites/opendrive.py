@@ -284,7 +284,7 @@ def plane(
     """Slope of the roads, and their deviation (m).
 
     The slope is along x and y of the site. By least squares over the middle lines within `window` (map frame). Level
-    where the roads say nothing of one direction.
+    if the roads give no slope in one direction.
     """
     rows = [np.zeros((0, 3))]
     for road in roads_there:
@@ -323,7 +323,7 @@ NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in deg
 def opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
     """Projection named by an OpenDRIVE file, if any.
 
-    Raises ValueError where the file is no map or `centre` is not in it.
+    Raises ValueError if the file is not a map or `centre` is outside it.
     """
     starts, lengths, reference = [], [], None
     try:
@@ -382,7 +382,7 @@ SOLIDS = {
 }
 FLAT = ("crosswalk", "roadMark", "roadSurface", "patch", "crack", "none", "signalReference")
 LAMPS = ("streetLamp", "streetlamp")
-UNSAID = ("-1", "")  # types that say nothing, as CARLA's maps have them
+UNSAID = ("-1", "")  # types without meaning, as in CARLA's maps
 MOST = 2000  # repeats of one object
 HEAD_BELOW = 2.1  # m, lowest place for the lower edge of a sign or a signal head
 _FLATTEST = 0.02  # m

@@ -74,7 +74,7 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
 
     Files are .osm, .osm.xml or either with .gz.
 
-    centre: longitude, latitude; heading: of x (rad counter-clockwise from east). Raises ValueError where the file is no
+    centre: longitude, latitude; heading: of x (rad counter-clockwise from east). Raises ValueError if the file is no
     OSM XML, is damaged or empty, or `centre` lies outside it.
     """
     points: dict[str, list[float]] = {}
@@ -136,7 +136,7 @@ def _metres(text: str) -> float | None:
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
     """Yield the file's elements, each released before the next.
 
-    Raises ValueError in one line where the file is no OSM XML.
+    Raises ValueError in one line if the file is not OSM XML.
     """
     if path.name.lower().endswith((".pbf", ".o5m", ".bz2", ".zip")):
         raise ValueError(f"{path}: only .osm, .osm.xml and .osm.gz are read: convert it first (osmium cat -o map.osm)")

@@ -30,7 +30,7 @@ _FORBIDDEN = ("no_parking", "no_stopping", "no_standing")
 _NEAR = 8.0  # m from a lane to its road's line, and to an area of parking beside it
 _ALIKE = 0.85  # least cosine between a lane and its road
 _EVERY = 2.0  # m between the places where a lane's sides are looked at
-_LEAST = 6  # of these places with parking, below which an edge gets no strip
+_LEAST = 6  # least number of these places with parking; edges with fewer get no strip
 
 Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: no parking
 
@@ -210,7 +210,7 @@ def _strip(angle: Angle) -> list[ElementTree.Element]:
 
 
 def _usual(angles: Sequence[Angle]) -> Angle:
-    """Commonest angle; None where parking is rare."""
+    """Commonest angle; None if parking is rare."""
     parked = [angle for angle in angles if angle is not None]
     return Counter(parked).most_common(1)[0][0] if len(parked) >= _LEAST else None
 

@@ -24,7 +24,7 @@ from toolkit.sites.surroundings import ANGLES, Road, Strip, place_mounts
 
 LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
 LOWEST, HIGHEST = 1.6, 9.0  # m above the foot of a mount, where sensors hang
-_LOW_MOUNTS = 0.35  # share of the mounts on which a sensor may hang at eye level
+_LOW_MOUNTS = 0.35  # share of mounts that allow a sensor at eye level
 SLOPING, STEEPEST_STREET = 0.4, 0.06  # share of sites on a slope; m per m
 _STEEPEST = np.deg2rad(35.0)
 

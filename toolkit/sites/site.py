@@ -27,7 +27,7 @@ KINDS = (
     *("kerb", "island", "pond"),
 )
 EQUAL = 1e-9  # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
-HYBRID_RADIUS = 20.0  # m, where the paper says nothing else of a site (its section IV-B)
+HYBRID_RADIUS = 20.0  # m, unless the paper gives another for a site (its section IV-B)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from toolkit.arrays import Float, Float64
 from toolkit.sites import furniture as f
 from toolkit.sites.site import Mount, Solid
 
-LANE_CLEARANCE = 0.25  # m between a lane and what stands beside it
+LANE_CLEARANCE = 0.25  # m between a lane and solids beside it
 MOUNT_CLEARANCE = 0.5  # m of air around a mount's axis
 POLE = 2.8  # m, height of a mount's own pole: sensors hang above it
 
@@ -169,8 +169,8 @@ def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
 BAY = (5.8, 2.6)  # m, length and width of a parking bay
 ANGLES = {0: 2.3, 45: 4.8, 60: 5.1, 90: 5.2}  # degrees between bay and kerb, and how wide a strip of such bays is (m)
 _CLEAR = 6.0  # m between a junction and the first bay
-_REACH = 75.0  # m from a junction, beyond which bays are not drawn
-_UNSEEN = 15.0  # m from the edge of the furnished ground, within which no bays lie on the road
+_REACH = 75.0  # m from a junction; bays are drawn this far
+_UNSEEN = 15.0  # m from the edge of the furnished ground; no bays lie on the road there
 Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, width
 
 

@@ -49,7 +49,7 @@ def sort_outcomes(each: Detected) -> dict[Marked, BoxesByKind]:
     return made
 
 
-OTHERS = "others"  # what a set labels beside our classes
+OTHERS = "others"  # labels of classes other than ours
 BOX_KINDS = (*LABELS, OTHERS)
 GROUND_PERCENTILE = 5.0  # percentile of heights where the ground of a cloud that is not levelled is taken to be
 
@@ -216,7 +216,7 @@ def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
     return tuple(each for each in COLOURINGS if known.get(each, True))
 
 
-UNKNOWN_SHADE = (150, 150, 150)  # of points without what they are to be coloured by
+UNKNOWN_SHADE = (150, 150, 150)  # of points without the coloured attribute
 _SPREAD = (2.0, 98.0)  # percentiles that the scales span
 _STEPS = 256
 

@@ -56,7 +56,7 @@ class LiveView:
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
         self.groups: dict[str, Any] = {handle.name: handle for handle in groups}
         self.shown: list[Any] = []
-        self.switches: dict[str, Any] = {}  # of the page, by what they show
+        self.switches: dict[str, Any] = {}  # of the page, by the part they show
         self._wanted = 0
         set_view(server, *overview(area))
         server.gui.configure_theme(show_share_button=False, show_logo=False)

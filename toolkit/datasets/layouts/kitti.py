@@ -42,7 +42,7 @@ from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
 from toolkit.runtime.files import write_bytes, write_text
 
-IMAGE = 1242, 375  # pixels, where there is no image to say
+IMAGE = 1242, 375  # pixels, used without an image
 _NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}
 _FOCAL = 721.5377  # of the camera that is written where a recording has none
 

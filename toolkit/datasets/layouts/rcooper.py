@@ -23,7 +23,7 @@ from toolkit.datasets.records import ENDINGS, Listing, read_cloud
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
-SAME_OBJECT = 0.3  # BEV IoU of two agents' labels of one class, above which they are one object
+SAME_OBJECT = 0.3  # BEV IoU; two agents' labels of one class above it are one object
 
 
 def rcooper(path: Path) -> Listing:

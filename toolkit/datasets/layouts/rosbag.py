@@ -38,7 +38,7 @@ from toolkit.sites.site import Site
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TF, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
 NO_TF = "clouds in a frame that no tf mentions"
-MOST_LINKS = 64  # from a sensor's frame to the root, beyond which tf runs in a circle
+MOST_LINKS = 64  # from a sensor's frame to the root; longer chains run in a circle
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
