@@ -37,7 +37,7 @@ LEAST_RECALL = LEAST_PRECISION = 0.1
 class Matched(NamedTuple):
     """Pooled detections of a class.
 
-    Their scores, whether each hit, and the number of truths to find. Detections that do not count are left out.
+    Their scores, whether each hit (detections that do not count are left out), and the number of truths to find.
     """
 
     scores: np.ndarray

@@ -29,7 +29,7 @@ from toolkit.sites.site import Site
 class Detected:
     """Detections in one frame, world frame.
 
-    Also where the frame stands. detect_ms: time that detecting took.
+    It also says where the frame stands. detect_ms: time that detecting took.
     """
 
     frame: Frame

@@ -30,8 +30,8 @@ _MOST = 1 << 26  # voxels
 def recording_background(recording: CoopDataset) -> Background:
     """Learn the background of a recording.
 
-    From the scenery of its site if known, else from what its sensors measure behind all that moves, four times over
-    with noise; objects that park throughout become background.
+    The scenery of its site is used if known, else what its sensors measure behind all that moves, four times over with
+    noise. Objects that park throughout become background.
     """
     if recording.site.solids:
         return site_background(recording.site)
@@ -39,7 +39,7 @@ def recording_background(recording: CoopDataset) -> Background:
 
 
 def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
-    """Yield cropped points of each sensor, nobody there.
+    """Yield cropped points of each sensor without road users.
 
     Four times over, with noise. The ground is levelled.
     """

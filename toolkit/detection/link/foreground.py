@@ -248,7 +248,7 @@ def draw_scene_around(
 def restore_points(
     captured: Captured, scene: EmptyScene, restored: Restored | None
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
-    """Points of a sensor in its crop, and the sent ones.
+    """Points of a sensor in its crop, and sent ones.
 
     The sent points come first. restored: None if nothing arrived at all: then the empty scene is drawn; captured: for
     sensor and crop.
