@@ -25,7 +25,7 @@ from toolkit.arrays import Bool, Float64, Int64
 
 PartialScores = Callable[
     [Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]
-]  # a figure, such as AP, of each of n sensor sets from some frames alone
+]  # figure, such as AP, of each of n sensor sets from some frames
 
 
 @dataclass(frozen=True, eq=False)

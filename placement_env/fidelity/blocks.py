@@ -13,7 +13,7 @@ from placement_env.fidelity.occlusion import Seen
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
 
-Block = tuple[int, int]  # the first of it, and the first after it
+Block = tuple[int, int]  # first index of the block, and the first after it
 
 
 @runtime_checkable

@@ -257,7 +257,7 @@ class Detected:
     def outcome(self, k: int, fused: Fused) -> Outcome:
         """Matched detections of a set in frame k."""
         objects, counted = self.renders.objects(k), self.scored(k)
-        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
+        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # index among the scored; the last stands for no truth
         truth = np.full((len(self.ious), len(fused.detections)), IGNORED, np.int16)
         for label, ious in self.thresholds:
             for row, matched in enumerate(matches(fused.detections, objects, ious, label=label, counted=counted)):
@@ -296,7 +296,7 @@ class Detected:
     def _depends_on(self) -> str:
         """Digest of everything that all values depend on."""
         parts = [self.renders.digest, getattr(self.detector, "digest", ""), self.renders.site.hybrid_radius]
-        within = getattr(self.detector, "detector", self.detector)  # of one that knows its background
+        within = getattr(self.detector, "detector", self.detector)  # for a detector that knows its background
         code = code_digest(__name__, *(each.__module__ for each in (self.detector, within, self.scheme, self.codec)))
         return make_key(*parts, code).hex()
 
@@ -316,7 +316,7 @@ class _Scoring:
 
     def __call__(self, task: tuple[int, int, list[tuple[int, ...]]]) -> tuple[list[Outcome], dict[bytes, Arrays]]:
         if not self.rules.processes.alone and "torch" in sys.modules:
-            sys.modules["torch"].set_num_threads(1)  # a process is given to each core already
+            sys.modules["torch"].set_num_threads(1)  # each core already has a process
         _, k, sets = task
         frame = self.rules.frame(k)
         frame.fuse_together(sets)

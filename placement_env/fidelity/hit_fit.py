@@ -29,12 +29,12 @@ from toolkit.sites.site import HYBRID_RADIUS, Site
 if TYPE_CHECKING:
     from placement_env.fidelity.detector import Detected
 
-FITTED = ("intercept", "density", "norm", "reach", "oblique", "bulk")  # and ceiling, floor: a logit, a logarithm
+FITTED = ("intercept", "density", "norm", "reach", "oblique", "bulk")  # plus ceiling as a logit, floor as a logarithm
 NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 FLOOR, FLOOR_LOG = 10.0, (-1.0, 5.0)  # to start from, and the range of its logarithm
 FIT_FRAMES = 100  # of each site
-LIFE = 4  # frames in which the same objects are there
+LIFE = 4  # frames that show the same objects
 
 
 class Observed(NamedTuple):

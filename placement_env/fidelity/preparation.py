@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.traffic import Traffic
     from placement_env.fidelity.visibility import Visibility
 
-GENERAL = "general"  # the network that no site has trained
+GENERAL = "general"  # the network not trained at any site
 KEPT_DETECTORS = 4  # sites whose shipped detector is held in memory
 BY_LEVELS = ("coverage", "surrogate")  # fidelities that know levels of traffic
 

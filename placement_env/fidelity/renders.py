@@ -40,7 +40,7 @@ from toolkit.sensors.sensor import Sensor
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
 
-IN_MEMORY = 256  # candidates, of those that are kept in a cache
+IN_MEMORY = 256  # candidates held in memory when a cache keeps them
 
 
 class Renders:
@@ -147,7 +147,7 @@ class Renders:
     def _of_candidate(self, c: int) -> _Packed:
         packed = self._packed.pop(c, None) or self._kept(c)
         if self._cache is not None and len(self._packed) >= IN_MEMORY:
-            self._packed.pop(next(iter(self._packed)))  # the one not asked for the longest
+            self._packed.pop(next(iter(self._packed)))  # least recently used
         self._packed[c] = packed
         return packed
 

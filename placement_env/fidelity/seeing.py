@@ -26,7 +26,7 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 
 RENDERINGS: tuple[str, ...] = get_args(Rendering)
-BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
+BLOCK_PIXELS = 4_000_000  # pixels of the sensors handled at once, about 40 bytes each
 
 
 def see(

@@ -27,7 +27,7 @@ from toolkit.detection.scheme import Scheme, estimate_bits, surrogate_name
 from toolkit.detection.schemes import find_scheme
 from toolkit.sites.site import HYBRID_RADIUS
 
-MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float32
+MOST_POINTS = 1e5  # points on an object: powers and their sums fit float32
 
 
 class Surrogate:

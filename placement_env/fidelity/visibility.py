@@ -89,7 +89,7 @@ class Visibility:
         Raises FileNotFoundError; ValueError for a damaged or foreign file.
         """
         arrays, names = read_arrays(path), {field.name for field in fields(Visibility)}
-        if arrays.keys() not in (names, names - {"labels"}):  # without them: written when vehicles alone counted
+        if arrays.keys() not in (names, names - {"labels"}):  # older files lack labels: only vehicles counted
             raise ValueError(f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: see save")
         return Visibility(**arrays)
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.preparation import Preparation
 
 TILT_RANGE = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
-VECTORS = 300  # scored where no limit is given
+VECTORS = 300  # vectors scored by default
 STEP = 0.15  # standard deviation of the first vectors around the start
 INFEASIBLE_COST = 1e6  # cost of a set that may not be built
 Poses = tuple[Sensor, ...]
@@ -303,7 +303,7 @@ def _quiet(rng: np.random.Generator) -> dict[str, Any]:
 def _cma() -> Any:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a plotting library it would like
+            warnings.simplefilter("ignore")  # warning about a missing plotting library
             import cma
     except ImportError as error:
         raise ImportError("CMA-ES needs the package cma: pip install coview[search]") from error

@@ -52,13 +52,13 @@ RENDERED = (
     "portfolio",
     "hits",
     "cheapest",
-)  # they ask what each candidate sees, which a table does not know
+)  # they need visibility, which a table lacks
 
 ONE_COUNTED = (
     "cmaes",
     "hits",
     "cheapest",
-)  # they know one IoU threshold, and what is left after a failure by themselves
+)  # they handle one IoU threshold, and failures by themselves
 
 
 def load_search(method: str) -> Callable[..., Any]:

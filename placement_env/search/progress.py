@@ -174,7 +174,7 @@ class Progress:
             return
         fits = self.objective.feasible(subsets[better]) & (subsets[better].sum(axis=1) <= self.budget)
         before = self.limits.count - len(subsets)
-        for row in better[fits].tolist():  # one after another, so that the history does not hang on how many at once
+        for row in better[fits].tolist():  # one after another, so that batch size does not change the history
             if rewards[row] > self.reward:
                 self.best, self.reward = subsets[row].copy(), float(rewards[row])
                 self.limits.record(self.reward, at=before + row + 1)

@@ -144,7 +144,7 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
             climb.waiting = [i for i in rng.permutation(len(places)).tolist() if i != place]
         if not np.isfinite(rewards).all():
             return False
-    if climb.reward == progress.reward:  # of equal sets the one whose surroundings are known
+    if climb.reward == progress.reward:  # among equal sets the one whose neighbourhood was searched
         progress.best = as_rows([[c for c in places if c != EMPTY]], progress.size)[0]
     return True
 

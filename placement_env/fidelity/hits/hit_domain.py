@@ -12,8 +12,8 @@ import numpy as np
 
 from toolkit.arrays import Float, Float32
 
-LITTLE = 0.05  # share of what is seen that may lie outside without a word
-BEYOND = 1.1  # of a range, by which it may be exceeded
+LITTLE = 0.05  # share of the view that may lie outside without a warning
+BEYOND = 1.1  # factor on a range before it counts as exceeded
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ RANGES = {
 }
 NUMBERS = ("intercept", "density", "ceiling", "norm", "false_alarms", "reach", "oblique", "floor", "bulk")
 BULKY = 16.0  # m³
-OPTIONAL = {"label", "floor", "bulk", "domain", "resampled"}  # files written before there were these have not got them
+OPTIONAL = {"label", "floor", "bulk", "domain", "resampled"}  # older files lack these
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import Mount
 
 HEIGHT_STEP = 0.5  # m between the panoramas of a mount
-MOST_STRIPS = 20_000_000  # of all places that are kept in memory, with some 60 bytes each
+MOST_STRIPS = 20_000_000  # strips kept in memory over all places, about 60 bytes each
 MOST_MOMENTS = 64  # frames whose scenes are kept
 
 Place = tuple[float, float, float]
@@ -55,7 +55,7 @@ class LiveView:
         frame = np.repeat(np.arange(len(traffic)), [len(each) for each in of_frames])
         place = np.where(counts, np.cumsum(counts) - 1, len(self._boxes))
         self._scored = ScoredItems(place, frame, len(self._boxes), len(traffic))
-        self._kept: OrderedDict[Place, Surround] = OrderedDict()  # the one asked for the longest ago first
+        self._kept: OrderedDict[Place, Surround] = OrderedDict()  # least recently used first
         self._moment = lru_cache(maxsize=MOST_MOMENTS)(self._moment_of)
 
     def see(self, candidates: Candidates) -> Visibility:

@@ -24,7 +24,7 @@ from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor, SensorModel
 
-FRAMES_AT_ONCE = 4  # that a process looks at before it hands over what is seen
+FRAMES_AT_ONCE = 4  # frames that a process handles before it returns its views
 SHARED = 4  # mean number of sensors per place above which panoramas pay
 
 

@@ -21,8 +21,8 @@ from toolkit.sensors.sensor import Sensor, SensorModel
 AZIMUTHS = 3600  # places of azimuth in a turn
 ELEVATIONS = 3600  # places of elevation from straight down to straight up
 TABLE_TILTS = float(np.deg2rad(1.0))  # rad between the tilts of tables
-MOST_TABLES = 96  # kept at a time, of 3 to 12 MB
-CELL_COLUMNS = 240  # of all directions, for what stands still
+MOST_TABLES = 96  # tables kept at a time, 3 to 12 MB each
+CELL_COLUMNS = 240  # columns of cells over all directions, for the standing scene
 CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])  # finest towards the horizon
 CELL_ROWS = len(CELL_EDGES) - 1
 

@@ -16,7 +16,7 @@ from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import NEAR, SensorModel
 from toolkit.sites.site import Site
 
-CHANCE_STEPS = np.float32(250.0)  # in which chances are kept, so that a half is one
+CHANCE_STEPS = np.float32(250.0)  # steps of chances, so that one half is exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Still:
         The noise is the same everywhere in its image.
         """
         rays = _directions()
-        mean = np.linalg.norm(model.rays(), axis=-1).mean()  # m along a ray to a unit of what is measured
+        mean = np.linalg.norm(model.rays(), axis=-1).mean()  # m along a ray per unit of measurement
         images = np.zeros((2, len(viewpoints), len(rays)), np.uint8)
         for v, place in enumerate(viewpoints.astype(np.float32)):
             lines = np.concatenate([place + np.float32(NEAR) * rays, rays], axis=1)

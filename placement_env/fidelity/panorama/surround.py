@@ -24,8 +24,8 @@ from toolkit.arrays import Float32, Float64, Int64, Shaped
 from toolkit.rendering.strips import BEYOND, WITHIN, Strips
 from toolkit.sensors.sensor import SensorModel
 
-FINENESS = 16  # of a place of azimuth or elevation, in which sides are kept
-ASIDE = 16  # places of azimuth by which a little more tilt may move a strip
+FINENESS = 16  # parts of a place of azimuth or elevation, for the sides
+ASIDE = 16  # places of azimuth by which slightly more tilt may move a strip
 
 
 class Packed(NamedTuple):

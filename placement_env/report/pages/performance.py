@@ -36,7 +36,7 @@ from placement_env.report.pages.wording import (
 )
 from toolkit.sites.site import Site
 
-SPARSE = 1.0  # points per m², below which a place is as good as unseen
+SPARSE = 1.0  # points per m² below which a place is practically unseen
 SCHEMES_EXPLAINED = (
     "With early fusion every sensor sends its points and one detector looks at all of them; with late fusion every "
     "sensor detects for itself and sends only what it found; with hybrid fusion a sensor sends what it found nearby "

@@ -153,7 +153,7 @@ def _option(
         price=score.price,
         kbit_per_sensor=score.kbit_per_sensor,
         kbit=score.kbit,
-        predicted=round(float(found.predicted[i]), 6),  # as found: scored beside other sets it may round otherwise
+        predicted=round(float(found.predicted[i]), 6),  # as found: scored beside other sets it may round differently
         searches=found.searches[i],
         mean_ap=mean_ap,
         **({"judged": None} if judged is None else judged._asdict()),

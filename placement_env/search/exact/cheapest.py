@@ -36,13 +36,13 @@ from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from toolkit.arrays import Bool, Float64, Int64
 
-TRIES = 10  # with steps in the middle of the curve
-ASKED_MORE = 0.5  # of the AP that is missing, by which the next try asks for more
+TRIES = 10  # tries with steps in the middle of the curve
+ASKED_MORE = 0.5  # share of the missing AP that the next try adds to its demand
 PRICE_UNITS = 1 << 30  # whole units of the highest price
-BOUNDING = 0.5  # of the time, that a bound under conditions may take
-MET = 1e-9  # by which rounding may lower an AP
+BOUNDING = 0.5  # share of the time that a bound under conditions may take
+MET = 1e-9  # largest effect of rounding on an AP
 
-Reached = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # the AP of sets that a demand looks at
+Reached = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # AP of sets under a demand
 
 
 class UnitPrices(NamedTuple):

@@ -33,8 +33,8 @@ from toolkit.arrays import Bool, Int64
 if TYPE_CHECKING:
     from ortools.sat.python.cp_model import CpModel, IntVar
 
-PARTS = 10**9  # into which the whole of several classes is divided
-SECONDS = 60.0  # of solving, where no limit is given
+PARTS = 10**9  # parts into which the sum over several classes is divided
+SECONDS = 60.0  # default limit of solving
 
 
 class Cover(NamedTuple):
@@ -169,7 +169,7 @@ def cover_most(
     ready = time.monotonic()
     status = solver.status_name(solver.solve(model))
     times = (ready - began, time.monotonic() - ready)
-    if status in ("OPTIMAL", "FEASIBLE"):  # else out of time before it found anything
+    if status in ("OPTIMAL", "FEASIBLE"):  # otherwise time ran out before a solution was found
         start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
     chosen = sorted(kept[start].tolist())

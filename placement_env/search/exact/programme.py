@@ -28,8 +28,8 @@ from toolkit.arrays import Bool, Float, Int64
 if TYPE_CHECKING:
     from ortools.sat.python.cp_model import IntVar
 
-UNITS = 1000  # into which the highest threshold of an object is divided
-GAINS = 10**6  # into which the worth of all objects is divided
+UNITS = 1000  # parts of the highest threshold of an object
+GAINS = 10**6  # parts of the worth of all objects
 HIT_STEPS = (0.25, 0.5, 0.75, 0.9)  # shares of the highest probability at which a step begins
 
 

@@ -15,7 +15,7 @@ from placement_env.search.progress import Progress, as_rows
 from placement_env.search.verification import neighbours
 from toolkit.arrays import Bool, Shaped
 
-Count = Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]]  # what a programme counts of sets
+Count = Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]]  # count of a programme, for sets
 
 
 def best_of_equals(progress: Progress, chosen: Sequence[int], count: Count) -> list[int]:

@@ -36,8 +36,8 @@ from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
 from toolkit.arrays import Bool, Float64
 
-AMOUNTS = 12  # of money, at most, for which sets are searched
-SUMS = 4096  # of prices that are told apart
+AMOUNTS = 12  # largest number of amounts of money to search
+SUMS = 4096  # resolution of prices
 
 
 @dataclass(frozen=True)

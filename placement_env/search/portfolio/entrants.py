@@ -32,13 +32,13 @@ from toolkit.arrays import Bool, Float64
 from toolkit.runtime.cache import Arrays, Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 
-ENTRANTS = 9  # of each number of sensors, beside the searches' own answers
+ENTRANTS = 9  # neighbours for each number of sensors, beside the searches' own answers
 SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors
 EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
 THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
 NEIGHBOURS_AT_ONCE = 50_000
-FRONT_OF = 400  # neighbours of an answer, the best by reward, of which the front is looked for
+FRONT_OF = 400  # best neighbours of an answer by reward, searched for the front
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import Estimate, FidelityName
 from toolkit.arrays import Bool, Float64, Int64
 
-BATCHES = 12  # of frames, at most, that a fast fidelity scores apart
+BATCHES = 12  # largest number of batches that a fast fidelity scores separately
 
 
 class Evaluated(NamedTuple):

@@ -32,12 +32,12 @@ from placement_env.setting import Setting
 from toolkit.arrays import Bool, Float64, Int64
 
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
-AP_TOLERANCE = 0.01  # AP by which another entrant may be better without being asked for
+AP_TOLERANCE = 0.01  # lead in AP that the race ignores
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
-LEAST_RACED = 24  # frames before which a race does not end: the best of many on few of them is the luckiest
-SET_FRAMES = 1600.0  # that a race may score where no time is set
+LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
+SET_FRAMES = 1600.0  # set-frames that a race may score without a time limit
 INTERVAL_SHARE = 0.95  # confidence of the stated AP's interval
-SEARCHES = 5  # that share the time of the searches
+SEARCHES = 5  # searches that share their time
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from toolkit.arrays import Bool, Int64
 from toolkit.runtime.run import Processes
 
 SEARCHING = 0.3
-LONG_ENOUGH = 120.0  # s, from which on all frames are simulated; of less time a proportional part
+LONG_ENOUGH = 120.0  # s above which all frames are simulated; with less, a proportional part
 FEWEST = 2 * BLOCK_FRAMES  # frames of a part of traffic
 
 
