@@ -106,7 +106,7 @@ class EmptyScene:
     def shows(
         self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS
     ) -> Bool[np.ndarray, "rows columns"]:
-        """Mask of the pixels of an image that show the empty scene.
+        """Mask of an image's pixels that show the empty scene.
 
         They lie within `sigmas` spreads of one of its medians, or have no return where that may be.
         """

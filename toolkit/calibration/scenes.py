@@ -156,7 +156,10 @@ def _grid_of(scene: EmptyScene) -> LidarGrid | None:
 
 
 class _Learner:
-    """Learns one sensor's scene and counts what its images do not show."""
+    """Learner of one sensor's scene.
+
+    It counts what its images do not show.
+    """
 
     def __init__(self, name: str, grid: LidarGrid, sample: int) -> None:
         self.grid, self.points, self.left_out = grid, 0, dict[str, int]()

@@ -284,7 +284,7 @@ def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator
 def _posture(exam: _Examination) -> Iterator[Finding]:
     """Find sensors with an implausible pose.
 
-    That is under the ground, upside down, or looking away from the detection area, unless explained.
+    Such a pose is under the ground, upside down, or looking away from the detection area, unless explained.
     """
     for view in exam.views:
         sensor, site = view.sensor, exam.site

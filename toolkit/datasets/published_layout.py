@@ -65,7 +65,10 @@ class Pinhole(Protocol):
 
 
 def pinhole(model: SensorModel) -> Pinhole | None:
-    """Return the model if the layout can hold it, else None."""
+    """Return the model if the layout can hold it.
+
+    Otherwise return None.
+    """
     return model if isinstance(model, Pinhole) else None
 
 
@@ -144,7 +147,10 @@ def parse_intrinsic(
 
 
 def format_objects(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
-    """Return objects of the site frame as published rows, see `OBJECT_COLUMNS`."""
+    """Return objects of the site frame as published rows.
+
+    See `OBJECT_COLUMNS`.
+    """
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
     rows[:, :3] = moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
     rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + _turn(map_SE3_site))

@@ -26,7 +26,9 @@ from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_
 
 
 def load_site(name_or_path: str | Path) -> Site:
-    """Load a built-in site by name, or a saved one by path.
+    """Load a site by name or path.
+
+    Built-in sites go by name, saved ones by path.
 
     Raises ValueError, in one line with file, field, rule and value, for a damaged file; FileNotFoundError if neither a
     file nor a built-in site has that name.

@@ -57,7 +57,9 @@ def plant(
     *,
     footway: bool = True,
 ) -> bool:
-    """Plant a tree at `foot`; False if there is no room.
+    """Plant a tree at `foot`; return success.
+
+    Returns False if there is no room.
 
     radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: lower and upper end
     of the crown (m).
@@ -74,7 +76,10 @@ def plant(
 
 
 def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: np.random.Generator) -> list[Solid]:
-    """Crown of 3 to 8 overlapping clumps within `radius` (m) and `levels` (m)."""
+    """Draw a crown of 3 to 8 overlapping clumps.
+
+    They lie within `radius` (m) and `levels` (m).
+    """
     low, high = levels
     number = int(rng.integers(3, 9))
     around = rng.uniform(0, 2 * np.pi) + np.arange(number) * 2 * np.pi / number + rng.normal(0.0, 0.3, number)
@@ -104,7 +109,7 @@ _SMALLEST = 30.0  # m², smallest island with solids on it
 
 
 def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
-    """Put solids on every island of the road that is large enough."""
+    """Put solids on every large enough island of the road."""
     for ground in plot.road.islands:
         parts = shapely.get_parts(ground.buffer(-0.3).simplify(0.05).difference(plot.lanes))
         island = max(parts, key=shapely.area, default=shapely.Polygon())
@@ -116,7 +121,10 @@ def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.random.Generator) -> None:
-    """Plant an island: a centre piece, rings of hedges, bushes and signs."""
+    """Plant an island.
+
+    It gets a centre piece, rings of hedges, bushes and signs.
+    """
     x, y = middle
     if rng.random() < 0.5:
         size, height = rng.uniform(0.15, 0.4) * radius, round(float(rng.uniform(0.5, 2.5)), 2)
@@ -291,8 +299,8 @@ def furnish(
 ) -> tuple[list[Solid], Float64[np.ndarray, "n 3"]]:
     """Draw solids on level ground, and parking bays.
 
-    Bays are x, y, yaw. In and around `area`. strips: shoulders of the road by edge; angles: of the bays on strips that
-    have bays (degrees); the others have road works.
+    Bays are x, y, yaw. They lie in and around `area`. strips: shoulders of the road by edge; angles: of the bays on
+    strips that have bays (degrees); the others have road works.
     """
     strips, angles = strips or {}, angles or {}
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)

@@ -118,7 +118,7 @@ def shelter(xmin: float, ymin: float, xmax: float, ymax: float) -> list[Solid]:
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: float = 0.15) -> list[Solid]:
     """Kerbstones on the footway's side of the road's edges.
 
-    In pieces of at most 4 m.
+    They are pieces of at most 4 m.
     """
     road = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
     walk = shapely.union_all([shapely.Polygon(p) for p in footways])

@@ -283,8 +283,8 @@ def plane(
 ) -> tuple[Slope, float]:
     """Slope of the roads, and their deviation (m).
 
-    The slope is along x and y of the site. By least squares over the middle lines within `window` (map frame). Level
-    if the roads give no slope in one direction.
+    The slope is along x and y of the site. It is fitted by least squares to the middle lines within `window` (map
+    frame). It is level if the roads give no slope in one direction.
     """
     rows = [np.zeros((0, 3))]
     for road in roads_there:
@@ -521,7 +521,7 @@ def _place(road: MapRoad, s: float, t: float, turn: float) -> tuple[float, float
 def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float, float]) -> Float64[np.ndarray, "k 2"]:
     """Corners of an outline.
 
-    It is given on the road or about the object. All zeros where it makes no polygon.
+    It is given on the road or about the object. They are all zeros if it makes no polygon.
     """
     x, y, heading = place
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])

@@ -5,7 +5,7 @@ They give roads for netconvert, and the solids beside them.
 Extracts are untidy: ways refer to nodes that were cut off, relations to missing members, values are free text. What
 cannot be used is left out; only a file that is no map is refused. https://wiki.openstreetmap.org/wiki/OSM_XML
 
-Of the tags netconvert sees only well-formed ones. Streets get footways by their class where the map does not say.
+Only well-formed tags reach netconvert. Streets get footways by their class where the map does not say.
 Buildings are as high as height says, else building:levels × 3 m, else the default of their kind. Whatever would stand
 on a lane is cut off. https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings
 """

@@ -60,7 +60,7 @@ class Leg:
     def half_widths(self) -> tuple[float, float]:
         """Distance (m) from the path to the footway's outer edge.
 
-        Left (inbound side) and right (outbound side), seen from the junction.
+        They are left (inbound side) and right (outbound side), seen from the junction.
         """
         directions = zip((self.inbound, self.outbound), self.shoulders, strict=True)
         left, right = (n * self.lane + self.footway + shoulder.width if n else 0.0 for n, shoulder in directions)
