@@ -71,7 +71,7 @@ def fit(
 ) -> HitModel:
     """Model that best explains the hits at some sites.
 
-    It also comes nearest to the detector's AP in the mean square. label: class of the objects, for its name alone;
+    It also minimises the mean squared error of the AP. label: class of the objects, for its name alone;
     resamples: number of repeated fits, to sites, blocks of frames and sets drawn with replacement (a single site is
     always kept), from which the model states its uncertainty; seed: of the resamples. Raises ValueError where the data
     are empty; ModuleNotFoundError without SciPy.

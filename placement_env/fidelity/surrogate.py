@@ -100,7 +100,7 @@ class Surrogate:
         """Evidence n ^ norm, by class.
 
         It is for each candidate and object. It comes with the factor of an object's size on its hit probability, the
-        model of the class, and its weight in the mean. Raises ValueError where the centre's data make it no sum over
+        model of the class, and its weight among classes. Raises ValueError where the centre's data make it no sum over
         sensors.
         """
         weights = np.array(self.classes.weights)

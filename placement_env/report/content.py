@@ -114,7 +114,7 @@ class ClassSeen:
 class ClassAP:
     """Result of the chosen set for one class.
 
-    weight: in the mean over classes; iou: at which a detection counts.
+    weight: among the classes; iou: at which a detection counts.
     """
 
     label: str

@@ -111,7 +111,7 @@ def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOpti
 def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
     """Judged sets that no other beats.
 
-    A set is beaten in AP, kbit per sensor and price at once. They come by price, then AP.
+    A set is beaten in AP, kbit per sensor and price at once. They are ordered by price, then AP.
     """
     judged = [(option, option.counted) for option in options if option.counted is not None]
     figures = np.array([(-j.ap, o.kbit_per_sensor, o.price) for o, j in judged]).reshape(-1, 3)

@@ -144,7 +144,7 @@ def cover_most(
 
     At most `budget` candidates are chosen, one per mount unless `poles` say more. An object is covered by at least
     `views` of them. seen: candidates × objects, True where seen; may_stand: candidates that may be built, all if None;
-    seconds: in all; effort: see `search`; prices: their total limit, None for unlimited; worth: of each object to each
+    seconds: in all; effort: see `search`; prices: with their limit, None for unlimited; worth: of each object to each
     of k parties, the least of whose sums counts (`compute_worth`), None to count objects. The solver starts from
     greedy's set, so the answer covers no less.
 
