@@ -48,7 +48,7 @@ def detect(
         format: boxes (one JSON file), openlabel or kitti.
         overwrite: Replace what is there.
         json: Print the summary as JSON.
-        opening: How recordings are opened.
+        opening: Options for opening a recording.
         place: Where to detect, and on what ground; 50 m around the sensors and map also at a known site.
     """
     from toolkit.datasets.recordings import Part

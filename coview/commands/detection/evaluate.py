@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Rules:
-    """What is scored, and by which rules."""
+    """Rules of scoring."""
 
     schemes: tuple[str, ...] | None = None
     """early, late, hybrid, foreground and differences (of foregrounds); by default the first three at a known site, all
@@ -62,7 +62,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class Link:
-    """How sensors send."""
+    """Link from sensors to the centre."""
 
     codec: str = "paper"
     """paper counts 96 bits a point and 256 a box, range-images sends bytes, as the foreground scheme always does."""
@@ -118,7 +118,7 @@ def evaluate(
         opening: How the recording is opened.
         place: Where to detect, and on what ground.
         rules: Schemes, sensor sets, classes and protocol.
-        link: How sensors send.
+        link: Link from sensors to the centre.
         run: The seed is of the sensors' noise and errors.
     """
     from toolkit.calibration.scenes import Scenes

@@ -29,7 +29,7 @@ def demo(
     detector: str = "voxelnet",
     overwrite: bool = False,
 ) -> int:
-    """What six sensors at a T-junction detect by early, late and hybrid fusion, and a small plan of which to build.
+    """Show what six sensors at a T-junction detect, and plan which to build.
 
     Table, pictures, PR curves, and a report to open in a browser.
 

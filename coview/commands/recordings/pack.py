@@ -57,7 +57,7 @@ def pack(
         packed: Packed files whose frames are put behind these, to train on simulated and recorded ones together.
         overwrite: Replace a file that is there.
         json: Print the summary as JSON.
-        opening: How recordings are opened.
+        opening: Options for opening a recording.
         place: Where points are kept, and on what ground.
         run: Frames of each recording, by default all, or of each random site, by default 20; the rest is for random
             sites.

@@ -22,7 +22,7 @@ from toolkit.detection.place import Corners, Level, Place
 
 @dataclass(frozen=True)
 class Shown:
-    """What is shown."""
+    """Contents of the view."""
 
     detector: str | None = None
     """Show what it finds too: general, another shipped name, a weights file, or package.module:callable."""
@@ -78,7 +78,7 @@ def view(
         opening: How the recording is opened.
         level: As in coview detect; by default map for clouds, none at a known site.
         area: The detector's, as in coview detect, and of a picture.
-        shown: What is shown.
+        shown: Contents of the view.
     """
     from toolkit.datasets.recordings import Part
     from toolkit.plots.canvas import check_picture
