@@ -5,12 +5,9 @@ Errors use the words of the command line.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    from placement_env.classes import Classes
+from typing import Literal
 
 Label = Literal["vehicle", "cyclist", "pedestrian", "heavy"]  # `toolkit.objects.LABELS`
 Combine = Literal["mean", "worst"]
@@ -77,22 +74,6 @@ def check_errors(name: str) -> None:
     from toolkit.sensors.error_profiles import find_profile
 
     find_profile(name)
-
-
-def parse_classes(names: Sequence[str], weights: Sequence[float] | None, combine: Combine, small_iou: float) -> Classes:
-    """Return the classes that the class options mean.
-
-    The options are --classes, --class-weights, --combine and --small-iou. Raises ValueError where they do not fit.
-    """
-    from placement_env.classes import SMALL, SMALL_IOU, Classes
-
-    if not 0 < small_iou <= 1:
-        raise ValueError(f"--small-iou must lie above 0 and at most at 1, got {small_iou:g}")
-    if weights is not None and len(weights) != len(names):
-        raise ValueError(f"--class-weights needs a weight for each of {', '.join(names)}, got {len(weights)}")
-    own = None if small_iou == SMALL_IOU else small_iou
-    ious = tuple(own if name in SMALL else None for name in names)
-    return Classes(tuple(names), tuple(weights or ()), combine, ious)
 
 
 def sensor_set(text: str) -> list[int | str] | None:

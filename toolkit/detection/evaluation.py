@@ -289,7 +289,6 @@ def evaluate_recording(
     for (name, chosen), each in runs.items():
         found = [truth.keep(fused.detections) for truth, fused in zip(truths, each.fused, strict=True)]
         objects, counted = [truth.objects for truth in truths], [truth.counted for truth in truths]
-        judged = [truth.judge(fused.detections) for truth, fused in zip(truths, each.fused, strict=True)]
         for label, thresholds in ious.items():
             true_iou = TRUE_IOU[label_index(label)]
             at = evaluate(
@@ -297,9 +296,10 @@ def evaluate_recording(
             )
             rows += [_row(each, label, iou, at[iou]) for iou in thresholds]
             summaries.append(_class_figures(name, chosen, label, true_iou, at[true_iou], total))
-            groups += [
-                replace(row, scheme=each.title(len(sets))) for row in group_rows(judged, label, asked.iou_thresholds)
-            ] * breakdown
+        if breakdown:
+            judged = [truth.judge(fused.detections) for truth, fused in zip(truths, each.fused, strict=True)]
+            by_label = (group_rows(judged, label, asked.iou_thresholds) for label in ious)
+            groups += [replace(row, scheme=each.title(len(sets))) for part in by_label for row in part]
     loads = [
         SetLoad(*key, link_load(each.bits, asked.rate))
         for key, each in runs.items()
