@@ -1,7 +1,4 @@
-"""Checks of single arguments, made before any work.
-
-Errors use the words of the command line.
-"""
+"""Checks of single arguments, made before any work. Errors use the words of the command line."""
 
 from __future__ import annotations
 
@@ -14,19 +11,13 @@ Combine = Literal["mean", "worst"]
 
 
 def check_least(option: str, value: float | None, least: float, remedy: str = "") -> None:
-    """Check that a number reaches its minimum.
-
-    Raises ValueError if it is below; None passes.
-    """
+    """Check that a number reaches its minimum. Raises ValueError if it is below; None passes."""
     if value is not None and not least <= value < float("inf"):
         raise ValueError(f"{option} must be at least {least:g}, got {value:g}{remedy and ': '}{remedy}")
 
 
 def check_positive(option: str, value: float | None) -> None:
-    """Check that a number is above 0.
-
-    Raises ValueError if it is not; None passes.
-    """
+    """Check that a number is above 0. Raises ValueError if it is not; None passes."""
     if value is not None and not 0 < value < float("inf"):
         raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
 
@@ -39,10 +30,7 @@ def refuse_given(options: dict[str, bool], why: str) -> None:
 
 
 def check_share(option: str, value: float) -> None:
-    """Check that a number lies between 0 and 1.
-
-    Raises ValueError if it does not.
-    """
+    """Check that a number lies between 0 and 1. Raises ValueError if it does not."""
     if not 0 < value < 1:
         raise ValueError(f"{option} must lie between 0 and 1, got {value:g}")
 
@@ -55,10 +43,7 @@ def check_ious(values: Iterable[float]) -> None:
 
 
 def check_schemes(names: Iterable[str]) -> None:
-    """Check that all fusion schemes exist.
-
-    Raises ValueError, which lists the known ones, for an unknown scheme.
-    """
+    """Check that all fusion schemes exist. Raises ValueError, which lists the known ones, for an unknown scheme."""
     from toolkit.detection.schemes import SCHEMES
 
     for name in names:
@@ -67,10 +52,7 @@ def check_schemes(names: Iterable[str]) -> None:
 
 
 def check_errors(name: str) -> None:
-    """Check that an error profile exists.
-
-    Raises ValueError, which lists the known ones, for an unknown profile.
-    """
+    """Check that an error profile exists. Raises ValueError, which lists the known ones, for an unknown profile."""
     from toolkit.sensors.error_profiles import find_profile
 
     find_profile(name)

@@ -85,10 +85,7 @@ def site_detector(name: str, site: Site) -> Detector:
 
 
 def place_detector(name: str, place: Place) -> Detector:
-    """Return a detector for frames of any recording.
-
-    It takes points counted from the middle of the place.
-    """
+    """Return a detector for frames of any recording. It takes points counted from the middle of the place."""
     import numpy as np
 
     from toolkit.sites.site import Site

@@ -1,7 +1,4 @@
-"""Exit codes of the command line, and its last words.
-
-Bad input gets one line, a fault of coview its traceback.
-"""
+"""Exit codes of the command line, and its last words. Bad input gets one line, a fault of coview its traceback."""
 
 from __future__ import annotations
 
@@ -19,10 +16,7 @@ REPORT = "this is a fault of coview, not of what you gave it: please report it w
 
 
 def report(error: BaseException, *, debug: bool = False) -> int:
-    """Print an error on stderr and return its exit code.
-
-    debug: print the traceback of any error.
-    """
+    """Print an error on stderr and return its exit code. debug: print the traceback of any error."""
     if isinstance(error, BrokenPipeError):
         _silence()
         return PIPE_CLOSED
@@ -34,10 +28,7 @@ def report(error: BaseException, *, debug: bool = False) -> int:
 
 
 def _classify(error: BaseException) -> tuple[int, str]:
-    """Exit code and line of an error, by its type.
-
-    Checks of input raise ValueError or OSError, and nothing else.
-    """
+    """Exit code and line of an error, by its type. Checks of input raise ValueError or OSError, and nothing else."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):

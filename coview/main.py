@@ -1,7 +1,4 @@
-"""Command line: find a command and call it.
-
-Its result or error becomes an exit code.
-"""
+"""Command line: find a command and call it. Its result or error becomes an exit code."""
 
 from __future__ import annotations
 
@@ -54,10 +51,7 @@ worker died, 70 a fault of coview, 130 stopped, 141 nobody reads the output.
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command line and exit.
-
-    By default it is the process's own.
-    """
+    """Run a command line and exit. By default it is the process's own."""
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 
@@ -108,10 +102,7 @@ def overview() -> str:
 
 
 def _call(arguments: Sequence[str]) -> int:
-    """Return the exit code of the command.
-
-    It is the parser's after --help and unknown arguments.
-    """
+    """Return the exit code of the command. It is the parser's after --help and unknown arguments."""
     import io
     import warnings
     from contextlib import redirect_stderr
@@ -140,10 +131,7 @@ def _call(arguments: Sequence[str]) -> int:
 
 
 def _delay(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
-    """Wrap a command to delay its run.
-
-    Parsing its arguments does not run it yet.
-    """
+    """Wrap a command to delay its run. Parsing its arguments does not run it yet."""
     from functools import partial, wraps
 
     @wraps(command)
@@ -154,10 +142,7 @@ def _delay(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
 
 
 def _find_refusal(stopped: SystemExit) -> ValueError | None:
-    """Find the dataclass error behind the parser's exit.
-
-    The dataclass is one of ours.
-    """
+    """Find the dataclass error behind the parser's exit. The dataclass is one of ours."""
     from traceback import walk_tb
 
     from coview.exits import OURS
@@ -173,10 +158,7 @@ def _find_refusal(stopped: SystemExit) -> ValueError | None:
 
 
 def _load_commands(arguments: Sequence[str]) -> dict[str, Callable[..., int]]:
-    """Load the command in the arguments.
-
-    All commands are loaded if they name none.
-    """
+    """Load the command in the arguments. All commands are loaded if they name none."""
     wanted = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
     return {name: command(name) for name in wanted}
 

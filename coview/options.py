@@ -50,10 +50,7 @@ class ClassOptions:
     """IoU from which cyclists and pedestrians count, in place of --iou."""
 
     def build(self) -> Classes:
-        """Return the classes that the options mean.
-
-        Raises ValueError where these do not fit.
-        """
+        """Return the classes that the options mean. Raises ValueError where these do not fit."""
         from placement_env.classes import SMALL, SMALL_IOU, Classes
 
         names, weights = self.classes, self.class_weights

@@ -24,20 +24,14 @@ def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool
 
 
 def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may write into a folder.
-
-    It will write the file `holds`. The folder may be new or old.
-    """
+    """Check that a command may write into a folder. It will write the file `holds`. The folder may be new or old."""
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
     check_file(out / holds, inputs=inputs, overwrite=overwrite)
 
 
 def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may fill a folder.
-
-    It must be empty, new, or to be overwritten.
-    """
+    """Check that a command may fill a folder. It must be empty, new, or to be overwritten."""
     check_output(out, inputs=inputs, overwrite=overwrite)
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")
@@ -45,10 +39,7 @@ def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool 
 
 
 def check_writable(folder: Path, out: Path) -> None:
-    """Check that the folder of `out` can be written.
-
-    Raises OSError if it cannot be made or written.
-    """
+    """Check that the folder of `out` can be written. Raises OSError if it cannot be made or written."""
     there = next(each for each in (folder, *folder.parents) if each.exists())
     if not there.is_dir():
         raise NotADirectoryError(f"cannot write {out}: {there} is no folder; give another path")

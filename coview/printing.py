@@ -1,7 +1,4 @@
-"""Output of a command: text or JSON.
-
-Text is for people; JSON is one line.
-"""
+"""Output of a command: text or JSON. Text is for people; JSON is one line."""
 
 from __future__ import annotations
 

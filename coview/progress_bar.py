@@ -18,10 +18,7 @@ EVERY_S = 10.0  # between two lines where there is no terminal
 
 
 class Bar:
-    """Progress bar of absolute counts.
-
-    The counts are those of the toolkit's callbacks.
-    """
+    """Progress bar of absolute counts. The counts are those of the toolkit's callbacks."""
 
     def __init__(self, bar: Any, hidden: bool, unit: str = "") -> None:
         self._bar, self._hidden, self._stage = bar, hidden, unit
@@ -41,10 +38,7 @@ class Bar:
         self.to(done)
 
     def stage(self, name: str, done: int, total: int | None) -> None:
-        """Show the progress of a stage.
-
-        At a new stage the bar begins anew.
-        """
+        """Show the progress of a stage. At a new stage the bar begins anew."""
         if name != self._stage:
             self._stage, self._done, self._first, self._began = name, 0, 0, time.monotonic()
             self._bar.reset(total)
@@ -62,10 +56,7 @@ class Bar:
             self._bar.write(text, file=sys.stderr)
 
     def describe(self) -> str:
-        """Describe the current state of the work.
-
-        Stage, done, to do, and time left at the pace of this stage.
-        """
+        """Describe the current state of the work. Stage, done, to do, and time left at the pace of this stage."""
         done, total, spent = self._done, self._bar.total, time.monotonic() - self._began
         text = f"{self._stage or 'working'}: {done}{f' of {total}' if total else ''}"
         if not total or done <= self._first:
@@ -92,10 +83,7 @@ def _talk(bar: Bar, ended: Event) -> None:
 
 @contextmanager
 def progress_bar(unit: str, total: int | None = None, *, hidden: bool = False) -> Iterator[Bar]:
-    """Show a bar while the block runs.
-
-    Without a terminal it is a line every `EVERY_S` seconds.
-    """
+    """Show a bar while the block runs. Without a terminal it is a line every `EVERY_S` seconds."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
         bar, ended = Bar(inner, hidden, unit), Event()
         if not hidden and not sys.stderr.isatty():

@@ -40,10 +40,7 @@ class Opening:
 
     @contextmanager
     def open(self, path: Path) -> Iterator[Recording]:
-        """Open a recording.
-
-        Raises what `open_recording` raises, with the option that helps.
-        """
+        """Open a recording. Raises what `open_recording` raises, with the option that helps."""
         from toolkit.datasets.dataset import UnknownSite
         from toolkit.datasets.published_layout import InvalidObjects
         from toolkit.datasets.recordings import open_recording
@@ -71,10 +68,7 @@ class Opening:
 def count_passing(
     frames: Iterable[Frame], problems: dict[str, int], progress: Callable[[int], None]
 ) -> Iterator[Frame]:
-    """Yield frames and count them.
-
-    The bar moves, and what reading left out is added up.
-    """
+    """Yield frames and count them. The bar moves, and what reading left out is added up."""
     from toolkit.datasets.records import add_problems
 
     for done, frame in enumerate(frames, 1):
@@ -85,10 +79,7 @@ def count_passing(
 
 @contextmanager
 def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) -> Iterator[CoopDataset]:
-    """Open a recording of a known site.
-
-    For commands that need one.
-    """
+    """Open a recording of a known site. For commands that need one."""
     with Opening("hdf5", site=site, drop_invalid=drop_invalid).open(path) as recording:
         if recording.site is None:
             raise ValueError(f"{path} holds recorded clouds of an unknown site: give a recording of coview simulate")

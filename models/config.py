@@ -189,10 +189,7 @@ class VoxelNetConfig:
 
     @property
     def grid_shape(self) -> tuple[int, int, int]:
-        """Voxels along x, y and z.
-
-        x and y are multiples of 8, the stride of the third block.
-        """
+        """Voxels along x, y and z. x and y are multiples of 8, the stride of the third block."""
         xmin, ymin, xmax, ymax = self.area
         nx, ny = _cells(xmax - xmin, self.voxel_size[0]), _cells(ymax - ymin, self.voxel_size[1])
         return -(-nx // 8) * 8, -(-ny // 8) * 8, _cells(self.height[1] - self.height[0], self.voxel_size[2])
@@ -209,10 +206,7 @@ class VoxelNetConfig:
 
     @property
     def anchor_kinds(self) -> tuple[AnchorKind, ...]:
-        """Anchors of a cell, class by class.
-
-        These are `kinds`, or the one kind that the other entries describe.
-        """
+        """Anchors of a cell, class by class. These are `kinds`, or the one kind that the other entries describe."""
         if self.kinds:
             return self.kinds
         return (AnchorKind(self.labels[0], self.anchor_size, self.anchor_z, self.anchor_yaws),)
@@ -248,10 +242,7 @@ class VoxelNetConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> VoxelNetConfig:
-        """Build a configuration from `to_dict`'s values, as JSON gives them back.
-
-        Raises ValueError for other keys.
-        """
+        """Build a configuration from `to_dict`'s values, as JSON gives them back. Raises ValueError for other keys."""
         if not isinstance(values, dict):
             raise ValueError(f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}")
         if unknown := set(values) - {field.name for field in fields(cls)}:

@@ -193,10 +193,7 @@ def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDete
 
 
 def relocate(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
-    """Return a network with the same weights on another area.
-
-    Raises ValueError for weights that know only one area.
-    """
+    """Return a network with the same weights on another area. Raises ValueError for weights that know only one area."""
     config = network.config
     if area == config.area:
         return network
@@ -208,10 +205,7 @@ def relocate(network: VoxelNet, area: tuple[float, float, float, float], trained
 
 
 def weights_file(name: str | Path) -> Path:
-    """Path of shipped weights by name, or the path itself.
-
-    Raises FileNotFoundError for an unknown name.
-    """
+    """Path of shipped weights by name, or the path itself. Raises FileNotFoundError for an unknown name."""
     path = Path(name)
     if path.suffix == ".safetensors":
         return path

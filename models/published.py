@@ -155,10 +155,7 @@ def from_network(boxes: Float64[np.ndarray, "n 7"], site: str) -> Float64[np.nda
 
 
 def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | Path) -> dict[str, Tensor]:
-    """Rename published tensors to our names.
-
-    Raises ValueError unless all of them are present in the right shapes.
-    """
+    """Rename published tensors to our names. Raises ValueError unless all of them are present in the right shapes."""
     ours = network.state_dict()
     theirs = {name_in_paper(name): name for name in ours}
     expected = {new: _as_convolution(old, ours[old]) for new, old in theirs.items()}

@@ -106,10 +106,7 @@ def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tup
 
 
 def _check_folder(options: TrainingOptions) -> None:
-    """Refuse to replace weights of another origin.
-
-    With `overwrite`, the training in this folder is forgotten.
-    """
+    """Refuse to replace weights of another origin. With `overwrite`, the training in this folder is forgotten."""
     check_output(options.out / WEIGHTS, inputs=[weights_file(options.start)] if options.start else [], overwrite=True)
     if options.overwrite:
         for name in (CHECKPOINT, LOG):

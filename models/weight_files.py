@@ -29,10 +29,7 @@ FORMAT = "coview VoxelNet 1"
 
 @dataclass(frozen=True)
 class Header:
-    """Origin of weights.
-
-    site: the site they were trained for, "general" for any. ap: measured AP by name.
-    """
+    """Origin of weights. site: the site they were trained for, "general" for any. ap: measured AP by name."""
 
     site: str = ""
     seed: int = 0
@@ -66,10 +63,7 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
 
 
 def header_in_order(content: bytes) -> bytes:
-    """Sort the header of a safetensors file by name.
-
-    The library orders it anew in every process.
-    """
+    """Sort the header of a safetensors file by name. The library orders it anew in every process."""
     size = int.from_bytes(content[:8], "little")
     header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
     header += b" " * (-len(header) % 8)  # so that the tensors are aligned
@@ -207,10 +201,7 @@ def save_atomically(path: Path, state: dict[str, object]) -> None:
 
 
 def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
-    """Read a checkpoint without executing anything in it.
-
-    Raises ValueError if it is damaged.
-    """
+    """Read a checkpoint without executing anything in it. Raises ValueError if it is damaged."""
     try:
         state = load_tensors(path, device)
     except ValueError as error:
@@ -221,10 +212,7 @@ def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
 
 
 def check_identity(path: Path, state: dict[str, object], identity: dict[str, object]) -> None:
-    """Raise ValueError unless a checkpoint belongs to the run of `identity`.
-
-    identity: settings by name.
-    """
+    """Raise ValueError unless a checkpoint belongs to the run of `identity`. identity: settings by name."""
     different = [key for key in identity if _plain(state.get(key, "")) != _plain(identity[key])]
     if different:
         raise ValueError(

@@ -1,7 +1,4 @@
-"""Floor 3: candidates, objective, environments and searches.
-
-Nothing heavy loads until it is used.
-"""
+"""Floor 3: candidates, objective, environments and searches. Nothing heavy loads until it is used."""
 
 from lazy_loader import attach_stub
 

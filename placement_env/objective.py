@@ -109,10 +109,7 @@ class Objective:
     def of_moved(
         cls, preparation: Preparation, candidates: Candidates, visibility: Visibility, weights: Weights
     ) -> Objective:
-        """Objective of other candidates in a preparation's traffic.
-
-        Their visibility is already known.
-        """
+        """Objective of other candidates in a preparation's traffic. Their visibility is already known."""
         fidelity = preparation.at(candidates, visibility).fidelity()
         setting = replace(preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights)
         return cls(setting, preparation.run, visibility=visibility)
@@ -165,10 +162,7 @@ class Objective:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Origin of its scores.
-
-        It names site, candidates, traffic, fidelity, detector, scheme, codec and version.
-        """
+        """Origin of its scores. It names site, candidates, traffic, fidelity, detector, scheme, codec and version."""
         made, cases = self.preparation, self.setting.cases
         site = {} if self.site is None else {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
         traffic = {} if made is None else {"frames": made.frames, "seed": self.run.seed}
@@ -204,10 +198,7 @@ class Objective:
 
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that fit their mount's link.
-
-        Boxes alone always fit.
-        """
+        """Mask of candidates that fit their mount's link. Boxes alone always fit."""
         boxes = not self.scheme.sends_points
         return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
 
@@ -226,10 +217,7 @@ class Objective:
         return Score(members, *figures, terms, self.fidelity, bool(scores.cache_hit[0]), by_class)
 
     def class_ap(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, "n k"]:
-        """AP of each class for each set.
-
-        Sets are rows of booleans. A class without objects has NaN.
-        """
+        """AP of each class for each set. Sets are rows of booleans. A class without objects has NaN."""
         figures, _ = self._figures(subsets)
         return figures[:, 3:] if self._width > 3 else figures[:, :1]
 
@@ -271,20 +259,14 @@ class Objective:
         return per_sensor, price, ap - self.weights.comm * per_sensor - self.weights.price * price
 
     def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Price of the mounts and sensors of each set.
-
-        A mount that carries two sensors is paid once.
-        """
+        """Price of the mounts and sensors of each set. A mount that carries two sensors is paid once."""
         built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
         row, candidate = subsets.nonzero()
         built[row, self.candidates.mount[candidate]] = True
         return np.asarray(built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Mask of prices within `most_price`.
-
-        Rounding errors in a sum are ignored.
-        """
+        """Mask of prices within `most_price`. Rounding errors in a sum are ignored."""
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
@@ -313,10 +295,7 @@ class Objective:
         return self.sent if self.candidates.several and self.scheme.sends_points else None
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
-        """A set as a row of booleans.
-
-        The set is given as indices or names of candidates.
-        """
+        """A set as a row of booleans. The set is given as indices or names of candidates."""
         row = np.zeros(len(self.candidates), np.bool_)
         for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
             row[find_index(member, self.names)] = True
@@ -346,10 +325,7 @@ class Objective:
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width), cache_hit
 
     def _estimate(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Estimate, Sequence[Float64[np.ndarray, " n"]]]:
-        """Estimate of sets, with AP per class.
-
-        AP per class is given for several classes only.
-        """
+        """Estimate of sets, with AP per class. AP per class is given for several classes only."""
         if self._width == 3:
             return self.scored_by(subsets), ()
         each = cast(ByClass, self.scored_by).by_class(subsets)

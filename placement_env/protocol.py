@@ -42,10 +42,7 @@ class ClassEstimates(NamedTuple):
 
 @runtime_checkable
 class Fidelity(Protocol):
-    """Scorer of sets of C candidates, given as rows of booleans.
-
-    The same sets get the same figures, in any order.
-    """
+    """Scorer of sets of C candidates, given as rows of booleans. The same sets get the same figures, in any order."""
 
     @property
     def name(self) -> str:

@@ -30,10 +30,7 @@ PartialScores = Callable[
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """One stage of a race.
-
-    sets: rows of the k sets scored, best first; scores: of each, NaN if undefined.
-    """
+    """One stage of a race. sets: rows of the k sets scored, best first; scores: of each, NaN if undefined."""
 
     frames: int
     sets: Int64[np.ndarray, " k"]
@@ -92,10 +89,7 @@ class Contest:
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """Best k sets of a fast fidelity, ranked accurately.
-
-    Figures of both fidelities are kept.
-    """
+    """Best k sets of a fast fidelity, ranked accurately. Figures of both fidelities are kept."""
 
     sets: Bool[np.ndarray, "k C"]
     fast: Float64[np.ndarray, " k"]
@@ -264,10 +258,7 @@ def verify(fast: SetFunction, accurate: SetFunction, sets: Bool[np.ndarray, "n C
 
 
 def _best_first(scores: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Rows by descending score, undefined ones last.
-
-    Equal rows keep their order.
-    """
+    """Rows by descending score, undefined ones last. Equal rows keep their order."""
     return np.argsort(-scores, kind="stable")
 
 

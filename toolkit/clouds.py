@@ -81,8 +81,7 @@ def frame_cloud(
     """Fuse a frame's points inside the area.
 
     It takes the points of all sensors, or of those chosen. It does the work of `from_depth`, `crop` and `fuse`, but
-    faster. Arguments as for `toolkit.points.frame_points`; each point carries its sensor's position in
-    `frame.sensors`.
+    faster. Arguments as for `toolkit.points.frame_points`; each point carries its sensor's position in `frame.sensors`.
     """
     chosen = select_sensors(frame.sensors, sensors)
     clouds = frame_points(frame, chosen, area=area, height=height, rng=rng)
@@ -106,20 +105,14 @@ def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarra
 
 
 def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
-    """Points of a cloud as an array that shares memory.
-
-    The array is (0, 3) for a cloud without points.
-    """
+    """Points of a cloud as an array that shares memory. The array is (0, 3) for a cloud without points."""
     if "positions" not in cloud.point:
         return np.zeros((0, 3), np.float32)
     return cloud.point.positions.cpu().numpy()
 
 
 def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
-    """Sensor number of each point.
-
-    It is 0 if the cloud has no sensor numbers.
-    """
+    """Sensor number of each point. It is 0 if the cloud has no sensor numbers."""
     if "sensor" not in cloud.point:
         return np.zeros(len(positions(cloud)), np.int32)
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
@@ -146,10 +139,7 @@ def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None 
 
 
 def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
-    """Attributes of a cloud as arrays that share memory.
-
-    They include the positions.
-    """
+    """Attributes of a cloud as arrays that share memory. They include the positions."""
     return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
 
 
@@ -232,10 +222,7 @@ def outside_radius(
 def points_per_box(
     cloud: PointCloud | Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]
 ) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box.
-
-    It is the point density of paper section IV-E.
-    """
+    """Number of points in each box. It is the point density of paper section IV-E."""
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
 
@@ -353,10 +340,7 @@ def _no_points(path: Path) -> str:
 
 
 def _check_attributes(attributes: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Drop a file's attributes that no cloud can have.
-
-    Raises ValueError without valid positions.
-    """
+    """Drop a file's attributes that no cloud can have. Raises ValueError without valid positions."""
     points = attributes.get("positions")
     if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
         raise ValueError(_no_points(path))
@@ -377,10 +361,7 @@ _PLY_BYTES |= {"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint
 
 
 def _ply_is_cut_off(path: Path) -> bool:
-    """Return True if a ply ends before its last point.
-
-    Open3D would fill the rest with stray memory.
-    """
+    """Return True if a ply ends before its last point. Open3D would fill the rest with stray memory."""
     if path.suffix.lower() != ".ply":
         return False
     content = path.read_bytes()

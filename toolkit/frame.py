@@ -63,10 +63,7 @@ class SensorCloud:
         return replace(self, points=self.in_sensor().astype(np.float32), frame="sensor")
 
     def in_world(self) -> Float64[np.ndarray, "n 3"]:
-        """Return the points in the world frame.
-
-        They are float64, so that map coordinates keep their millimetres.
-        """
+        """Return the points in the world frame. They are float64, so that map coordinates keep their millimetres."""
         points = self.points.astype(np.float64)
         return points if self.frame == "world" else transform(self.world_SE3_sensor, points)
 
@@ -80,10 +77,7 @@ class Region(Protocol):
         ...
 
     def record(self) -> dict[str, Any]:
-        """Return its kind and numbers for JSON.
-
-        `parse_region` reads them back.
-        """
+        """Return its kind and numbers for JSON. `parse_region` reads them back."""
         ...
 
 
@@ -102,10 +96,7 @@ class Everywhere:
 
 @dataclass(frozen=True)
 class Rectangle:
-    """Detection area in which labels are complete.
-
-    area: xmin, ymin, xmax, ymax (m).
-    """
+    """Detection area in which labels are complete. area: xmin, ymin, xmax, ymax (m)."""
 
     area: tuple[float, float, float, float]
 
@@ -134,10 +125,7 @@ class ImageWedge:
     ignored: tuple[tuple[float, float, float, float], ...] = ()
 
     def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
-        """Mask of the boxes with their centre in the image.
-
-        Boxes that are mostly in an ignored region do not count.
-        """
+        """Mask of the boxes with their centre in the image. Boxes that are mostly in an ignored region do not count."""
         u, v, depth = self._pixels(boxes[:, :3])
         shown = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
         for region in self.ignored:
@@ -298,10 +286,7 @@ class Frame:
         time: float = np.nan,
         **more: Any,
     ) -> Frame:
-        """Return a labelled frame of clouds.
-
-        It takes labels as readers have them. more: other fields.
-        """
+        """Return a labelled frame of clouds. It takes labels as readers have them. more: other fields."""
         sensors, measurements = _split(clouds)
         others = OtherObjects() if others is None else others
         labels: dict[str, Any] = {"categories": categories, "counts": counts, "others": others, **more}
@@ -314,10 +299,7 @@ class Frame:
 
     @property
     def images(self) -> tuple[Image, ...]:
-        """Image of every sensor.
-
-        Raises ValueError if a sensor measured a cloud.
-        """
+        """Image of every sensor. Raises ValueError if a sensor measured a cloud."""
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
             if isinstance(measurement, SensorCloud):
                 raise ValueError(f"sensor {sensor.name!r} measured a cloud, no image: choose what works with points")
@@ -325,10 +307,7 @@ class Frame:
 
     @cached_property
     def clouds(self) -> tuple[SensorCloud, ...]:
-        """Points of every sensor.
-
-        Points of an image are in the frame of the sensor's body (x forward, z up).
-        """
+        """Points of every sensor. Points of an image are in the frame of the sensor's body (x forward, z up)."""
         return tuple(self._cloud(k) for k in range(len(self.sensors)))
 
     def _cloud(self, k: int) -> SensorCloud:
@@ -344,17 +323,11 @@ class Frame:
         )
 
     def points(self) -> Float64[np.ndarray, "n 3"]:
-        """Return the points of all sensors, world frame.
-
-        They follow one sensor after the other.
-        """
+        """Return the points of all sensors, world frame. They follow one sensor after the other."""
         return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
 
     def with_clouds(self, clouds: Sequence[SensorCloud]) -> Frame:
-        """Return the frame with other clouds.
-
-        They take the place of its measurements.
-        """
+        """Return the frame with other clouds. They take the place of its measurements."""
         sensors, measurements = _split(clouds)
         return replace(self, sensors=sensors, measurements=measurements, shifts=())
 
@@ -375,10 +348,7 @@ class Frame:
         )
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> Frame:
-        """Return the frame with some of its objects.
-
-        rows: a mask or indices.
-        """
+        """Return the frame with some of its objects. rows: a mask or indices."""
         rows = np.arange(len(self.objects))[rows]
         return replace(
             self,
@@ -403,10 +373,7 @@ class Frames(Protocol):
 
 @runtime_checkable
 class Recording(Frames, Protocol):
-    """Frames of one place, from anywhere.
-
-    site: None if only the recording itself shows the place.
-    """
+    """Frames of one place, from anywhere. site: None if only the recording itself shows the place."""
 
     @property
     def site(self) -> Site | None:

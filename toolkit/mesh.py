@@ -15,10 +15,7 @@ Vector = tuple[float | int, float | int, float | int]
 
 
 class Mesh(NamedTuple):
-    """Vertices (m) and triangles (rows of corners).
-
-    Corners are counter-clockwise seen from outside.
-    """
+    """Vertices (m) and triangles (rows of corners). Corners are counter-clockwise seen from outside."""
 
     vertices: Float64[np.ndarray, "k 3"]
     triangles: Int64[np.ndarray, "m 3"]
@@ -50,10 +47,7 @@ def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
 
 @lru_cache(maxsize=256)
 def _loft_triangles(s: int, p: int) -> Int64[np.ndarray, "m 3"]:
-    """Triangles of a loft over s rings of p points.
-
-    The middles of both ends follow the points of the rings.
-    """
+    """Triangles of a loft over s rings of p points. The middles of both ends follow the points of the rings."""
     ring, point = np.meshgrid(np.arange(s - 1) * p, np.arange(p), indexing="ij")
     a, b = (ring + point).ravel(), (ring + (point + 1) % p).ravel()
     first, last = s * p, s * p + 1
@@ -72,10 +66,7 @@ def tube(
     sides: int = 8,
     flat: float = 1.0,
 ) -> Mesh:
-    """Round bar along `path`, of `radii` at its points.
-
-    flat: scale of its breadth along y (x, if it runs along y).
-    """
+    """Round bar along `path`, of `radii` at its points. flat: scale of its breadth along y (x, if it runs along y)."""
     line = np.asarray(path, np.float64)
     along = np.concatenate([line[1:2] - line[:1], (line[2:] - line[:-2]) / 2, line[-1:] - line[-2:-1]])
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)

@@ -57,10 +57,7 @@ def frame_points(
 
 
 def find_crop_pixels(frame: Frame, sensor: int, *, area: Area, height: float | None = None) -> Int64[np.ndarray, " n"]:
-    """Pixels of the points that `frame_points` has of a sensor (index).
-
-    Counted row after row, in the same order.
-    """
+    """Pixels of the points that `frame_points` has of a sensor (index). Counted row after row, in the same order."""
     shift = frame.shifts[sensor] if frame.shifts else None
     return crop_image(frame.sensors[sensor], frame.images[sensor], Crop.of(area, height), shift=shift)[1]
 
@@ -74,17 +71,11 @@ class Crop(NamedTuple):
 
     @staticmethod
     def of(place: Area, height: float | None = None) -> Crop:
-        """Crop of a site or an area.
-
-        height: given, else the site's own, else 4 m.
-        """
+        """Crop of a site or an area. height: given, else the site's own, else 4 m."""
         return Crop(tuple(get_area(place).tolist()), get_height(place, height), get_slope(place))
 
     def holds(self, points: Float[np.ndarray, "n 3"], floor: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Mask of the points it keeps, world frame.
-
-        floor: in place of the ground.
-        """
+        """Mask of the points it keeps, world frame. floor: in place of the ground."""
         return is_inside(level_rows(points, self.slope), np.array(self.area), self.height, floor)
 
 
@@ -95,10 +86,7 @@ def crop_image(
     *,
     shift: Float32[np.ndarray, "rows columns 3"] | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
-    """x, y, z in the world of every pixel, and rows of the kept ones.
-
-    shift: see `Frame.shifts`.
-    """
+    """x, y, z in the world of every pixel, and rows of the kept ones. shift: see `Frame.shifts`."""
     xyz, valid = unproject(sensor, measurement)
     if shift is not None:
         xyz += shift.reshape(-1, 3).T
@@ -129,10 +117,7 @@ def count_on_ground(
 
 
 def detect_on_ground(detector: Detector, points: Float32[np.ndarray, "n 3"], place: Area) -> Detections:
-    """Run a detector of level ground on a place that may slope.
-
-    Its boxes come back upright on the slope.
-    """
+    """Run a detector of level ground on a place that may slope. Its boxes come back upright on the slope."""
     slope = get_slope(place)
     detections = detector(level_rows(points, slope))
     return detections if slope == LEVEL else replace(detections, boxes=tilt_rows(detections.boxes, slope))
@@ -158,10 +143,7 @@ def join_clouds(clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarr
 
 
 def has_centre_inside(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
-    """Mask of boxes with their centre in the area, at any height.
-
-    The area's edge counts as inside.
-    """
+    """Mask of boxes with their centre in the area, at any height. The area's edge counts as inside."""
     (x, y), (xmin, ymin, xmax, ymax) = boxes[:, :2].T, area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
 
@@ -201,10 +183,7 @@ def get_slope(place: Area) -> Slope:
 
 
 def get_height(place: Area, height: float | None = None) -> float:
-    """Height (m) up to which points are kept.
-
-    The one given, else a site's own, else 4 m (paper section II-B).
-    """
+    """Height (m) up to which points are kept. The one given, else a site's own, else 4 m (paper section II-B)."""
     if height is not None:
         if np.isnan(height):
             raise ValueError("height must be a number of metres, got NaN")

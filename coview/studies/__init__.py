@@ -1,4 +1,1 @@
-"""Studies that people start and nobody imports.
-
-The paper's experiments, and fusion schemes under stress.
-"""
+"""Studies that people start and nobody imports. The paper's experiments, and fusion schemes under stress."""

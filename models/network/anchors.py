@@ -42,10 +42,7 @@ def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
 def encode(
     boxes: Float[Tensor, "*n 7"], anchors: Float[Tensor, "*n 7"], *, doubled: bool = True
 ) -> Float[Tensor, "*n R"]:
-    """Return residuals of boxes to anchors.
-
-    Seven with the plain yaw difference, or eight with the doubled angle.
-    """
+    """Return residuals of boxes to anchors. Seven with the plain yaw difference, or eight with the doubled angle."""
     diagonal, size = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True), anchors[..., 3:6]
     delta = boxes - anchors
     centre = delta[..., :3] / torch.cat((diagonal, diagonal, size[..., 2:]), -1)
@@ -73,10 +70,7 @@ def decode(
 
 
 def faces_back(boxes: Float[Tensor, "*n 7"], anchors: Float[Tensor, "*n 7"]) -> Bool[Tensor, "*n"]:
-    """Direction bit of a heading.
-
-    True if it is more than 90° off its anchor's.
-    """
+    """Direction bit of a heading. True if it is more than 90° off its anchor's."""
     return torch.cos(boxes[..., 6] - anchors[..., 6]) < 0
 
 

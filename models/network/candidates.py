@@ -46,10 +46,7 @@ class Candidates(NamedTuple):
         return Candidates(*(column[rows] for column in self))
 
     def best(self) -> tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]:
-        """Return boxes and scores of one cloud.
-
-        At most the `MOST_CANDIDATES` surest.
-        """
+        """Return boxes and scores of one cloud. At most the `MOST_CANDIDATES` surest."""
         if len(self.item) <= MOST_CANDIDATES:
             return self.boxes, self.scores
         chosen = torch.topk(self.scores.amax(-1), MOST_CANDIDATES).indices
@@ -107,10 +104,7 @@ def all_candidates(
 
 
 def label_scores(prediction: Prediction, config: VoxelNetConfig) -> Float[Tensor, "B H W A L"]:
-    """Score each label at each anchor, 0 to 1.
-
-    Anchors of one class have a score for that class alone.
-    """
+    """Score each label at each anchor, 0 to 1. Anchors of one class have a score for that class alone."""
     count = len(config.anchor_labels)
     logits = per_anchor(prediction.class_logits, count)
     quality = None if prediction.quality_logits is None else per_anchor(prediction.quality_logits, count)
@@ -123,10 +117,7 @@ def _scores(
     label: Int64[Tensor, "*m"],
     config: VoxelNetConfig,
 ) -> Float[Tensor, "*n L"]:
-    """Score anchors of these labels.
-
-    All anchors, or those of one cell.
-    """
+    """Score anchors of these labels. All anchors, or those of one cell."""
     if config.head == "published":
         return torch.softmax(logits, -1)[..., 1:]
     scores = torch.sigmoid(logits)
@@ -250,10 +241,7 @@ def rescore(
 
 
 def logit(scores: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Log odds of scores.
-
-    Scores are clipped to 1e-6 from 0 and 1 as in the detector.
-    """
+    """Log odds of scores. Scores are clipped to 1e-6 from 0 and 1 as in the detector."""
     cut = np.clip(scores, _NEVER_SURE, 1 - _NEVER_SURE)
     return np.log(cut / (1 - cut))
 

@@ -39,10 +39,7 @@ _EXTRAS = 2 + 3 + len(LABELS)  # numbers of points, size of the box, its class
 
 
 class FaceFeatures(NamedTuple):
-    """Inputs of the networks for n boxes.
-
-    counted: points about the face or the opposite one.
-    """
+    """Inputs of the networks for n boxes. counted: points about the face or the opposite one."""
 
     end: Float32[np.ndarray, "2*n F"]  # the fronts of all boxes, then their rears
     side: Float32[np.ndarray, "2*n F"]  # the left sides, then the right ones
@@ -68,19 +65,13 @@ class FaceNetworks(nn.Module):
     """Mean error of each sort of face as it is detected (m): a surer answer moves the face."""
 
     def answers(self, sort: str, features: Float[Tensor, "n F"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-        """Shift of faces outwards, and its error.
-
-        Shift (m) and log mean error (m) of faces of one sort.
-        """
+        """Shift of faces outwards, and its error. Shift (m) and log mean error (m) of faces of one sort."""
         shift, spread = getattr(self, sort)(features).unbind(1)
         return shift / 4, spread - 3
 
     @torch.inference_mode()
     def shifts(self, features: FaceFeatures) -> list[Float[np.ndarray, " k"]]:
-        """Shift outwards (m) of each face, by sort.
-
-        0 without evidence.
-        """
+        """Shift outwards (m) of each face, by sort. 0 without evidence."""
         found = []
         for number, sort in enumerate(SORTS):
             shift, spread = self.answers(sort, torch.from_numpy(features[number]))
@@ -155,10 +146,7 @@ def face_offsets(
 def face_features(
     points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
 ) -> FaceFeatures:
-    """Count points about each face of each box.
-
-    Points that are not finite are ignored.
-    """
+    """Count points about each face of each box. Points that are not finite are ignored."""
     count = len(boxes)
     row, (u, v, t) = _near_points(points, boxes)
     length, width, height = boxes[row, 3:6].T
@@ -176,10 +164,7 @@ def face_features(
 
 
 def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows for a network.
-
-    Counts of each face, of the opposite one, size and class.
-    """
+    """Rows for a network. Counts of each face, of the opposite one, size and class."""
     faces = len(own)
     totals = own.sum(axis=2)
     histograms = [own, own[::-1]] if faces == 2 else [own]
@@ -193,10 +178,7 @@ def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.
 def _counts(
     distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray, row: np.ndarray, boxes: int
 ) -> Float[np.ndarray, "n F"]:
-    """Count points of boxes by zone and distance.
-
-    Each row is a box; distances are in steps.
-    """
+    """Count points of boxes by zone and distance. Each row is a box; distances are in steps."""
     step = np.floor((distance - NEAREST) / STEP)
     inside = chosen & (step >= 0) & (step < BINS)
     place = (row[inside] * ZONES + zone[inside]) * BINS + step[inside].astype(np.int64)

@@ -60,10 +60,7 @@ class SparseVoxelNet(nn.Module):
 
     @torch.inference_mode()
     def forward(self, voxels: Voxels) -> Prediction:
-        """Return raw maps of a batch of clouds.
-
-        They are what `network.eval()(voxels)` would return.
-        """
+        """Return raw maps of a batch of clouds. They are what `network.eval()(voxels)` would return."""
         return self.rpn(self.middle(self.features(voxels), voxels))
 
 
@@ -71,10 +68,7 @@ ONES = 8  # channels that carry the biases; a multiple of the convolution kernel
 
 
 def fold_norm(layer: nn.Module, norm: nn.Module) -> tuple[Tensor, Tensor]:
-    """Fold a trained BatchNorm into the layer before it.
-
-    Returns weight and bias.
-    """
+    """Fold a trained BatchNorm into the layer before it. Returns weight and bias."""
     assert isinstance(layer, nn.Linear | nn.Conv2d | nn.Conv3d)
     scale, shift = scale_and_shift(norm)
     bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
@@ -254,10 +248,7 @@ class SparseColumns(nn.Module):
     def forward(
         self, features: Float32[Tensor, "v C"], voxels: Voxels, shape: tuple[int, int, int] | None = None
     ) -> Float32[Tensor, "B K h w"]:
-        """Return the map after the ReLU, channels last in memory.
-
-        shape: of the grid, if not the network's own.
-        """
+        """Return the map after the ReLU, channels last in memory. shape: of the grid, if not the network's own."""
         shape = shape or self.shape
         column, key = columns(voxels, shape)
         start = self.shift.expand(len(key), -1)
@@ -288,10 +279,7 @@ class SparseColumns(nn.Module):
 
 
 def _taps(odd: int) -> tuple[tuple[int, int], ...]:
-    """Kernel taps and their offsets along one axis.
-
-    They are the taps that see an even or odd place.
-    """
+    """Kernel taps and their offsets along one axis. They are the taps that see an even or odd place."""
     return ((0, 1), (2, 0)) if odd else ((1, 0),)
 
 
@@ -320,10 +308,7 @@ class Plane(NamedTuple):
         return (item * (self.nx + 2) + ix + 1) * (self.ny + 2) + iy + 1
 
     def cell(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Batch item and indices of a place.
-
-        Indices run along x and y.
-        """
+        """Batch item and indices of a place. Indices run along x and y."""
         row = place // (self.ny + 2)
         return row // (self.nx + 2), row % (self.nx + 2) - 1, place % (self.ny + 2) - 1
 
@@ -334,10 +319,7 @@ class Plane(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """Cells reached by points, ordered by level and place.
-
-    differences: their values minus those of an empty grid.
-    """
+    """Cells reached by points, ordered by level and place. differences: their values minus those of an empty grid."""
 
     mask: Bool[Tensor, "D P"]
     differences: Float32[Tensor, "n C"]
@@ -368,10 +350,7 @@ class SparseMiddle(nn.Module):
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
     def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K H W"]:
-        """Return the map seen from above.
-
-        Its channels are in `channel_order`.
-        """
+        """Return the map seen from above. Its channels are in `channel_order`."""
         plane = Plane(voxels.items, *self.shape[:2])
         item, ix, iy, iz = voxels.cells.unbind(1)
         place = plane.place(item, ix, iy)
@@ -447,10 +426,7 @@ def _sum_neighbours(
     mask: Bool[Tensor, " P"],
     around: Int32[Tensor, "m 9"],
 ) -> Float32[Tensor, "m K"]:
-    """Sum weighted rows over set neighbours.
-
-    For each output cell: row times weight of that neighbour.
-    """
+    """Sum weighted rows over set neighbours. For each output cell: row times weight of that neighbour."""
     products = rows.new_empty(len(rows) + 1, weight.shape[1])
     torch.mm(rows, weight, out=products[:-1])
     products[-1] = 0
@@ -461,8 +437,5 @@ def _sum_neighbours(
 
 
 def _kind(index: Tensor, n: int) -> Tensor:
-    """Place of a cell in the small empty grid.
-
-    Its distance from a border, or the middle.
-    """
+    """Place of a cell in the small empty grid. Its distance from a border, or the middle."""
     return torch.where(index < n - BORDER, index.clamp(max=BORDER), index - n + SMALL)

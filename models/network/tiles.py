@@ -91,10 +91,7 @@ class PlacedClouds(NamedTuple):
         return Crowded(thinning[number.ravel()], torch.cat(dropped))
 
     def by_tile(self, grid: tuple[int, int], size: int, before: int) -> PointsByTile:
-        """Sort points by tile.
-
-        A tile has `size` columns along x and y, and `before` columns of the tiles before it.
-        """
+        """Sort points by tile. A tile has `size` columns along x and y, and `before` columns of the tiles before it."""
         (tx, ty), (from_x, from_y) = (self.cells[:, :2] // size).T, (self.cells[:, :2] % size).T
         rows, keys = [], []
         for dx in (0, 1):
@@ -111,10 +108,7 @@ class PlacedClouds(NamedTuple):
         return PointsByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
 
     def batch(self, rows: Int64[Tensor, " n"], item: Int64[Tensor, " n"], items: int, config: VoxelNetConfig) -> Voxels:
-        """Return the voxels of a batch.
-
-        Points, and the item of each.
-        """
+        """Return the voxels of a batch. Points, and the item of each."""
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
         occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
@@ -135,10 +129,7 @@ class PointsByTile(NamedTuple):
     points: Int64[np.ndarray, "tiles clouds"]
 
     def rows(self, tiles: np.ndarray, union: np.ndarray) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
-        """Points of some tiles in unions.
-
-        The number of the tile is given for each.
-        """
+        """Points of some tiles in unions. The number of the tile is given for each."""
         clouds = self.begin.shape[1]
         count = np.where(union, self.points[tiles], 0).ravel()
         total = int(count.sum())
@@ -165,20 +156,14 @@ class Entries(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Clouds and crowded voxels within reach of each tile.
-
-    Layer by layer.
-    """
+    """Clouds and crowded voxels within reach of each tile. Layer by layer."""
 
     clouds: list[Bool[np.ndarray, "tiles C"]]
     crowd: list[Bool[np.ndarray, " tiles"]]
 
 
 class TilePredictions(NamedTuple):
-    """Raw head maps of some entries.
-
-    first: number of the first entry; corner: first cell of each in the map.
-    """
+    """Raw head maps of some entries. first: number of the first entry; corner: first cell of each in the map."""
 
     first: int
     corner: Int64[Tensor, "m 2"]
@@ -186,20 +171,14 @@ class TilePredictions(NamedTuple):
 
 
 def tileable(network: SparseVoxelNet) -> bool:
-    """True for networks that this module computes.
-
-    Columns folded, blocks added, a head of single cells.
-    """
+    """True for networks that this module computes. Columns folded, blocks added, a head of single cells."""
     join = network.rpn.join
     plain = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
     return plain and isinstance(network.middle, SparseColumns) and network.rpn.order[0].count(0) == 1
 
 
 class TiledVoxelNet:
-    """Network for inference on unions of clouds.
-
-    See `tileable`.
-    """
+    """Network for inference on unions of clouds. See `tileable`."""
 
     def __init__(self, network: SparseVoxelNet) -> None:
         self._network, self.config = network, network.config
@@ -215,10 +194,7 @@ class TiledVoxelNet:
         self._raised = [_cell_by_cell(layer) for layer in raised]
 
     def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> UnionPlan:
-        """Plan the work for unions of clouds.
-
-        Points are in the frame of the grid, m.
-        """
+        """Plan the work for unions of clouds. Points are in the frame of the grid, m."""
         placed = PlacedClouds.of(clouds, self.config)
         return UnionPlan(placed, self._seen(placed), unions, placed.find_crowded(unions, self.config.max_points))
 
@@ -271,10 +247,7 @@ class TiledVoxelNet:
         return Seen([each[:, :-1] for each in found], [each[:, -1] for each in found])
 
     def _first(self, plan: UnionPlan, entries: Entries) -> Iterator[Float32[Tensor, "m t t K"]]:
-        """Run the first convolution on each entry's columns.
-
-        They are the columns in and about its tile.
-        """
+        """Run the first convolution on each entry's columns. They are the columns in and about its tile."""
         wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
         placed, crowded = plan.placed, plan.crowded
         by_tile = placed.by_tile(self._grid, 2 * TILE, 2)
@@ -304,10 +277,7 @@ class TiledVoxelNet:
     def _patches(
         self, bank: Tensor, before: Entries, tiles: np.ndarray, union: np.ndarray, size: int
     ) -> Float32[Tensor, "m p p K"]:
-        """Tiles of unions with a border of one cell.
-
-        Zeros beyond the map.
-        """
+        """Tiles of unions with a border of one cell. Zeros beyond the map."""
         patches = bank.new_zeros(len(tiles), size + 2, size + 2, bank.shape[3])
         at = self._corners(tiles)
         sides = {-1: (slice(0, 1), slice(-1, None)), 0: (slice(1, -1), slice(None)), 1: (slice(-1, None), slice(0, 1))}
@@ -344,10 +314,7 @@ class TiledVoxelNet:
         return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
 
     def _within(self, x: Float32[Tensor, "m t t K"], tiles: np.ndarray) -> Float32[Tensor, "m t t K"]:
-        """Set cells beyond the map to zero.
-
-        Convolutions expect zeros there.
-        """
+        """Set cells beyond the map to zero. Convolutions expect zeros there."""
         size, whole = x.shape[1], [side * TILE == cells for side, cells in zip(self._grid, self._map, strict=True)]
         at = torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (fits, cells) in enumerate(zip(whole, self._map, strict=True)):
@@ -359,10 +326,7 @@ class TiledVoxelNet:
 
 
 def _parts(entries: Entries) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
-    """Yield entries in groups.
-
-    Number of the first, tiles and unions.
-    """
+    """Yield entries in groups. Number of the first, tiles and unions."""
     for first in range(0, len(entries.tile), AT_ONCE):
         yield first, entries.tile[first : first + AT_ONCE], entries.union[first : first + AT_ONCE]
 
@@ -395,10 +359,7 @@ def _cells(conv: nn.Conv2d, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m
 
 
 class UnionPlan(NamedTuple):
-    """Unions of clouds, and their reach over the tiles.
-
-    Crowded voxels are listed too.
-    """
+    """Unions of clouds, and their reach over the tiles. Crowded voxels are listed too."""
 
     placed: PlacedClouds
     seen: Seen
@@ -412,10 +373,7 @@ class UnionPlan(NamedTuple):
 
 
 def _entries(plan: UnionPlan, layer: int) -> Entries:
-    """Find the values that unions share in each tile.
-
-    The tiles are those of a layer.
-    """
+    """Find the values that unions share in each tile. The tiles are those of a layer."""
     clouds, unions = plan.seen.clouds[layer], plan.unions
     tiles, count = len(clouds), len(unions)
     code = np.repeat(np.arange(tiles), count)

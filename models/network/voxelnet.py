@@ -59,10 +59,7 @@ class VoxelNet(nn.Module):
 
 
 def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n 6"]:
-    """Coordinates of each point and its offset.
-
-    The offset is from its voxel's mean, m.
-    """
+    """Coordinates of each point and its offset. The offset is from its voxel's mean, m."""
     points, voxel = voxels.points, voxels.voxel
     total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(0, voxel, points.double())
     mean = (total / torch.bincount(voxel, minlength=len(total))[:, None]).float()
@@ -110,10 +107,7 @@ class VoxelFeatures(nn.Module):
 
 
 def maximum(x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "rows C"]:
-    """Maximum over the entries of each row.
-
-    Values must not be negative.
-    """
+    """Maximum over the entries of each row. Values must not be negative."""
     return x.new_zeros(rows, x.shape[1]).scatter_reduce(0, row[:, None].expand_as(x), x, "amax")
 
 
@@ -131,10 +125,7 @@ class PointLayer(nn.Module):
 
 
 class MiddleLayers(nn.Module):
-    """Three 3D convolutions over the dense grid.
-
-    The remaining height becomes channels.
-    """
+    """Three 3D convolutions over the dense grid. The remaining height becomes channels."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
@@ -199,10 +190,7 @@ def fold_columns(
     weight: Float[Tensor, "D C K"],
     start: Float[Tensor, "n K"],
 ) -> Float[Tensor, "n K"]:
-    """Add weighted voxels to each column of `start`.
-
-    Each voxel is multiplied by the weights of its level.
-    """
+    """Add weighted voxels to each column of `start`. Each voxel is multiplied by the weights of its level."""
     if bool((level[1:] < level[:-1]).any()):  # several clouds; the voxels of one come level by level
         by_level = torch.argsort(level, stable=True)
         features, column = features[by_level], column[by_level]
@@ -224,20 +212,14 @@ def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor
 
 
 def dense_map(features: Tensor, key: Tensor, items: int, shape: tuple[int, int, int]) -> Float[Tensor, "B C H W"]:
-    """Column features in their places, zeros elsewhere.
-
-    Channels are last in memory.
-    """
+    """Column features in their places, zeros elsewhere. Channels are last in memory."""
     nx, ny, _ = shape
     flat = features.new_zeros(items * nx * ny, features.shape[1]).index_put((key,), features)
     return flat.view(items, nx, ny, -1).permute(0, 3, 1, 2)
 
 
 class RegionProposal(nn.Module):
-    """Three blocks, each at half the previous resolution.
-
-    They meet at the resolution of the first.
-    """
+    """Three blocks, each at half the previous resolution. They meet at the resolution of the first."""
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()
@@ -273,10 +255,7 @@ class RegionProposal(nn.Module):
 
 
 class Head(nn.Module):
-    """1x1 convolutions for each anchor of a cell.
-
-    They follow an optional 3x3 one.
-    """
+    """1x1 convolutions for each anchor of a cell. They follow an optional 3x3 one."""
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()

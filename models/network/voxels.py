@@ -1,7 +1,4 @@
-"""Voxelisation: points of a cloud by voxel.
-
-At most T points in each.
-"""
+"""Voxelisation: points of a cloud by voxel. At most T points in each."""
 
 from __future__ import annotations
 
@@ -65,10 +62,7 @@ def voxelise(
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
-    """Join clouds into one batch.
-
-    Item i of the result is batch[i].
-    """
+    """Join clouds into one batch. Item i of the result is batch[i]."""
     points, voxel, cells, item, row = [], [], [], 0, 0
     for voxels in batch:
         points.append(voxels.points)
@@ -89,19 +83,13 @@ def _inside(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
 def grid_cells(
     cloud: Float32[Tensor, "n 3"], config: VoxelNetConfig
 ) -> tuple[Float32[Tensor, "m 3"], Int64[Tensor, "m 3"]]:
-    """Points of a cloud inside the grid.
-
-    Their voxel indices along x, y and z are returned too.
-    """
+    """Points of a cloud inside the grid. Their voxel indices along x, y and z are returned too."""
     cloud = cloud[_inside(cloud, config)]
     return cloud, torch.stack(_indices(cloud, config), 1)
 
 
 def _indices(cloud: Tensor, config: VoxelNetConfig) -> list[Tensor]:
-    """Voxel indices of points along x, y and z.
-
-    In float64: a float32 1.4 is below 7 voxels.
-    """
+    """Voxel indices of points along x, y and z. In float64: a float32 1.4 is below 7 voxels."""
     origin = (config.area[0], config.area[1], config.height[0])
     return [
         torch.floor(axis.double() / size - low / size).long().clamp_(0, cells - 1)
@@ -110,10 +98,7 @@ def _indices(cloud: Tensor, config: VoxelNetConfig) -> list[Tensor]:
 
 
 def _keys(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
-    """Voxel number of each point.
-
-    Counted z by z, then x by x.
-    """
+    """Voxel number of each point. Counted z by z, then x by x."""
     ix, iy, iz = _indices(cloud, config)
     nx, ny, _ = config.grid_shape
     return (iz * nx + ix) * ny + iy

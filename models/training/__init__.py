@@ -1,4 +1,1 @@
-"""Training of the networks.
-
-Packed recordings, examples, losses, the loop and the second stage.
-"""
+"""Training of the networks. Packed recordings, examples, losses, the loop and the second stage."""

@@ -143,20 +143,14 @@ def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) 
 
 
 def cut_log(path: Path, step: int) -> None:
-    """Drop log rows after `step`, the last checkpoint.
-
-    Those steps are done again.
-    """
+    """Drop log rows after `step`, the last checkpoint. Those steps are done again."""
     if path.exists():
         kept = [row for row in _rows(path) if row.count(",") == 3 and _step_number(row) <= step]
         write_text(path, "\n".join([",".join(HEADER), *kept, ""]))
 
 
 def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
-    """Read epochs and values of each figure.
-
-    In order of first appearance.
-    """
+    """Read epochs and values of each figure. In order of first appearance."""
     found: dict[str, tuple[list[float], list[float]]] = {}
     with path.open(newline="") as file:
         for row in csv.DictReader(file):
@@ -207,10 +201,7 @@ class TrainingState:
     recent: list[dict[str, float]] = field(default_factory=list)
 
     def state(self) -> dict[str, object]:
-        """Return plain tensors and numbers.
-
-        torch's generator is included, though the loop draws nothing from it.
-        """
+        """Return plain tensors and numbers. torch's generator is included, though the loop draws nothing from it."""
         return {
             "network": self.network.state_dict(),
             "optimiser": self.optimiser.state_dict(),
@@ -299,10 +290,7 @@ def train(
 
 
 class _Steps:
-    """Examples of each step from `start` on.
-
-    (epoch, frame) pairs of a permutation drawn for each epoch.
-    """
+    """Examples of each step from `start` on. (epoch, frame) pairs of a permutation drawn for each epoch."""
 
     def __init__(self, preset: Preset, frames: int, per_epoch: int, start: int, total: int) -> None:
         self.preset, self.frames, self.per_epoch, self.start, self.total = preset, frames, per_epoch, start, total

@@ -139,10 +139,7 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
 
 
 def _snap_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"]:
-    """Axis-aligned IoU of anchors and a box.
-
-    Each is turned to the nearest multiple of 90°.
-    """
+    """Axis-aligned IoU of anchors and a box. Each is turned to the nearest multiple of 90°."""
     size, box_size = _snap_size(anchors), _snap_size(box)
     gap = np.abs(anchors[..., :2] - box[:2])
     shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
@@ -150,10 +147,7 @@ def _snap_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"
 
 
 def _snap_size(boxes: np.ndarray) -> np.ndarray:
-    """Extent along x and y after snapping yaw.
-
-    The yaw is snapped to a multiple of 90°.
-    """
+    """Extent along x and y after snapping yaw. The yaw is snapped to a multiple of 90°."""
     across = np.abs(np.sin(boxes[..., 6:])) > np.abs(np.cos(boxes[..., 6:]))
     return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 

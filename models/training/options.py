@@ -88,10 +88,7 @@ class TrainingOptions:
 
 
 def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None, TrainingOptions]:
-    """Parse site and options of a command line.
-
-    Prints an error and exits with code 2 for bad arguments.
-    """
+    """Parse site and options of a command line. Prints an error and exits with code 2 for bad arguments."""
     parser = ArgumentParser(prog="python -m models.train", description=TrainingOptions.__doc__.partition("\n")[0])  # type: ignore[union-attr]
     parser.add_argument("site", nargs="?", help=SITE)
     texts, hints = descriptions(), get_type_hints(TrainingOptions)

@@ -2,9 +2,8 @@
 
 The empty site is held once.
 
-The packed file needs numpy and h5py alone, so training can move to a machine that has neither Open3D nor SUMO.
-Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat
-arrays:
+The packed file needs numpy and h5py alone, so training can move to a machine that has neither Open3D nor SUMO. Depth
+stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat arrays:
 
     rigs/{r}                    attributes: area, height, sensors (JSON: name, type, model), slope of the ground where
                                 it is not level; poses (s, 4, 4)
@@ -73,10 +72,7 @@ class PackedFrames:
             ) from error
 
     def _check(self) -> None:
-        """Check that numbers of the file fit each other.
-
-        Raises ValueError if they do not.
-        """
+        """Check that numbers of the file fit each other. Raises ValueError if they do not."""
         frames = len(self)
         if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
             raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
@@ -102,41 +98,26 @@ class PackedFrames:
         return self.rigs[self._rig_of_frame[k]]
 
     def objects(self, k: int) -> Objects:
-        """Ground truth of frame k.
-
-        Inside the area and around it, on its slope.
-        """
+        """Ground truth of frame k. Inside the area and around it, on its slope."""
         rows = slice(*self._box_ends[k : k + 2])
         return Objects(self._boxes[rows], self._labels[rows])
 
     def level_objects(self, k: int) -> Objects:
-        """Ground truth of frame k on level ground.
-
-        `points` are on level ground too.
-        """
+        """Ground truth of frame k on level ground. `points` are on level ground too."""
         objects, slope = self.objects(k), self.rig(k).slope
         return objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
 
     def is_recorded(self, k: int) -> bool:
-        """True for frames of recorded clouds.
-
-        These have neither an empty site nor drawn errors.
-        """
+        """True for frames of recorded clouds. These have neither an empty site nor drawn errors."""
         return k in self._clouds.places
 
     def changes(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Pixels of frame k that differ from the empty site.
-
-        Their steps are given too, per sensor.
-        """
+        """Pixels of frame k that differ from the empty site. Their steps are given too, per sensor."""
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
 
     def metres(self, steps: Shaped[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-        """Convert steps of changed pixels to metres.
-
-        0 for no return.
-        """
+        """Convert steps of changed pixels to metres. 0 for no return."""
         return steps.astype(np.float32) / STEPS_PER_METRE
 
     def points(
@@ -181,10 +162,7 @@ class Rig:
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
     ) -> Rig:
-        """Build a rig from images of the empty site.
-
-        Each has rows and columns.
-        """
+        """Build a rig from images of the empty site. Each has rows and columns."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
         pixels, depth = [], []
@@ -198,10 +176,7 @@ class Rig:
     def points(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
     ) -> Float32[np.ndarray, "n 3"]:
-        """Noisy points in the crop.
-
-        Pixels `changed` measure `measured` (0: nothing), the others the empty site.
-        """
+        """Noisy points in the crop. Pixels `changed` measure `measured` (0: nothing), the others the empty site."""
         return self.measure(s, changed, measured, rng)[0]
 
     def measure(
@@ -223,10 +198,7 @@ class Rig:
     def world(
         self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
     ) -> Float32[np.ndarray, "n 3"]:
-        """Positions measured by pixels of sensor s.
-
-        In the site's frame.
-        """
+        """Positions measured by pixels of sensor s. In the site's frame."""
         sensor = self.sensors[s]
         rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[:3, :3].T.astype(np.float32)
         rays *= depth[:, None]
@@ -234,10 +206,7 @@ class Rig:
         return rays
 
     def in_crop(self, points: Float32[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Mark points in the crop.
-
-        Points are in the world frame; the crop is widened by a margin (m).
-        """
+        """Mark points in the crop. Points are in the world frame; the crop is widened by a margin (m)."""
         (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
         return inside & (z > -margin) & (z < self.height + margin)
@@ -245,10 +214,7 @@ class Rig:
 
 @dataclass(frozen=True, eq=False)
 class RecordedClouds:
-    """Frames of recorded clouds.
-
-    Their places, where points begin, and points in steps.
-    """
+    """Frames of recorded clouds. Their places, where points begin, and points in steps."""
 
     places: dict[int, int]
     ends: Shaped[np.ndarray, "f _"]
@@ -326,10 +292,7 @@ def _parse_rig(
 
 
 def _ascends(ends: np.ndarray, total: int) -> bool:
-    """True if the numbers ascend, row after row.
-
-    They run from 0 or more to at most the total.
-    """
+    """True if the numbers ascend, row after row. They run from 0 or more to at most the total."""
     flat = ends.ravel().astype(np.int64)
     return not len(flat) or bool((np.diff(flat) >= 0).all() and flat[0] >= 0 and flat[-1] <= total)
 

@@ -1,7 +1,4 @@
-"""Writer of packed files (`models.training.packed`).
-
-Only pixels that differ from the empty site are written.
-"""
+"""Writer of packed files (`models.training.packed`). Only pixels that differ from the empty site are written."""
 
 from __future__ import annotations
 
@@ -34,10 +31,7 @@ _CHUNK = 1 << 18
 
 @dataclass(frozen=True)
 class Change:
-    """Changes of one frame.
-
-    Differences from the empty site per sensor, or recorded clouds (m).
-    """
+    """Changes of one frame. Differences from the empty site per sensor, or recorded clouds (m)."""
 
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     steps: tuple[Shaped[np.ndarray, " _"], ...]
@@ -55,10 +49,7 @@ class PackedRecording:
 
 @runtime_checkable
 class OnLevelGround(Protocol):
-    """One sample of recorded clouds.
-
-    `LevelFrame` of the toolkit is one.
-    """
+    """One sample of recorded clouds. `LevelFrame` of the toolkit is one."""
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -67,10 +58,7 @@ class OnLevelGround(Protocol):
 
     @property
     def clouds(self) -> tuple[np.ndarray, ...]:
-        """Points (n, 3) of each sensor, m.
-
-        In the area and on level ground.
-        """
+        """Points (n, 3) of each sensor, m. In the area and on level ground."""
         ...
 
     @property
@@ -86,10 +74,7 @@ class OnLevelGround(Protocol):
 
 @runtime_checkable
 class Drawn(Protocol):
-    """Frames of a random site.
-
-    Measurements of the empty site are given too.
-    """
+    """Frames of a random site. Measurements of the empty site are given too."""
 
     @property
     def site(self) -> Site:
@@ -154,10 +139,7 @@ def sample_recordings(samples: Iterable[OnLevelGround], height: float = 4.0) -> 
 
 
 def read_recordings(path: Path) -> list[PackedRecording]:
-    """Read a packed file, ready to be written again.
-
-    Raises what `PackedFrames` raises.
-    """
+    """Read a packed file, ready to be written again. Raises what `PackedFrames` raises."""
     packed = PackedFrames(path)
     frames_of: list[list[Change]] = [[] for _ in packed.rigs]
     for k in range(len(packed)):
@@ -176,10 +158,7 @@ def drawn_file(drawn: Drawn) -> bytes:
 
 
 def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
-    """Write several packed files as one.
-
-    Returns the number of frames. Raises ValueError without any frame.
-    """
+    """Write several packed files as one. Returns the number of frames. Raises ValueError without any frame."""
     with hdf5_file(unfinished) as (file, check):
         return _write(file, (each for path in paths for each in read_recordings(path)), check, None)
 
@@ -283,10 +262,7 @@ def _find_changes(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray
 
 
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack rows of ends, padded with empty parts.
-
-    Padding is needed where a rig has fewer sensors.
-    """
+    """Stack rows of ends, padded with empty parts. Padding is needed where a rig has fewer sensors."""
     most = max(map(len, ends))
     return np.stack([np.pad(each, (0, most - len(each)), mode="edge") for each in ends])
 
@@ -317,10 +293,7 @@ class _Clouds:
 
 
 class _Column:
-    """Growing array of a file.
-
-    Written a few chunks at a time.
-    """
+    """Growing array of a file. Written a few chunks at a time."""
 
     def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
         options = {"chunks": (_CHUNK,), "compression": "gzip", "compression_opts": 1, "shuffle": True}

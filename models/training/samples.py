@@ -111,10 +111,7 @@ def _read(
 
 
 def thin(points: Float32[np.ndarray, "n 3"], rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
-    """Keep a random share of the points.
-
-    The share is from a tenth to all of them.
-    """
+    """Keep a random share of the points. The share is from a tenth to all of them."""
     return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
 
 
@@ -179,10 +176,7 @@ class SampleRecipe:
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
-    """Samples of a packed file, by epoch and k.
-
-    A sample (epoch, k) is reproducible, and different in every epoch.
-    """
+    """Samples of a packed file, by epoch and k. A sample (epoch, k) is reproducible, and different in every epoch."""
 
     def __init__(self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int) -> None:
         self.frames, self.config, self.recipe, self.seed = frames, config, recipe, seed
@@ -246,10 +240,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
     def _roughen(
         self, points: np.ndarray, boxes: np.ndarray, centre: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Thin points and tilt the ground.
-
-        The recipe says how; no numbers are drawn without either.
-        """
+        """Thin points and tilt the ground. The recipe says how; no numbers are drawn without either."""
         if self.recipe.thinned and rng.random() < self.recipe.thinned:
             points = thin(points, rng)
         if self.recipe.tilted and rng.random() < self.recipe.tilted:
@@ -257,10 +248,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return points, boxes
 
     def _choose_class(self, there: Shaped[np.ndarray, " n"], rng: np.random.Generator) -> int:
-        """Draw the class near which the window lies.
-
-        Each present class is drawn equally often.
-        """
+        """Draw the class near which the window lies. Each present class is drawn equally often."""
         known = [label_index(name) for name in self.config.labels]
         if len(known) == 1:
             return known[0]
@@ -342,10 +330,7 @@ def turn_scene(
     centre: Float[np.ndarray, "2"],
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the scene about `centre` by any angle.
-
-    Every second scene is mirrored.
-    """
+    """Turn the scene about `centre` by any angle. Every second scene is mirrored."""
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
     matrix = _rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
     points, boxes = points.copy(), boxes.copy()

@@ -55,10 +55,7 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
 
 
 def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
-    """Return the same weights with a changed configuration.
-
-    New parts start at random.
-    """
+    """Return the same weights with a changed configuration. New parts start at random."""
     other = VoxelNet(replace(network.config, **changes))
     state = other.state_dict()
     state |= {name: tensor for name, tensor in network.state_dict().items() if name in state}
@@ -72,10 +69,7 @@ def _heads() -> set[str]:
 
 
 def _take_rows(new: Tensor, old: Tensor, wider: VoxelNetConfig, known: VoxelNetConfig) -> Tensor:
-    """Combine a head tensor.
-
-    Channels of shared anchors come from the old one, others stay as they are.
-    """
+    """Combine a head tensor. Channels of shared anchors come from the old one, others stay as they are."""
     channels = len(new) // len(wider.anchor_labels)
     result = new.clone()
     places = {label: _channels(known, label, channels) for label in known.labels}
@@ -87,10 +81,7 @@ def _take_rows(new: Tensor, old: Tensor, wider: VoxelNetConfig, known: VoxelNetC
 
 
 def _channels(config: VoxelNetConfig, label: str, each: int) -> list[int]:
-    """Channels of a class's anchors in a map.
-
-    The map has `each` per anchor.
-    """
+    """Channels of a class's anchors in a map. The map has `each` per anchor."""
     row = config.labels.index(label)
     anchors = [anchor for anchor, owner in enumerate(config.anchor_labels) if owner == row]
     return [anchor * each + channel for anchor in anchors for channel in range(each)]
@@ -235,10 +226,7 @@ OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # sta
 
 
 class FaceExamples(NamedTuple):
-    """Training rows by sort of face.
-
-    Features, and offsets outwards (m).
-    """
+    """Training rows by sort of face. Features, and offsets outwards (m)."""
 
     features: dict[str, Float32[np.ndarray, "n F"]]
     offsets: dict[str, Float32[np.ndarray, " n"]]
@@ -283,10 +271,7 @@ def face_examples(
 def train_faces(
     network: VoxelNet, frames: PackedFrames, labels: Sequence[str], *, count: int = 1000, seed: int = 0
 ) -> VoxelNet:
-    """Return the network with a trained second stage.
-
-    It is trained for the boxes of these labels.
-    """
+    """Return the network with a trained second stage. It is trained for the boxes of these labels."""
     bare, staged = rebuild(network, faces=()), rebuild(network, faces=tuple(labels))
     assert staged.faces is not None
     fit_faces(staged.faces, face_examples(frames, bare, labels, count=count, seed=seed), seed=seed)
@@ -294,10 +279,7 @@ def train_faces(
 
 
 def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> Float[np.ndarray, "n 7"]:
-    """Displace boxes in place, size and yaw.
-
-    A tenth faces the other way. Their floors stay.
-    """
+    """Displace boxes in place, size and yaw. A tenth faces the other way. Their floors stay."""
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2
     small = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # less for pedestrians
@@ -339,10 +321,7 @@ def fit_faces(
 def _fit(
     networks: FaceNetworks, sort: str, features: Tensor, target: Tensor, steps: int, learning_rate: float, seed: int
 ) -> None:
-    """Fit the offsets' Laplace likelihood by Adam.
-
-    It is the likelihood under the predicted mean error.
-    """
+    """Fit the offsets' Laplace likelihood by Adam. It is the likelihood under the predicted mean error."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         for layer in getattr(networks, sort):

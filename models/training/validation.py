@@ -1,7 +1,4 @@
-"""Average precision of a network in training.
-
-It needs neither Open3D nor a simulator.
-"""
+"""Average precision of a network in training. It needs neither Open3D nor a simulator."""
 
 from __future__ import annotations
 

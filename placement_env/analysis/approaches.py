@@ -36,10 +36,7 @@ class Approaches:
     bays: Float64[np.ndarray, "n 3"]
 
     def locate(self, boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
-        """Index into `names` of each box.
-
-        A box is parked in a bay, else on the nearest lane.
-        """
+        """Index into `names` of each box. A box is parked in a bay, else on the nearest lane."""
         spots = shapely.points(boxes[:, :2])
         distance = np.array([shapely.distance(line, spots) for line in self.lanes]).reshape(len(self.lanes), len(boxes))
         place = distance.argmin(axis=0) if len(self.lanes) else np.zeros(len(boxes), np.int64)
@@ -48,10 +45,7 @@ class Approaches:
 
 
 def find_approaches(site: Site) -> Approaches:
-    """Find the approaches of a site's network.
-
-    Without a network there is the junction alone.
-    """
+    """Find the approaches of a site's network. Without a network there is the junction alone."""
     root = ElementTree.fromstring(site.network or "<net/>")
     edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _lines(edge)}
     ring = {name for each in root.findall("roundabout") for name in each.get("edges", "").split()}
@@ -84,10 +78,7 @@ def find_approaches(site: Site) -> Approaches:
 
 
 def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
-    """Point of the compass in a direction of the site's frame.
-
-    North is +y of its map.
-    """
+    """Point of the compass in a direction of the site's frame. North is +y of its map."""
     east, north = (site.map_SE3_site[:2, :2] @ offset).tolist()
     return COMPASS[round(np.degrees(np.arctan2(east, north)) / 45) % 8]
 

@@ -31,10 +31,7 @@ Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws e
 
 
 class Interval(NamedTuple):
-    """Lower and upper end.
-
-    Both are NaN if the figure is undefined in every draw.
-    """
+    """Lower and upper end. Both are NaN if the figure is undefined in every draw."""
 
     low: float
     high: float
@@ -79,12 +76,7 @@ def ap_resamples(
     seed: int = 0,
     draws: Draws | None = None,
 ) -> Float64[np.ndarray, " resamples"]:
-    """Return the AP of each resample.
-
-    NaN where it has nothing to find.
-
-    Takes the arguments of `ap_interval`.
-    """
+    """Return the AP of each resample. NaN where it has nothing to find. Takes the arguments of `ap_interval`."""
     flat_scores, flat_hits, frame = _pool_detections(scores, hits, to_find)
     if draws is None:
         draws = block_draws(len(to_find), seed=seed)
@@ -225,10 +217,7 @@ class Tally:
         return ap_resamples(*self._by_frame(), seed=seed, draws=draws)
 
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
-        """Return the interval of the AP over blocks of frames.
-
-        NaN if no draw has anything to find.
-        """
+        """Return the interval of the AP over blocks of frames. NaN if no draw has anything to find."""
         return ap_interval(*self._by_frame(), seed=seed, confidence=confidence)
 
     def _by_frame(self) -> tuple[list[np.ndarray], list[np.ndarray], list[int]]:

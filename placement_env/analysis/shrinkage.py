@@ -70,10 +70,7 @@ def shrink(
 
 
 def _unit_noise(shape: tuple[int, int]) -> Float64[np.ndarray, "n resamples"]:
-    """Rows of noise of mean 0 and variance 1.
-
-    They are always the same for a shape.
-    """
+    """Rows of noise of mean 0 and variance 1. They are always the same for a shape."""
     drawn = np.random.default_rng(0).standard_normal(shape)
     drawn -= drawn.mean(axis=1, keepdims=True)
     return np.asarray(drawn / np.maximum(drawn.std(axis=1, keepdims=True), 1e-12))

@@ -270,10 +270,7 @@ def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
 
 
 def _weights(n: int) -> Float64[np.ndarray, " sizes"]:
-    """s! (n-s-1)! / n! for s below n, then zeros.
-
-    So impossible sizes of sets, -2 and -1 among them, weigh 0.
-    """
+    """s! (n-s-1)! / n! for s below n, then zeros. So impossible sizes of sets, -2 and -1 among them, weigh 0."""
     return np.array([factorial(s) * factorial(n - s - 1) / factorial(n) for s in range(n)] + [0.0] * 3)
 
 
@@ -300,10 +297,7 @@ def _prefixes(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
 
 
 def _swaps(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
-    """Sets of the first k sensors and sensor k + 2.
-
-    k goes from 0 to n - 2.
-    """
+    """Sets of the first k sensors and sensor k + 2. k goes from 0 to n - 2."""
     place, k = np.argsort(orders, axis=1)[:, None, :], np.arange(orders.shape[1] - 1)[:, None]
     return ((place < k) | (place == k + 1)).reshape(-1, orders.shape[1])
 
@@ -311,10 +305,7 @@ def _swaps(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
 def _score_once(
     value: SetFunction, sets: Bool[np.ndarray, "rows n"], sensors: int
 ) -> tuple[Float64[np.ndarray, " rows"], int]:
-    """Value of each row, and the number of different rows.
-
-    Equal rows are scored once.
-    """
+    """Value of each row, and the number of different rows. Equal rows are scored once."""
     packed, row_of = np.unique(np.packbits(sets, axis=1), axis=0, return_inverse=True)
     figures = np.asarray(value(np.unpackbits(packed, axis=1, count=sensors).astype(bool)), float)
     if not np.isfinite(figures).all():

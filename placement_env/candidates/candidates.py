@@ -142,10 +142,7 @@ class Candidates:
     def at(
         self, mount: ArrayLike, height: ArrayLike, heading: ArrayLike, tilt: ArrayLike, model: ArrayLike
     ) -> np.int64 | Int64[np.ndarray, "..."]:
-        """Return the candidate with these factors, -1 for none.
-
-        Arrays of indices give an array.
-        """
+        """Return the candidate with these factors, -1 for none. Arrays of indices give an array."""
         factors = np.broadcast_arrays(mount, height, heading, tilt, model)
         inside = np.logical_and.reduce([(f >= 0) & (f < n) for f, n in zip(factors, self.shape, strict=True)])
         if not len(self):
@@ -156,10 +153,7 @@ class Candidates:
         return np.where(inside & (keys[place] == asked), order[place], -1)[()]
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Candidates:
-        """Return some of the candidates, in the given order.
-
-        Mounts and axes stay, so factors keep their meaning.
-        """
+        """Return some of the candidates, in the given order. Mounts and axes stay, so factors keep their meaning."""
         chosen = np.asarray(indices, np.int64)
         sensors = tuple(self.sensors[i] for i in chosen)
         return Candidates(sensors, self.mount[chosen], self.mounts, self.factors[chosen], self.axes)
@@ -199,10 +193,7 @@ def aims(sensors: Sequence[Sensor]) -> tuple[Float64[np.ndarray, " n"], Float64[
 
 
 def aim_sensor(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: float, tilt: float) -> Sensor:
-    """Return the sensor at another position and aim, without roll.
-
-    Angles are as in `aims`.
-    """
+    """Return the sensor at another position and aim, without roll. Angles are as in `aims`."""
     x, y, z = position.tolist()
     return replace(sensor, pose=pose(x, y, z, yaw=heading, pitch=tilt) @ sensor.model.body_SE3_sensor)
 
@@ -228,10 +219,7 @@ def fit_together(
 def room_beside(
     candidates: Candidates, row: Bool[np.ndarray, " C"], sent: Float64[np.ndarray, " C"] | None = None
 ) -> Bool[np.ndarray, " C"]:
-    """Tell which candidates have room beside a set.
-
-    sent: as of `fit_together`.
-    """
+    """Tell which candidates have room beside a set. sent: as of `fit_together`."""
     count = np.bincount(candidates.mount[row], minlength=len(candidates.mounts))
     room = np.asarray((count < candidates.places)[candidates.mount] & ~row)
     if sent is None or not candidates.several:
@@ -242,10 +230,7 @@ def room_beside(
 
 
 def extra_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:
-    """Price that each candidate adds to a set.
-
-    A mount that carries a sensor already is paid.
-    """
+    """Price that each candidate adds to a set. A mount that carries a sensor already is paid."""
     paid = np.zeros(len(candidates.mounts), np.bool_)
     paid[candidates.mount[row]] = True
     return np.where(paid[candidates.mount], candidates.model_prices, candidates.prices)

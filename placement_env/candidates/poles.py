@@ -82,10 +82,7 @@ def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
 
 
 def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
-    """Load the keep-out areas in `path`, in the site's metres.
-
-    Raises ValueError in one line if one is damaged.
-    """
+    """Load the keep-out areas in `path`, in the site's metres. Raises ValueError in one line if one is damaged."""
     return _keep_out(_read(Path(path)), site, str(path))
 
 
@@ -134,10 +131,7 @@ def _read(path: Path) -> Json:
 
 
 def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Yield number and feature, with geometry and properties checked.
-
-    The sensors and bays of a site are left out.
-    """
+    """Yield number and feature, with geometry and properties checked. The sensors and bays of a site are left out."""
     for i, feature in enumerate(collection["features"]):
         if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
             raise ValueError(
@@ -151,10 +145,7 @@ def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
 
 
 def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Yield number and feature of each pole.
-
-    A Point is one pole, a MultiPoint one for each of its points.
-    """
+    """Yield number and feature of each pole. A Point is one pole, a MultiPoint one for each of its points."""
     geometry = feature["geometry"]
     if geometry.get("type") == "Point":
         yield number, feature
@@ -187,10 +178,7 @@ def _is_local(collection: Json) -> bool:
 
 
 def _coordinates(geometry: Json, where: str) -> list[float]:
-    """x, y, z or longitude, latitude, altitude.
-
-    NaN stands for a missing third one.
-    """
+    """x, y, z or longitude, latitude, altitude. NaN stands for a missing third one."""
     row = geometry.get("coordinates")
     if not isinstance(row, list) or len(row) not in (2, 3) or not all(_is_number(value) for value in row):
         raise ValueError(f"{where}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")
@@ -303,10 +291,7 @@ def _area(geometry: Json, collection: Json, site: Site, where: str) -> shapely.G
 
 
 def _without(mounts: list[Mount], keep_out: Sequence[shapely.Geometry], site: Site, where: str) -> tuple[Mount, ...]:
-    """Drop mounts in a keep-out area or on the carriageway.
-
-    A warning names them.
-    """
+    """Drop mounts in a keep-out area or on the carriageway. A warning names them."""
     spots = shapely.points([mount.position[:2] for mount in mounts])
     lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
     free = np.ones(len(mounts), bool)

@@ -209,10 +209,7 @@ def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], model
 
 
 def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
-    """Each height, clipped to the range of each mount.
-
-    NaN where clipping gives the same as for a nearer height.
-    """
+    """Each height, clipped to the range of each mount. NaN where clipping gives the same as for a nearer height."""
     low, high = np.array([[mount.min_height, mount.max_height] for mount in mounts]).T[:, :, None]
     clipped = np.clip(heights, low, high)
     mounted = np.full(clipped.shape, np.nan)
@@ -232,10 +229,7 @@ def _rotations(axes: Axes) -> Float64[np.ndarray, "Y T models 3 3"]:
 def _sees_area(
     site: Site, position: np.ndarray, factors: np.ndarray, rotations: np.ndarray, models: Sequence[SensorModel]
 ) -> Bool[np.ndarray, " C"]:
-    """True for poses with some of the area in view.
-
-    Nothing is taken to stand in between.
-    """
+    """True for poses with some of the area in view. Nothing is taken to stand in between."""
     xmin, ymin, xmax, ymax = site.area
     middles = (np.arange(CELLS) + 0.5) / CELLS
     x, y = np.meshgrid(xmin + middles * (xmax - xmin), ymin + middles * (ymax - ymin))
@@ -272,10 +266,7 @@ def _format(values: np.ndarray, decimals: int) -> list[str]:
 
 
 def with_terms(candidates: Candidates, pole_price: float, capacity: float | None) -> Candidates:
-    """Return the candidates with mounts priced in a currency.
-
-    capacity: of all links, None for their own.
-    """
+    """Return the candidates with mounts priced in a currency. capacity: of all links, None for their own."""
     mounts = tuple(
         replace(mount, price=mount.price * pole_price, capacity=mount.capacity if capacity is None else capacity)
         for mount in candidates.mounts

@@ -29,10 +29,7 @@ DEGREES = "_deg"
 
 @dataclass(frozen=True)
 class PricedModel:
-    """Sensor model that may be bought.
-
-    name: as tables show it; price: in the catalogue's currency.
-    """
+    """Sensor model that may be bought. name: as tables show it; price: in the catalogue's currency."""
 
     name: str
     model: SensorModel
@@ -53,10 +50,7 @@ class SensorCatalogue:
     digest: str = ""
 
     def get_name(self, model: SensorModel) -> str:
-        """Return the catalogue's name of a model.
-
-        Raises ValueError for an unknown model.
-        """
+        """Return the catalogue's name of a model. Raises ValueError for an unknown model."""
         for each in self.models:
             if each.model == model:
                 return each.name
@@ -116,10 +110,7 @@ def _read_sensor(row: object, where: str) -> PricedModel:
 
 
 def _value(key: str, value: object, angles: Mapping[str, bool], where: str) -> tuple[str, object]:
-    """Field of the model, angles in rad.
-
-    angles: True for fields that are one.
-    """
+    """Field of the model, angles in rad. angles: True for fields that are one."""
     written = [f"{field}{DEGREES}" if is_one else field for field, is_one in angles.items()]
     if key not in written:
         raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")

@@ -61,10 +61,7 @@ class Task(Protocol):
 
 
 class PlacementEnv(gym.Env[np.ndarray, Any]):
-    """One episode after another of a task.
-
-    The registered environments differ by their task.
-    """
+    """One episode after another of a task. The registered environments differ by their task."""
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # type: ignore[misc]
 
@@ -84,10 +81,7 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         return observations[0], first_info(info)
 
     def step(self, action: ArrayLike) -> tuple[np.ndarray, float, bool, bool, Info]:
-        """Take an action.
-
-        Raises ValueError for an invalid action, ResetNeeded before the first `reset`.
-        """
+        """Take an action. Raises ValueError for an invalid action, ResetNeeded before the first `reset`."""
         actions = check_actions(self.task, action)
         reward, terminated, truncated = self.task.step(np.ones(1, np.bool_), actions)
         observations, info = self.task.observe()
@@ -130,10 +124,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Options | None = None
     ) -> tuple[np.ndarray, Info]:
-        """Start all episodes, or those of `options["reset_mask"]`.
-
-        With an int, the i-th is seeded by seed + i.
-        """
+        """Start all episodes, or those of `options["reset_mask"]`. With an int, the i-th is seeded by seed + i."""
         options = dict(options or {})
         mask = np.asarray(options.pop("reset_mask", self._all))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
@@ -154,10 +145,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, _batch_info(info, mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
-        """Take an action in every episode.
-
-        One that has ended starts anew and ignores its action.
-        """
+        """Take an action in every episode. One that has ended starts anew and ignores its action."""
         actions = check_actions(self.task, actions)
         rewards, terminated, truncated = self.task.step(~self._ended, actions)
         rewards = rewards.copy()
@@ -235,10 +223,7 @@ def first_info(info: Info) -> Info:
 
 
 def _batch_info(info: Info, rows: np.ndarray) -> Info:
-    """Info as in Gymnasium's vector environments.
-
-    Beside each key stand the episodes that it is for.
-    """
+    """Info as in Gymnasium's vector environments. Beside each key stand the episodes that it is for."""
     whole: Info = {}
     for key, value in info.items():
         whole[key] = _batch_info(value, rows) if isinstance(value, dict) else value

@@ -98,10 +98,7 @@ class PoseScenarios:
         self._made: dict[tuple[int, str], Preparation] = {}
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> PoseEpisode:
-        """Draw sensors that have not failed, on different mounts.
-
-        Raises ValueError if there are too few.
-        """
+        """Draw sensors that have not failed, on different mounts. Raises ValueError if there are too few."""
         conditions = self.sites.draw(rng, options)
         budget, most = conditions.budget, self.config.budgets[1]
         if budget > most:
@@ -144,10 +141,7 @@ class PoseScenarios:
 
 
 class PoseTask:
-    """n episodes of moving sensors.
-
-    Each has an objective of its own, made anew after each move.
-    """
+    """n episodes of moving sensors. Each has an objective of its own, made anew after each move."""
 
     def __init__(self, n: int, scenarios: PoseScenarios) -> None:
         slots = scenarios.config.budgets[1]
@@ -176,10 +170,7 @@ class PoseTask:
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Move the sensors of each active row.
-
-        A move that overloads a link more than before is undone.
-        """
+        """Move the sensors of each active row. A move that overloads a link more than before is undone."""
         state, moves = self.state, np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
         illegal, scenarios = np.zeros(state.n, np.bool_), dict[int, Scenario]()
         for row in np.flatnonzero(active).tolist():
@@ -212,10 +203,7 @@ def overloads(after: Objective, before: Objective) -> bool:
 def see_again(
     preparation: Preparation, candidates: Candidates, visibility: Visibility | None, still: Bool[np.ndarray, " C"]
 ) -> Visibility:
-    """Return the candidates' view of the traffic.
-
-    That of candidates that stand `still` is taken from `visibility`.
-    """
+    """Return the candidates' view of the traffic. That of candidates that stand `still` is taken from `visibility`."""
     moved = np.flatnonzero(~still)
     there = candidates if len(moved) == len(still) else candidates.select(moved)
     live = preparation.live

@@ -49,10 +49,7 @@ class AfterImport(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the module's spec, whose loader calls `then` when done.
-
-        None for other modules.
-        """
+        """Return the module's spec, whose loader calls `then` when done. None for other modules."""
         if fullname != self.name:
             return None
         spec = PathFinder.find_spec(fullname, path, target)

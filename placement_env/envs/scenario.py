@@ -49,10 +49,7 @@ class Scenario:
 
     @cached_property
     def mount(self) -> Int64[np.ndarray, " slots"]:
-        """Mount of each candidate.
-
-        The empty slots share a mount of their own.
-        """
+        """Mount of each candidate. The empty slots share a mount of their own."""
         return pad(self.objective.candidates.mount, self.slots, fill=len(self.objective.candidates.mounts))
 
     @cached_property
@@ -67,10 +64,7 @@ class Scenario:
 
     @cached_property
     def load(self) -> Float64[np.ndarray, " slots"] | None:
-        """Share of the link that each candidate takes.
-
-        None unless links are shared.
-        """
+        """Share of the link that each candidate takes. None unless links are shared."""
         sent = self.objective.shared_links
         return None if sent is None else pad(sent / self.objective.candidates.capacity, self.slots)
 
@@ -126,10 +120,7 @@ class Scenario:
         return np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
     def mark_failed(self, failed: Iterable[Any]) -> Bool[np.ndarray, " slots"]:
-        """Return a row over the slots, True for these candidates.
-
-        They are given by index or name.
-        """
+        """Return a row over the slots, True for these candidates. They are given by index or name."""
         return pad(self.objective.row(failed), self.slots)
 
 
@@ -151,10 +142,7 @@ def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
 
 
 def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
-    """Find xmin ymin xmax ymax of the detection area.
-
-    It holds all mounts if the site is unknown.
-    """
+    """Find xmin ymin xmax ymax of the detection area. It holds all mounts if the site is unknown."""
     if objective.site is not None:
         return objective.site.area
     feet = np.array([mount.position[:2] for mount in objective.candidates.mounts])
@@ -203,10 +191,7 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """Conditions of an episode, drawn or given by options.
-
-    site: its number; failed: candidates, by index or name.
-    """
+    """Conditions of an episode, drawn or given by options. site: its number; failed: candidates, by index or name."""
 
     site: int
     scheme: Scheme
@@ -234,10 +219,7 @@ class Sites:
         return self._known[index]
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Return the number of a site, drawn for None.
-
-        A new site joins the others.
-        """
+        """Return the number of a site, drawn for None. A new site joins the others."""
         if site is None:
             return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
         for index, (given, known) in enumerate(zip(self._given, self._known, strict=True)):
@@ -309,10 +291,7 @@ class Scenarios:
         self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
-        """Draw an episode with these options.
-
-        Raises ValueError for an option that is unknown or does not fit.
-        """
+        """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
         if options:
             return self._draw(rng, options)
         episode = self._always or self._draw(rng, {})

@@ -47,10 +47,7 @@ class SelectTask:
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Add a candidate in each active row.
-
-        The last action adds none and ends the episode.
-        """
+        """Add a candidate in each active row. The last action adds none and ends the episode."""
         slot, stops = self._slots(actions)
         state, acting = self.state, active & ~stops
         places = acting & (slot >= 0) & state.allowed[self._rows, slot]
@@ -67,10 +64,7 @@ class SelectTask:
         return self.state.observe(), info
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Tell which actions are legal.
-
-        Of factored ones, tell which values of each factor some legal candidate has.
-        """
+        """Tell which actions are legal. Of factored ones, tell which values of each factor some legal candidate has."""
         allowed = self.state.allowed
         if self.flat:
             return np.concatenate([allowed, self._always], axis=1)

@@ -55,10 +55,7 @@ class State:
         self.illegal, self.repeated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
 
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
-        """Start new episodes in some rows.
-
-        Sensors that stand from the start are scored.
-        """
+        """Start new episodes in some rows. Sensors that stand from the start are scored."""
         self.budget[rows] = [episode.budget for episode in episodes]
         self.max_steps[rows] = STEPS * self.budget[rows] if self._max_steps is None else self._max_steps
         self.chosen[rows] = self.illegal[rows] = self.repeated[rows] = False
@@ -131,10 +128,7 @@ class State:
         return whole
 
     def info(self) -> Info:
-        """Return the info, an array (n, ...) for each key.
-
-        `reward_terms` is a dictionary of these.
-        """
+        """Return the info, an array (n, ...) for each key. `reward_terms` is a dictionary of these."""
         comm, price = self._weights
         scores = self.scores
         return self._class_ap() | {
@@ -206,10 +200,7 @@ class State:
         self._groups = [(each, slice(None) if alone else np.array(rows)) for each, rows in members.items()]
 
     def _find_allowed(self) -> None:
-        """Find the candidates that may join.
-
-        They have not failed, and have room on their mount and its link.
-        """
+        """Find the candidates that may join. They have not failed, and have room on their mount and its link."""
         if self.fixed:
             return
         allowed = ~self.failed

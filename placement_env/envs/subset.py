@@ -35,10 +35,7 @@ class SubsetTask:
     def step(
         self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Choose the set of each active row.
-
-        A set that may not be built is left empty.
-        """
+        """Choose the set of each active row. A set that may not be built is left empty."""
         chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
         if (actions.reshape(chosen.shape) != chosen).any():
             raise ValueError(f"actions must be 0 or 1 for each slot, got {actions.tolist()}")

@@ -50,10 +50,7 @@ def see_blocks(
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """View one block, unless it is already cached.
-
-    The job is sent to every worker.
-    """
+    """View one block, unless it is already cached. The job is sent to every worker."""
 
     look: BlockView
     cache: Cache | None
@@ -67,9 +64,6 @@ class _Job:
         return found
 
     def cached(self, block: Block) -> Seen | None:
-        """Result of an earlier call.
-
-        None where it is missing or damaged.
-        """
+        """Result of an earlier call. None where it is missing or damaged."""
         arrays = None if self.cache is None else self.cache.get([self.look.key(block)])[0]
         return None if arrays is None else Seen(*arrays)

@@ -53,10 +53,7 @@ class Coverage:
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Share of objects covered by each set.
-
-        For several classes their shares are combined; 0 without an object.
-        """
+        """Share of objects covered by each set. For several classes their shares are combined; 0 without an object."""
         if len(self.classes) > 1:
             estimate = self.by_class(subsets).combined(self.classes)
             share = np.nan_to_num(estimate.ap)
@@ -68,10 +65,7 @@ class Coverage:
         return Estimate(share, share.copy(), self._kbit(subsets))
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
-        """Share of the objects of each class.
-
-        NaN where the class has no objects.
-        """
+        """Share of the objects of each class. NaN where the class has no objects."""
         share = np.full((len(subsets), len(self.classes)), np.nan)
         for block, views in self._sums.blocks(subsets):
             for k, own in enumerate(self._own):

@@ -63,10 +63,7 @@ class Outcome(NamedTuple):
     labels: Shaped[np.ndarray, " n"] | None = None
 
     def of_class(self, label: int) -> Outcome:
-        """Outcome of one class.
-
-        `truth` still counts the objects of all classes.
-        """
+        """Outcome of one class. `truth` still counts the objects of all classes."""
         if self.labels is None:
             return self
         own = self.labels == label
@@ -127,20 +124,14 @@ class Detected:
             )
 
     def at(self, iou: float, also: Iterable[float] = ()) -> Detected:
-        """Same fidelity at another IoU threshold.
-
-        also: further thresholds at which outcomes are matched.
-        """
+        """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are matched."""
         check_iou(iou)
         other = copy(self)
         other.iou, other.ious = iou, tuple(sorted({*self.ious, iou, *also}))
         return other
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Figures of each set over all frames.
-
-        AP and recall are NaN where no objects count.
-        """
+        """Figures of each set over all frames. AP and recall are NaN where no objects count."""
         return self.partial(subsets, self.frames)
 
     def partial(self, subsets: Bool[np.ndarray, "n C"], frames: int | Sequence[int]) -> Estimate:
@@ -231,20 +222,14 @@ class Detected:
         return {chosen: [Outcome(*arrays) for arrays in row] for chosen, row in kept.items()}
 
     def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
-        """Detections of a set in frame k.
-
-        The set is given as ascending indices; the order is that of its `Outcome`.
-        """
+        """Detections of a set in frame k. The set is given as ascending indices; the order is that of its `Outcome`."""
         frame = self.frame(k)
         found = frame.fused(chosen).detections
         self.memo.put(frame.new)
         return found
 
     def frame(self, k: int) -> FrameDetections:
-        """Detections in frame k, set by set.
-
-        The memo's values are included.
-        """
+        """Detections in frame k, set by set. The memo's values are included."""
 
         def key(clouds: Sequence[Cloud]) -> bytes:
             return self.key(k, "detections", [c.sensor for c in clouds], [c.history for c in clouds])
@@ -307,10 +292,7 @@ class Detected:
 
 @dataclass(frozen=True)
 class _Scoring:
-    """Score some sets in one frame.
-
-    The job returns their outcomes and the detections that were not kept yet.
-    """
+    """Score some sets in one frame. The job returns their outcomes and the detections that were not kept yet."""
 
     rules: Detected
 
@@ -340,10 +322,7 @@ def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "
 
 
 def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
-    """Frames as indices.
-
-    The argument is a number of first frames, None for all, or the indices themselves.
-    """
+    """Frames as indices. The argument is a number of first frames, None for all, or the indices themselves."""
     if isinstance(frames, float):
         raise ValueError(f"frames must be a whole number or a list of them, got {frames}")
     chosen = range(available)[:frames] if frames is None or isinstance(frames, int) else frames

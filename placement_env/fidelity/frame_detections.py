@@ -1,7 +1,4 @@
-"""`FrameDetections`: joint detections of sensor sets in one frame.
-
-Each step is done once, for many sets at a time.
-"""
+"""`FrameDetections`: joint detections of sensor sets in one frame. Each step is done once, for many sets at a time."""
 
 from __future__ import annotations
 
@@ -40,10 +37,7 @@ class Measured(Protocol):
         ...
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of candidate c in frame k, with noise.
-
-        They lie inside the crop.
-        """
+        """Points of candidate c in frame k, with noise. They lie inside the crop."""
         ...
 
     def objects(self, k: int) -> Objects:

@@ -100,10 +100,7 @@ def fit(
 
 
 class _Fitting:
-    """Likelihood and misfit of models.
-
-    They are of one scheme, IoU threshold and class.
-    """
+    """Likelihood and misfit of models. They are of one scheme, IoU threshold and class."""
 
     def __init__(self, observed: Sequence[Observed], scheme: Scheme, iou: float, source: str, label: str) -> None:
         self._observed, self._scheme = observed, scheme
@@ -114,10 +111,7 @@ class _Fitting:
     def fitted(
         self, start: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
     ) -> tuple[Float64[np.ndarray, " p"], HitModel, float]:
-        """Best numbers from a start, and their model.
-
-        The hits' unlikelihood under the model comes too.
-        """
+        """Best numbers from a start, and their model. The hits' unlikelihood under the model comes too."""
         bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT, FLOOR_LOG]
         end = self._minimize(self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds)
         ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._model(end.x))]
@@ -155,10 +149,7 @@ class _Fitting:
 
 
 def _drawn(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weights]:
-    """Sites drawn with replacement.
-
-    In each of them blocks of frames and sets are drawn too.
-    """
+    """Sites drawn with replacement. In each of them blocks of frames and sets are drawn too."""
     count = len(observed)
     times = rng.multinomial(count, np.full(count, 1 / count))
     weights = []

@@ -51,10 +51,7 @@ class _Part(NamedTuple):
 def look_at(
     traffic: Traffic, renderer: Renderer, sensors: Sequence[Sensor], labels: Sequence[int] = (VEHICLE,)
 ) -> Seen:
-    """View of the sensors on all frames.
-
-    renderer: of the traffic's site and bodies; labels: of the scored objects.
-    """
+    """View of the sensors on all frames. renderer: of the traffic's site and bodies; labels: of the scored objects."""
     scene = _Scene(traffic.site, renderer, sensors)
     points, sent, far = [np.zeros((len(sensors), 0))], [], []
     parts: dict[tuple[int, bytes], _Part] = {}
@@ -78,10 +75,7 @@ def look_at(
 
 
 def _find_windows(traffic: Traffic, scene: _Scene) -> dict[tuple[int, bytes], Windows]:
-    """Windows in which each object may be seen.
-
-    They cover all frames; an object that stands still has one.
-    """
+    """Windows in which each object may be seen. They cover all frames; an object that stands still has one."""
     different = {
         (body, box.tobytes()): (body, box)
         for snapshot in traffic.snapshots
@@ -93,10 +87,7 @@ def _find_windows(traffic: Traffic, scene: _Scene) -> dict[tuple[int, bytes], Wi
 
 
 class _Scene:
-    """Sensors of a block at the empty site.
-
-    It has buffers for one frame.
-    """
+    """Sensors of a block at the empty site. It has buffers for one frame."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self._site, self._views, self._crop = site, SensorRays(renderer, sensors), Crop.of(site)
@@ -159,10 +150,7 @@ class _Scene:
         return worth(points, spread, self._positions[:, :2].take(sensors, axis=0), self._site)
 
     def _deviation(self, depth: np.ndarray, sensors: np.ndarray) -> np.ndarray | np.float32:
-        """Noise standard deviation of each measurement.
-
-        It follows the model of the sensor.
-        """
+        """Noise standard deviation of each measurement. It follows the model of the sensor."""
         if len(self._models) == 1:
             return self._models[0].deviation(depth)
         which, deviation = self._model.take(sensors), np.empty(len(depth), np.float32)
@@ -191,8 +179,5 @@ def worth(
 
 
 def _normal(x: Float32[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-    """The standard normal distribution function.
-
-    It is within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26).
-    """
+    """The standard normal distribution function. It is within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26)."""
     return 0.5 * (1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x)))

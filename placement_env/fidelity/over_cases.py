@@ -1,7 +1,4 @@
-"""`CasesFidelity`: combine fidelities of single cases into one.
-
-See `placement_env.cases`.
-"""
+"""`CasesFidelity`: combine fidelities of single cases into one. See `placement_env.cases`."""
 
 from __future__ import annotations
 
@@ -21,10 +18,7 @@ _Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
 
 @dataclass(frozen=True)
 class ProfileFidelities:
-    """Fidelities at one error profile.
-
-    They are of all traffic, and of each level and IoU threshold.
-    """
+    """Fidelities at one error profile. They are of all traffic, and of each level and IoU threshold."""
 
     whole: Fidelity
     levels: tuple[tuple[Fidelity, ...], ...]
@@ -71,10 +65,7 @@ class CasesFidelity:
         return ClassEstimates(ap, recall, (shares * np.stack([each.kbit for each in found])).sum(axis=0))
 
     def at_each(self, subsets: Bool[np.ndarray, "n C"]) -> dict[str, Estimate]:
-        """Figures of each set at each error profile.
-
-        They are keyed by the profile's name.
-        """
+        """Figures of each set at each error profile. They are keyed by the profile's name."""
         found = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
         return dict(zip(self.cases.names, found, strict=True))
 
@@ -121,10 +112,7 @@ class CasesByFrames(CasesFidelity):
 
 
 def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
-    """Fidelity over the cases.
-
-    A single case keeps its own fidelity.
-    """
+    """Fidelity over the cases. A single case keeps its own fidelity."""
     if cases.plain and len(profiles) == 1:
         return profiles[0].whole
     every = [each for profile in profiles for level in profile.levels for each in level]

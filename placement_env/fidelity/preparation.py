@@ -75,19 +75,13 @@ class Preparation:
         return simulate_traffic(self.site, self.frames, self.run.seed)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level of traffic.
-
-        The level is the number of road users of any class in the site's area.
-        """
+        """Frames of each level of traffic. The level is the number of road users of any class in the site's area."""
         there = [scored(each.objects, self.site, range(len(LABELS))).sum() for each in self.traffic.snapshots]
         return Cases(levels=levels).split(np.array(there, np.int64))
 
     @cached_property
     def levels(self) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level that the setting requests.
-
-        Empty where traffic is undivided.
-        """
+        """Frames of each level that the setting requests. Empty where traffic is undivided."""
         count = self.setting.cases.levels
         return self.split(count) if count > 1 else ()
 
@@ -122,10 +116,7 @@ class Preparation:
 
     @cached_property
     def network(self) -> str:
-        """Name of the network that scores the candidates.
-
-        It is the shipped network or its surrogate.
-        """
+        """Name of the network that scores the candidates. It is the shipped network or its surrogate."""
         return find_network(self.site, self.candidates.sensors)
 
     @cached_property
@@ -184,10 +175,7 @@ class Preparation:
         return tuple(map(make, ious))
 
     def detected(self, errors: ErrorProfile) -> Detected:
-        """Fidelity of the detector at one error profile.
-
-        It uses the first IoU threshold.
-        """
+        """Fidelity of the detector at one error profile. It uses the first IoU threshold."""
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
@@ -333,10 +321,7 @@ def _make_detector(network: str, place: _Place) -> Detector:
 
 
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
-    """Name of the shipped network for these sensors.
-
-    It is the site's, trained with its own sensors, or `GENERAL`.
-    """
+    """Name of the shipped network for these sensors. It is the site's, trained with its own sensors, or `GENERAL`."""
     from models.detector import SHIPPED
 
     own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()

@@ -57,10 +57,7 @@ CELL = 1.0  # m
 
 
 class PerceptionEntropy:
-    """Perception entropy by Ma, Liu and Li.
-
-    It measures how well each vehicle is seen.
-    """
+    """Perception entropy by Ma, Liu and Li. It measures how well each vehicle is seen."""
 
     name = "perception entropy"
 
@@ -71,10 +68,7 @@ class PerceptionEntropy:
         self._cost = _Cost(visibility, scheme, codec)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Scaled entropy score of each set.
-
-        It is 1 for the least entropy, 0 for nothing seen.
-        """
+        """Scaled entropy score of each set. It is 1 for the least entropy, 0 for nothing seen."""
         score = np.zeros(len(subsets))
         (most, least), objects = 2 * np.log(spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
         for block, sums in self._sums.blocks(subsets):
@@ -87,10 +81,7 @@ class PerceptionEntropy:
 
 
 class InformationGain:
-    """Entropy of vehicle positions that a set removes.
-
-    From Hu et al.'s metric, with the sign turned.
-    """
+    """Entropy of vehicle positions that a set removes. From Hu et al.'s metric, with the sign turned."""
 
     name = "information gain"
 
@@ -132,10 +123,7 @@ def rasterize_boxes(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V
 
 
 def cell_entropy(over: Float[np.ndarray, "O V"], visibility: Visibility) -> Float64[np.ndarray, " V"]:
-    """Entropy (nat) of each cell.
-
-    It follows from the share of the frames in which some box is over it.
-    """
+    """Entropy (nat) of each cell. It follows from the share of the frames in which some box is over it."""
     occupied = np.zeros((visibility.frames, over.shape[1]), bool)
     np.logical_or.at(occupied, visibility.frame, over > 0)
     p = occupied.mean(axis=0)

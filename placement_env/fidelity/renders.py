@@ -72,10 +72,7 @@ class Renders:
 
     @staticmethod
     def of(recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS) -> Recorded:
-        """Measurements of a recording.
-
-        They are as in `toolkit.detection.evaluation`.
-        """
+        """Measurements of a recording. They are as in `toolkit.detection.evaluation`."""
         return Recorded(recording, noise_seed, errors=errors)
 
     @cached_property
@@ -85,10 +82,7 @@ class Renders:
         return make_key(*parts, *_beyond_noise(self.errors)).hex()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of candidate c in frame k.
-
-        They are inside the crop, in the world frame.
-        """
+        """Points of candidate c in frame k. They are inside the crop, in the world frame."""
         packed, rng = self._of_candidate(c), None
         if self._whole:
             return frame_points(self._reading(packed, k, c), area=self.site)[0]
@@ -97,10 +91,7 @@ class Renders:
         return packed.rig.points(0, *packed.frame(k), rng)
 
     def captured(self, k: int, c: int) -> Captured:
-        """Image behind these points.
-
-        It shows the crop, or everything where errors need whole images.
-        """
+        """Image behind these points. It shows the crop, or everything where errors need whole images."""
         packed, sensor, snapshot = self._of_candidate(c), self.sensors[c], self.traffic.snapshots[k]
         if self._whole:
             return Captured(self._reading(packed, k, c), 0, self.site)
@@ -112,10 +103,7 @@ class Renders:
         return Captured(frame, 0, self.site, kept=pixels.astype(np.int64))
 
     def scene(self, c: int) -> EmptyScene:
-        """Empty scene of candidate c.
-
-        It is rendered, or learnt from its frames where it has errors.
-        """
+        """Empty scene of candidate c. It is rendered, or learnt from its frames where it has errors."""
         if c not in self._scenes:
             packed, sensor = self._of_candidate(c), self.sensors[c]
             learner = SceneLearner(sensor)
@@ -152,10 +140,7 @@ class Renders:
         return packed
 
     def _kept(self, c: int) -> _Packed:
-        """Kept render of a candidate.
-
-        A missing or damaged one is rendered.
-        """
+        """Kept render of a candidate. A missing or damaged one is rendered."""
         if self._cache is None:
             return self._render(c)
         sensor = self.sensors[c]
@@ -190,10 +175,7 @@ class Renders:
 
 
 class Recorded:
-    """Measurements of a recording.
-
-    They are the same points, to the bit, as `toolkit.detection.evaluation` gets.
-    """
+    """Measurements of a recording. They are the same points, to the bit, as `toolkit.detection.evaluation` gets."""
 
     def __init__(
         self, recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS
@@ -217,10 +199,7 @@ class Recorded:
         return sha.hexdigest()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of sensor c in frame k.
-
-        They are inside the crop, in the world frame.
-        """
+        """Points of sensor c in frame k. They are inside the crop, in the world frame."""
         return frame_points(self._frame(k), [c], area=self.site)[0]
 
     def captured(self, k: int, c: int) -> Captured:
@@ -256,10 +235,7 @@ class _Packed:
         return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
     def image(self, k: int) -> Float32[np.ndarray, "rows columns"]:
-        """Whole image of frame k.
-
-        Available where whole images are packed.
-        """
+        """Whole image of frame k. Available where whole images are packed."""
         shape = self.rig.sensors[0].model.shape
         flat = np.zeros(shape[0] * shape[1], np.float32)
         flat[self.rig.pixels[0]] = self.rig.depth[0]
@@ -297,10 +273,7 @@ def _packed_whole(rig: Rig, background: np.ndarray, images: Iterable[np.ndarray]
 
 
 def _beyond_noise(errors: ErrorProfile) -> list[str]:
-    """Part of a key that errors add.
-
-    Empty where only the sensors' own noise applies.
-    """
+    """Part of a key that errors add. Empty where only the sensors' own noise applies."""
     return [] if only_own_noise(errors) else [errors.digest, code_digest(*errors.modules)]
 
 
@@ -310,9 +283,6 @@ def _code(sensors: Sequence[Sensor]) -> str:
 
 
 def _seed(sensor: Sensor) -> int:
-    """Seed of a sensor's noise.
-
-    It is not `Sensor.digest`, since published figures were measured with this noise.
-    """
+    """Seed of a sensor's noise. It is not `Sensor.digest`, since published figures were measured with this noise."""
     described = json.dumps((repr(sensor.model), sensor.pose.tolist()))
     return int.from_bytes(sha256(described.encode()).digest()[:8], "big")

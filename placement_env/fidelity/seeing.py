@@ -1,7 +1,4 @@
-"""`see`: visibility of traffic from candidates.
-
-It uses rays or panoramas, whichever is quicker and accurate enough.
-"""
+"""`see`: visibility of traffic from candidates. It uses rays or panoramas, whichever is quicker and accurate enough."""
 
 from __future__ import annotations
 
@@ -79,10 +76,7 @@ def _look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: tuple[int
 
 
 def _blocks(sensors: Sequence[Sensor]) -> list[Block]:
-    """First and last sensor of each block.
-
-    A block has at most `BLOCK_PIXELS` pixels, or one sensor.
-    """
+    """First and last sensor of each block. A block has at most `BLOCK_PIXELS` pixels, or one sensor."""
     blocks, first, pixels = [], 0, 0
     for c, sensor in enumerate(sensors):
         size = math.prod(sensor.model.shape)

@@ -74,10 +74,7 @@ class Surrogate:
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Expected AP and recall of each set.
-
-        Several classes are combined; 0 without an object.
-        """
+        """Expected AP and recall of each set. Several classes are combined; 0 without an object."""
         if len(self.classes) > 1:
             estimate = self.by_class(subsets).combined(self.classes)
             return Estimate(np.nan_to_num(estimate.ap), np.nan_to_num(estimate.recall), estimate.kbit)
@@ -85,10 +82,7 @@ class Surrogate:
         return Estimate(ap, recall, self._kbit(subsets))
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
-        """Expected AP and recall of each class.
-
-        NaN where the class has no objects.
-        """
+        """Expected AP and recall of each class. NaN where the class has no objects."""
         figures = [part.expected(subsets) for part in self._parts]
         for part, (ap, recall) in zip(self._parts, figures, strict=True):
             if not part.objects:
@@ -113,10 +107,7 @@ class Surrogate:
         ]
 
     def in_frames(self, frames: Int64[np.ndarray, " _"]) -> Surrogate:
-        """Same surrogate over some of the frames.
-
-        Frames are ascending; kbit stay those of all.
-        """
+        """Same surrogate over some of the frames. Frames are ascending; kbit stay those of all."""
         other = copy(self)
         other._parts = [part.in_frames(frames) for part in self._parts]
         return other
@@ -139,10 +130,7 @@ class Surrogate:
         return np.nan_to_num(np.std(drawn, axis=0, ddof=1))
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
-        """Sentences on differences from the fitted data.
-
-        sensors: kinds of their models.
-        """
+        """Sentences on differences from the fitted data. sensors: kinds of their models."""
         said: dict[str, None] = {}
         for part, model in zip(self._parts, self.models, strict=True):
             if model.domain is not None:

@@ -97,10 +97,7 @@ class Table:
             raise ValueError(f"a table of {self.origin.classes} needs {(others, *shape)}, got {self.more_ap.shape}")
 
     def of_class(self, name: str) -> tuple[Float64[np.ndarray, "s k i"], Float64[np.ndarray, "s k i"]]:
-        """AP and recall (sets, schemes, ious) of a class.
-
-        Raises ValueError for a class that was not measured.
-        """
+        """AP and recall (sets, schemes, ious) of a class. Raises ValueError for a class that was not measured."""
         if name not in self.origin.classes:
             raise ValueError(
                 f"this table holds {', '.join(self.origin.classes)}, not {name}: make one with coview table --classes, "
@@ -242,10 +239,7 @@ def make_table(
 
 
 def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
-    """SHA-256 over a site and its sensors.
-
-    A table applies to no others. The hybrid radius is stored beside it.
-    """
+    """SHA-256 over a site and its sensors. A table applies to no others. The hybrid radius is stored beside it."""
     from toolkit.sites.files import format_site
 
     mounted = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]

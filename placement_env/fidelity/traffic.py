@@ -1,7 +1,4 @@
-"""`Traffic`: the frames that judge every sensor set.
-
-They are the same for all sensors.
-"""
+"""`Traffic`: the frames that judge every sensor set. They are the same for all sensors."""
 
 from __future__ import annotations
 
@@ -31,10 +28,7 @@ FRAMES = 200
 
 @dataclass(frozen=True, eq=False)
 class Traffic:
-    """Frames of traffic on a site.
-
-    snapshots: the frames; bodies: used by the counts in `Snapshot.bodies`.
-    """
+    """Frames of traffic on a site. snapshots: the frames; bodies: used by the counts in `Snapshot.bodies`."""
 
     site: Site
     bodies: tuple[Body, ...]
@@ -44,10 +38,7 @@ class Traffic:
         return len(self.snapshots)
 
     def digest(self) -> str:
-        """SHA-256 over site, bodies and frames.
-
-        Equal digests mean that everything a sensor might see is equal.
-        """
+        """SHA-256 over site, bodies and frames. Equal digests mean that everything a sensor might see is equal."""
         return self._digest
 
     @cached_property

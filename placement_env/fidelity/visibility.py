@@ -76,18 +76,12 @@ class Visibility:
         return Visibility(*objects, self.sent, self.far, self.labels[own])
 
     def save(self, path: str | Path) -> None:
-        """Write a file, completely or not.
-
-        `load` reads it.
-        """
+        """Write a file, completely or not. `load` reads it."""
         write_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @staticmethod
     def load(path: str | Path) -> Visibility:
-        """Read a file that `save` wrote.
-
-        Raises FileNotFoundError; ValueError for a damaged or foreign file.
-        """
+        """Read a file that `save` wrote. Raises FileNotFoundError; ValueError for a damaged or foreign file."""
         arrays, names = read_arrays(path), {field.name for field in fields(Visibility)}
         if arrays.keys() not in (names, names - {"labels"}):  # older files lack labels: only vehicles counted
             raise ValueError(f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: see save")

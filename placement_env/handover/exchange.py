@@ -60,10 +60,7 @@ def write_exchange(
 
 
 def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
-    """Mounting schedule, one line per sensor.
-
-    Lengths are in m (site frame), angles in degrees, kbit per frame.
-    """
+    """Mounting schedule, one line per sensor. Lengths are in m (site frame), angles in degrees, kbit per frame."""
     rows = [_row(sensor, currency or "ordinary poles") for sensor in sensors]
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
@@ -111,10 +108,7 @@ def _bearing(sensor: PlannedSensor) -> float:
 
 
 def plan_geojson(site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *, unused: Sequence[Mount] = ()) -> str:
-    """Sensors, their ground, blind spots and unused poles.
-
-    The layers are for GIS tools.
-    """
+    """Sensors, their ground, blind spots and unused poles. The layers are for GIS tools."""
     note: dict[str, object] = {} if site.geo_reference is not None else {"coview_site": 1, "note": IN_METRES}
     return feature_collection(_layers(site, sensors, ground, unused), name=f"{site.name} plan", **note)
 

@@ -141,10 +141,7 @@ def blind_polygons(ground: Ground) -> list[shapely.Polygon]:
 
 
 def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
-    """Ground that each sensor sees, as polygons.
-
-    They have holes (m, site frame); pieces below `SPECK` are left out.
-    """
+    """Ground that each sensor sees, as polygons. They have holes (m, site frame); pieces below `SPECK` are left out."""
     return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
 
 
@@ -210,10 +207,7 @@ def _covered(polygons: Sequence[np.ndarray], middles: Float64[np.ndarray, "ny nx
 
 
 def _polygons(ground: Ground, mask: Bool[np.ndarray, "ny nx"]) -> list[shapely.Polygon]:
-    """Merge cells along their edges.
-
-    The steps of slanting edges are smoothed to about half a cell.
-    """
+    """Merge cells along their edges. The steps of slanting edges are smoothed to about half a cell."""
     half = ground.cell / 2
     edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     (rows, first), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)

@@ -150,10 +150,7 @@ def unused_mounts(candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor
 def _sensors(
     candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor]
 ) -> tuple[tuple[Sensor, ...], tuple[Mount, ...]]:
-    """Sensors and mounts of the set.
-
-    The sensors have their names in files.
-    """
+    """Sensors and mounts of the set. The sensors have their names in files."""
     members = np.asarray(chosen, np.int64)
     if len(moved) not in (0, len(members)):
         raise ValueError(f"moved must hold the {len(members)} chosen sensors, got {len(moved)}: pass one for each")
@@ -181,10 +178,7 @@ def _moved_name(sensor: Sensor, mount: Mount) -> str:
 
 
 def _merge_mounts(mounts: Sequence[Mount], others: Sequence[Mount]) -> tuple[Mount, ...]:
-    """Merge mounts with those of `others` elsewhere.
-
-    These replace mounts of the same name.
-    """
+    """Merge mounts with those of `others` elsewhere. These replace mounts of the same name."""
     feet = np.array([mount.position[:2] for mount in mounts]).reshape(-1, 2)
     new = [o for o in others if not (np.hypot(*(feet - o.position[:2]).T) <= SAME_SPOT).any()]
     names = {mount.name for mount in new}

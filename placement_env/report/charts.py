@@ -1,7 +1,4 @@
-"""Charts of a plan as SVG text.
-
-AP is always shown with its interval and the number of vehicles.
-"""
+"""Charts of a plan as SVG text. AP is always shown with its interval and the number of vehicles."""
 
 from __future__ import annotations
 
@@ -38,10 +35,7 @@ MOST_FIGURES = 14  # sensors up to which the cells of the table of pairs hold fi
 
 
 def interval_bars(rows: Sequence[tuple[str, Judgement]], title: str) -> str:
-    """Bar of AP for each row.
-
-    Each has its interval and the number of vehicles.
-    """
+    """Bar of AP for each row. Each has its interval and the number of vehicles."""
     with house_style():
         judged = [each for _, each in rows]
         figure, axes = row_axes(title, describe_sample(judged), [name for name, _ in rows])
@@ -50,10 +44,7 @@ def interval_bars(rows: Sequence[tuple[str, Judgement]], title: str) -> str:
 
 
 def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
-    """AP of the fusion schemes at each IoU.
-
-    The data they send is shown too.
-    """
+    """AP of the fusion schemes at each IoU. The data they send is shown too."""
     with house_style():
         names = [f"{each.scheme}, IoU {iou_text(each.iou)}" for each in schemes]
         judged = [each.judged for each in schemes]
@@ -65,10 +56,7 @@ def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
 
 
 def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
-    """AP left when sensors fail (hatched).
-
-    It stands beside the AP of the whole set.
-    """
+    """AP left when sensors fail (hatched). It stands beside the AP of the whole set."""
     with house_style():
         judged = [intact, *(each.judged for each in failures)]
         names = ["all work", *(f"without {set_label(each.failed)}" for each in failures)]
@@ -81,10 +69,7 @@ def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
 
 
 def link_chart(links: Sequence[LinkLoad]) -> str:
-    """Mbit/s of each link against its capacity.
-
-    The average and the largest frame are shown.
-    """
+    """Mbit/s of each link against its capacity. The average and the largest frame are shown."""
     with house_style():
         text = f"{RATE:g} frames a second; bar: mean, line: largest frame, upright: capacity of the link"
         figure, axes = row_axes("Load of the links", text, [each.pole for each in links], right=2.3)
@@ -222,10 +207,7 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
 
 
 def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) -> None:
-    """Draw the interactions as cells with their figures.
-
-    Below 0 is blue, above orange.
-    """
+    """Draw the interactions as cells with their figures. Below 0 is blue, above orange."""
     pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth]).reshape(
         len(worth), -1
     )
@@ -245,10 +227,7 @@ def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) 
 
 
 def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> tuple[Figure, Axes]:
-    """Figure with a row for each name.
-
-    The first is on top; right: inches kept free beside the rows for figures.
-    """
+    """Figure with a row for each name. The first is on top; right: inches kept free beside the rows for figures."""
     names = [shorten(name, LETTERS) for name in names]
     left = 0.35 + 0.066 * max(map(len, names), default=0)
     height = HEAD + FOOT + ROW * max(len(names), 1)
@@ -271,10 +250,7 @@ def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 
 
 
 def _draw_bars(axes: Axes, judged: Sequence[Judgement | None], *, hatched: Sequence[bool] = ()) -> None:
-    """Draw a bar for each AP.
-
-    Its interval is a line, and its figures stand to the right of the axes.
-    """
+    """Draw a bar for each AP. Its interval is a line, and its figures stand to the right of the axes."""
     axes.set(xlim=(0, 1), xlabel="AP")
     for row, each in enumerate(judged):
         if each is None:

@@ -44,10 +44,7 @@ class Judgement:
 
 
 def overlap(one: Judgement, other: Judgement) -> bool:
-    """Return whether the intervals of two AP overlap.
-
-    If so, the data cannot tell them apart.
-    """
+    """Return whether the intervals of two AP overlap. If so, the data cannot tell them apart."""
     return one.low <= other.high and other.low <= one.high
 
 
@@ -112,10 +109,7 @@ class ClassSeen:
 
 @dataclass(frozen=True)
 class ClassAP:
-    """Result of the chosen set for one class.
-
-    weight: among the classes; iou: at which a detection counts.
-    """
+    """Result of the chosen set for one class. weight: among the classes; iou: at which a detection counts."""
 
     label: str
     weight: float
@@ -125,10 +119,7 @@ class ClassAP:
 
 @dataclass(frozen=True)
 class SchemeFigures:
-    """The chosen set under one fusion scheme.
-
-    Figures are at one IoU or averaged over several.
-    """
+    """The chosen set under one fusion scheme. Figures are at one IoU or averaged over several."""
 
     scheme: str
     iou: IoUs
@@ -158,10 +149,7 @@ class FailureCase:
 
 @dataclass(frozen=True)
 class BuildStep:
-    """Next sensor to build.
-
-    It comes with the money spent so far and the result of the sensors built so far.
-    """
+    """Next sensor to build. It comes with the money spent so far and the result of the sensors built so far."""
 
     sensor: str
     price: float

@@ -1,7 +1,4 @@
-"""First sensors for a site without any.
-
-Greedy coverage finds them, to try a site; they are not a plan.
-"""
+"""First sensors for a site without any. Greedy coverage finds them, to try a site; they are not a plan."""
 
 from __future__ import annotations
 
@@ -64,10 +61,7 @@ class HalvedViews:
         self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Return the mean of each set as AP and recall.
-
-        kbit are 0.
-        """
+        """Return the mean of each set as AP and recall. kbit are 0."""
         worth = np.zeros(len(subsets))
         for block, views in self._sums.blocks(subsets):
             worth[block] = (1 - 0.5 ** views.astype(np.float64)).mean(axis=1)

@@ -106,10 +106,7 @@ def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
 
 
 def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Map the open ground that no sensor sees.
-
-    It is shown by kind. Raises ValueError for a ground of other sensors.
-    """
+    """Map the open ground that no sensor sees. It is shown by kind. Raises ValueError for a ground of other sensors."""
     _check(ground, sensors)
     blind = ground.open_ground & (ground.views == 0)
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))
@@ -168,10 +165,7 @@ def _finish(sheet: MapSheet, sensors: Sequence[Sensor], name: str) -> str:
 def _draw_cells(
     sheet: MapSheet, site: Site, ground: Ground, colours: Float64[np.ndarray, "ny nx 4"], shown: np.ndarray
 ) -> None:
-    """Draw the shown cells in their colours.
-
-    The edges of the lanes are drawn over them.
-    """
+    """Draw the shown cells in their colours. The edges of the lanes are drawn over them."""
     half = ground.cell / 2
     image = (np.concatenate([colours[..., :3], shown[..., None]], axis=-1) * 255).round().astype(np.uint8)
     image = image.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
@@ -185,10 +179,7 @@ def _draw_cells(
 
 
 def _draw_seen(sheet: MapSheet, ground: Ground) -> None:
-    """Fill the ground that each sensor sees.
-
-    Smoothing drops slivers; each sensor has its colour.
-    """
+    """Fill the ground that each sensor sees. Smoothing drops slivers; each sensor has its colour."""
     calm = [ground.open_ground & (smooth(seen * 1.0, ground.open_ground, ground.cell) > 0.5) for seen in ground.seen]
     for index, polygons in enumerate(
         visible_polygons(replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape)))

@@ -1,7 +1,6 @@
 """Adapter that lets Stable-Baselines3 train on the native vector environments.
 
-vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64)
-MaskablePPO("MlpPolicy", as_sb3(vector)).learn(10_000)
+vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64) MaskablePPO("MlpPolicy", as_sb3(vector)).learn(10_000)
 
 All other environments are stepped one by one.
 """

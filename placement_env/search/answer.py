@@ -44,18 +44,12 @@ CURVE_COLUMNS = (
 
 
 def check_georeference(site: Site) -> None:
-    """Check the site's georeference before hours of search.
-
-    Raises what `longitude_latitude` raises for the site.
-    """
+    """Check the site's georeference before hours of search. Raises what `longitude_latitude` raises for the site."""
     longitude_latitude(site, np.zeros((1, 2)))
 
 
 def answer_files(order: SearchOrder) -> tuple[str, ...]:
-    """Files that the answer to an order may have.
-
-    A curve has one site per set.
-    """
+    """Files that the answer to an order may have. A curve has one site per set."""
     if not order.curve:
         return ANSWER_FILES
     most = order.budget if math.isinf(order.setting.most_price) else AMOUNTS

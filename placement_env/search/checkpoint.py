@@ -45,17 +45,11 @@ class Checkpoint:
         return Checkpoint(self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every)
 
     def place(self, name: str) -> Path | None:
-        """Folder for this part's own files.
-
-        None where nothing is kept.
-        """
+        """Folder for this part's own files. None where nothing is kept."""
         return None if self.folder is None else self.folder / f"{self._part}.{name}{STATE}"
 
     def load(self) -> KeptState | None:
-        """State that was saved last.
-
-        None where no valid state exists.
-        """
+        """State that was saved last. None where no valid state exists."""
         if self.folder is None:
             return None
         try:
@@ -68,10 +62,7 @@ class Checkpoint:
         return values | {name: array.copy() for name, array in zip(names, arrays[1:], strict=True)}
 
     def save(self, state: Mapping[str, Any]) -> None:
-        """Save a state in place of the last one.
-
-        Raises OSError where it cannot be written.
-        """
+        """Save a state in place of the last one. Raises OSError where it cannot be written."""
         if self.folder is None:
             return
         arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}

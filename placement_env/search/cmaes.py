@@ -228,19 +228,13 @@ def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: 
 
 
 def angles(sensor: Sensor) -> tuple[float, float, float]:
-    """Height, heading and tilt of a sensor.
-
-    Height is above zero (m); heading and tilt below the horizon are in rad.
-    """
+    """Height, heading and tilt of a sensor. Height is above zero (m); heading and tilt below the horizon are in rad."""
     (heading,), (tilt,) = aims([sensor])
     return float(sensor.position[2]), float(heading), float(tilt)
 
 
 class Coding:
-    """Convert sets of sensors to vectors and back.
-
-    Each sensor keeps its model and, unless it roams, its mount.
-    """
+    """Convert sets of sensors to vectors and back. Each sensor keeps its model and, unless it roams, its mount."""
 
     def __init__(self, start: Candidates, roam: bool) -> None:
         self.start, self.roam = start, roam
@@ -276,10 +270,7 @@ class Coding:
         return tuple(sensors)
 
     def options(self) -> dict[str, Any]:
-        """Bounds as `cma` takes them.
-
-        All values but the headings are bounded.
-        """
+        """Bounds as `cma` takes them. All values but the headings are bounded."""
         bounded: Bool[np.ndarray, " n"] = np.tile(np.arange(self.width) != 1, len(self.start))
         return {"bounds": [[0.0 if b else None for b in bounded], [1.0 if b else None for b in bounded]]}
 
@@ -293,10 +284,7 @@ def _range(mount: Mount) -> tuple[float, float]:
 
 
 def _quiet(rng: np.random.Generator) -> dict[str, Any]:
-    """Draw from our generator and silence printing.
-
-    NumPy's global generator stays untouched.
-    """
+    """Draw from our generator and silence printing. NumPy's global generator stays untouched."""
     return {"seed": np.nan, "randn": lambda *shape: rng.standard_normal(shape), "verbose": -9}
 
 

@@ -1,7 +1,4 @@
-"""A search's result in words.
-
-It lists sensors, their moves and their figures.
-"""
+"""A search's result in words. It lists sensors, their moves and their figures."""
 
 from __future__ import annotations
 
@@ -61,10 +58,7 @@ def describe_profiles(by_errors: Sequence[ProfileAP]) -> str:
 
 
 def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
-    """A line of the AP at each error profile.
-
-    Empty without error profiles.
-    """
+    """A line of the AP at each error profile. Empty without error profiles."""
     said = ", ".join(f"{name} {ap:.4f}" for name, ap in by_errors.items())
     return [f"AP at each error profile: {said}"] if said else []
 
@@ -102,10 +96,7 @@ def describe_empty(objective: Objective) -> str:
 
 
 def check_present(objective: Objective) -> None:
-    """Raise ValueError where a counted class has no objects.
-
-    This avoids statements about a class that is absent.
-    """
+    """Raise ValueError where a counted class has no objects. This avoids statements about a class that is absent."""
     if missing := absent_classes(objective):
         raise ValueError(
             f"there is no {' and no '.join(missing)} to find in these frames: say more --frames or another --seed, or "

@@ -1,7 +1,4 @@
-"""The searches by name, with checks of their abilities.
-
-Checks run before anything is rendered.
-"""
+"""The searches by name, with checks of their abilities. Checks run before anything is rendered."""
 
 from __future__ import annotations
 
@@ -62,10 +59,7 @@ ONE_COUNTED = (
 
 
 def load_search(method: str) -> Callable[..., Any]:
-    """Search of that name.
-
-    Call it with an objective and a budget; it returns a result.
-    """
+    """Search of that name. Call it with an objective and a budget; it returns a result."""
     found = METHODS[method]
     return getattr(import_module(found.module), found.function)
 

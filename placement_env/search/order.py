@@ -1,7 +1,4 @@
-"""`SearchOrder` and `run_search`, which answers it.
-
-An order describes one search.
-"""
+"""`SearchOrder` and `run_search`, which answers it. An order describes one search."""
 
 from __future__ import annotations
 
@@ -96,10 +93,7 @@ class SearchOrder:
 
     @property
     def searched(self) -> Setting:
-        """Setting of the search itself.
-
-        A fidelity that does not detect knows no errors but the sensors' own noise.
-        """
+        """Setting of the search itself. A fidelity that does not detect knows no errors but the sensors' own noise."""
         return self.setting.with_fidelity(self.fidelity)
 
     @property
@@ -110,10 +104,7 @@ class SearchOrder:
 
     @property
     def question(self) -> dict[str, Any]:
-        """Everything the answer depends on, as JSON values.
-
-        These must be equal for a search to resume.
-        """
+        """Everything the answer depends on, as JSON values. These must be equal for a search to resume."""
         setting = self.setting
         files = {"surrogate": setting.surrogate, "table": setting.table}
         own = ("method", "budget", "verify", "judge", "confidence", "seconds", "evaluations", "currency", "curve")
@@ -174,10 +165,7 @@ class Answer:
 
 
 def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
-    """Search as ordered, and check the answer.
-
-    checkpoint: where the state of the search is kept.
-    """
+    """Search as ordered, and check the answer. checkpoint: where the state of the search is kept."""
     objective = Objective(order.searched, order.run)
     check_present(objective)
     if not objective.allowed([]).any():

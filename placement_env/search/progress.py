@@ -1,7 +1,4 @@
-"""`Progress` scores sets for one search within limits.
-
-It keeps the incumbent, the best feasible set.
-"""
+"""`Progress` scores sets for one search within limits. It keeps the incumbent, the best feasible set."""
 
 from __future__ import annotations
 
@@ -21,10 +18,7 @@ PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
 
 
 class Figures(NamedTuple):
-    """Scores of n sets.
-
-    Sets beyond the limits have reward -inf and NaN for the rest.
-    """
+    """Scores of n sets. Sets beyond the limits have reward -inf and NaN for the rest."""
 
     reward: Float64[np.ndarray, " n"]
     ap: Float64[np.ndarray, " n"]
@@ -60,17 +54,11 @@ class Limits:
 
     @property
     def share(self) -> float:
-        """Share of the nearer limit used.
-
-        It is 0 to 1, and 0 without limits.
-        """
+        """Share of the nearer limit used. It is 0 to 1, and 0 without limits."""
         return min(1.0, max(self.count / self.evaluations, self.elapsed / self.seconds))
 
     def record(self, reward: float, *, at: int | None = None) -> None:
-        """Record a new best reward.
-
-        It holds since the given number of sets, None for now.
-        """
+        """Record a new best reward. It holds since the given number of sets, None for now."""
         self.rows.append((self.count if at is None else at, self.elapsed, reward))
 
     def state(self) -> dict[str, Any]:
@@ -78,10 +66,7 @@ class Limits:
         return {"count": self.count, "elapsed": self.elapsed, "rows": self.rows}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Resume from a checkpoint.
-
-        The sets and seconds until then count.
-        """
+        """Resume from a checkpoint. The sets and seconds until then count."""
         self.count, self.started = int(state["count"]), time.monotonic() - float(state["elapsed"])
         self.rows = [(int(count), float(seconds), float(reward)) for count, seconds, reward in state["rows"]]
 
@@ -116,10 +101,7 @@ class Progress:
         return {"limits": self.limits.state(), "best": np.flatnonzero(self.best).tolist(), "reward": self.reward}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Resume from a checkpoint.
-
-        The incumbent is scored once more to restore its score.
-        """
+        """Resume from a checkpoint. The incumbent is scored once more to restore its score."""
         self.limits.resume(state["limits"])
         self.best, self.reward = as_rows([state["best"]], self.size)[0], float(state["reward"])
         self.objective.scores(self.best[None])
@@ -147,10 +129,7 @@ class Progress:
         return self.figures(subsets).reward
 
     def settle(self, chosen: list[int]) -> None:
-        """Take this set for the answer unconditionally.
-
-        Its score and the limits do not matter.
-        """
+        """Take this set for the answer unconditionally. Its score and the limits do not matter."""
         self.best = as_rows([chosen], self.size)[0]
         self.reward = float(self.objective.scores(self.best[None]).reward[0])
         self.limits.count += 1

@@ -1,7 +1,4 @@
-"""`Result`, which every search returns.
-
-It holds the best set, its history, and evidence of how good it is.
-"""
+"""`Result`, which every search returns. It holds the best set, its history, and evidence of how good it is."""
 
 from __future__ import annotations
 
@@ -36,10 +33,7 @@ class History:
     reward: Float64[np.ndarray, " n"]
 
     def at(self, *, evaluations: float = np.inf, seconds: float = np.inf) -> float:
-        """Best reward at a number of sets or seconds.
-
-        Before the first entry it is 0, the empty set's.
-        """
+        """Best reward at a number of sets or seconds. Before the first entry it is 0, the empty set's."""
         known = (self.evaluations <= evaluations) & (self.seconds <= seconds)
         return float(self.reward[known][-1]) if known.any() else 0.0
 
@@ -94,10 +88,7 @@ class Contender:
 
 @dataclass(frozen=True)
 class ProfileAP:
-    """AP of an answer at one named error profile.
-
-    The interval comes with it.
-    """
+    """AP of an answer at one named error profile. The interval comes with it."""
 
     name: str
     ap: float
@@ -161,10 +152,7 @@ class Result:
     assessment: Assessment | None = None
 
     def save(self, path: str | Path) -> None:
-        """Write the result as JSON, completely or not.
-
-        `load` reads it; null stands for non-finite values.
-        """
+        """Write the result as JSON, completely or not. `load` reads it; null stands for non-finite values."""
         content = {field.name: getattr(self, field.name) for field in fields(self)}
         content |= {
             "best": asdict(self.best),
@@ -181,10 +169,7 @@ class Result:
 
     @staticmethod
     def load(path: str | Path) -> Result:
-        """Read a file that `save` wrote.
-
-        Raises OSError, or ValueError in one line for a damaged or foreign file.
-        """
+        """Read a file that `save` wrote. Raises OSError, or ValueError in one line for a damaged or foreign file."""
         content = read_json(path)
         if not isinstance(content, dict) or content.get("coview_result") != VERSION:
             raise ValueError(f"{path} is no result of a search, version {VERSION}: write one with Result.save")
@@ -259,8 +244,5 @@ def _each(made: Callable[[Any], Any], rows: list[Any]) -> tuple[Any, ...]:
 
 
 def _number(value: float | None, absent: float) -> float:
-    """Number from a file; null means not finite.
-
-    JSON has no non-finite numbers.
-    """
+    """Number from a file; null means not finite. JSON has no non-finite numbers."""
     return absent if value is None else float(value)

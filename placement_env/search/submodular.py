@@ -29,10 +29,7 @@ def is_submodular(objective: Objective) -> bool:
 
 
 def guarantee(objective: Objective) -> float:
-    """Share of the optimum that greedy reaches.
-
-    The objective must be monotone submodular, without cost weights.
-    """
+    """Share of the optimum that greedy reaches. The objective must be monotone submodular, without cost weights."""
     mount = objective.candidates.mount[objective.allowed([])]
     alone = not objective.candidates.several and len(np.unique(mount)) == len(mount)
     return 1 - 1 / np.e if alone else 0.0 if objective.shared_links is not None else 0.5

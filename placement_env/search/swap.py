@@ -109,10 +109,7 @@ def _fitting(progress: Progress, given: Iterable[int | str]) -> list[int]:
 
 
 def _greedy(progress: Progress) -> list[int]:
-    """Best set on greedy's way.
-
-    Where none pays it is the last.
-    """
+    """Best set on greedy's way. Where none pays it is the last."""
     grown, _ = grow(progress)
     return np.flatnonzero(progress.best).tolist() or grown
 
@@ -150,10 +147,7 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
 
 
 def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
-    """Random feasible set.
-
-    Mounts come in random order, with an affordable candidate of each, up to `budget`.
-    """
+    """Random feasible set. Mounts come in random order, with an affordable candidate of each, up to `budget`."""
     candidates, free = objective.candidates, np.flatnonzero(objective.allowed([]))
     mount = candidates.mount[free]
     chosen: list[int] = []

@@ -1,7 +1,4 @@
-"""Score a fast result again by an accurate fidelity.
-
-Sets that differ from it in one sensor are scored too.
-"""
+"""Score a fast result again by an accurate fidelity. Sets that differ from it in one sensor are scored too."""
 
 from __future__ import annotations
 

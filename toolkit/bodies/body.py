@@ -69,10 +69,7 @@ def include_mirrors(body: Body) -> Body:
 
 
 def stretch_randomly(body: Body, rng: np.random.Generator, spread: float = 0.03) -> Body:
-    """Stretch a body along each axis by a factor N(1, spread).
-
-    Factors are cut at two spreads; the box follows.
-    """
+    """Stretch a body along each axis by a factor N(1, spread). Factors are cut at two spreads; the box follows."""
     factors = 1 + spread * np.clip(rng.standard_normal(3), -2, 2)
     truth = None
     if body.truth is not None:

@@ -4,7 +4,6 @@ The ground truth box of a drawn vehicle is the body without its wing mirrors, wh
 signs, roof boxes, racks, loads and spare wheels belong to the box, and so does a trailer, which makes a car an
 articulated heavy vehicle. `toolkit.bodies.body.include_mirrors` gives the other convention. Articulated vehicles are
 straight: a body is rigid.
-
 """
 
 from __future__ import annotations
@@ -67,10 +66,7 @@ Built = tuple[str, Mesh, Mesh]  # kind, the body in its box, mirrors outside it
 
 
 def draw_heavy(rng: np.random.Generator) -> Built:
-    """Draw a truck, an articulated truck or a bus.
-
-    x forward, wheels on z = 0.
-    """
+    """Draw a truck, an articulated truck or a bus. x forward, wheels on z = 0."""
     kinds = (_truck, _semi_trailer, _bus)
     return kinds[int(rng.choice(3, p=(0.55, 0.17, 0.28)))](rng)
 
@@ -256,10 +252,7 @@ _PUSHING = {
 
 
 def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
-    """Draw a person on foot or in a wheelchair, and its kind.
-
-    Facing +x, soles or wheels on z = 0.
-    """
+    """Draw a person on foot or in a wheelchair, and its kind. Facing +x, soles or wheels on z = 0."""
     chance = rng.random()
     if chance < 0.035:
         return "wheelchair", standing(_wheelchair(rng))
@@ -362,10 +355,7 @@ RIDERLESS = 0.1  # of all but e-scooters
 
 
 def draw_two_wheeler(rng: np.random.Generator) -> tuple[str, Mesh]:
-    """Draw a two-wheeler, and its kind.
-
-    x forward, wheels on z = 0.
-    """
+    """Draw a two-wheeler, and its kind. x forward, wheels on z = 0."""
     kinds = (_bicycle, _e_scooter, _motorcycle, _scooter)
     kind, mesh = kinds[int(rng.choice(4, p=(0.55, 0.15, 0.17, 0.13)))](rng)
     return kind, standing(mesh)

@@ -221,20 +221,14 @@ def build_block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
 
 
 def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
-    """Stretch a mesh to a length, width and height (m).
-
-    It stands on z = 0 about x = y = 0.
-    """
+    """Stretch a mesh to a length, width and height (m). It stands on z = 0 about x = y = 0."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     middle = np.array([*((low + high) / 2)[:2], low[2]])
     return Mesh((mesh.vertices - middle) * (np.array(size) / (high - low)), mesh.triangles)
 
 
 def half_width(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """Half the width at stations s (0 front, 1 rear).
-
-    Nearly parallel flanks, superelliptic corners at both ends.
-    """
+    """Half the width at stations s (0 front, 1 rear). Nearly parallel flanks, superelliptic corners at both ends."""
     corners = []
     for distance, rounding, end in zip((s, 1 - s), shape.rounding, shape.ends, strict=True):
         beyond = np.maximum(0.0, 1 - distance / rounding)
@@ -243,10 +237,7 @@ def half_width(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.n
 
 
 def _blocks(levels: list[tuple[float, float, float, float]], length: float) -> Mesh:
-    """Loft upwards through rectangles.
-
-    levels: z, front and rear as parts of the length, half width.
-    """
+    """Loft upwards through rectangles. levels: z, front and rear as parts of the length, half width."""
     rings = [
         [(length * rear, -y, z), (length * front, -y, z), (length * front, y, z), (length * rear, y, z)]
         for z, front, rear, y in levels
@@ -261,10 +252,7 @@ def _hull(shape: Proportions) -> Mesh:
 
 
 def _stations(shape: Proportions) -> Float64[np.ndarray, " s"]:
-    """Stations of cross-sections (0 front to 1 rear).
-
-    Dense at both ends and at the rims of the wheel arches.
-    """
+    """Stations of cross-sections (0 front to 1 rear). Dense at both ends and at the rims of the wheel arches."""
     even = np.linspace(0, 1, _STATIONS // 2)
     ends = np.concatenate([even**1.6 / 2, 1 - even**1.6 / 2])
     reach = shape.wheel * 1.13 / shape.length
@@ -368,10 +356,7 @@ _TAXIS, _RACKS = ("sedan", "estate", "minivan", "hatchback", "suv"), ("van", "mi
 
 
 def mirrors(shape: Proportions, rng: np.random.Generator) -> Mesh:
-    """Draw wing mirrors that stick out 8 to 25 cm.
-
-    None on 3 cars of 10, one on 1 of 50.
-    """
+    """Draw wing mirrors that stick out 8 to 25 cm. None on 3 cars of 10, one on 1 of 50."""
     chance = rng.random()
     if chance < 0.3:
         return NOTHING

@@ -57,10 +57,7 @@ class Shape(NamedTuple):
 
 
 def measure_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]) -> Shape:
-    """Measure a mesh that stands with z up and x forward.
-
-    Raises ValueError for a flat one.
-    """
+    """Measure a mesh that stands with z up and x forward. Raises ValueError for a flat one."""
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
     if not (size > 0).all():
         raise ValueError("has no volume")
@@ -112,10 +109,7 @@ def find_wrong_stand(shape: Shape, label: int) -> str | None:
 def surface_points(
     vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"], count: int = _POINTS
 ) -> Float64[np.ndarray, "n 3"]:
-    """Points spread evenly over the triangles, and the corners.
-
-    The same ones each time.
-    """
+    """Points spread evenly over the triangles, and the corners. The same ones each time."""
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if not areas.sum() > 0:
@@ -190,10 +184,7 @@ _AXES = {sign + axis: (1 if not sign else -1) * np.eye(3)[i] for i, axis in enum
 
 @dataclass(frozen=True)
 class MeshEntry:
-    """Entry of the table for a file; None for what it does not say.
-
-    up, forward: axes of the file; scale: metres.
-    """
+    """Entry of the table for a file; None for what it does not say. up, forward: axes of the file; scale: metres."""
 
     label: int | None = None
     up: str | None = None
@@ -317,10 +308,7 @@ def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh
 
 
 def load_mesh(path: str | Path, called: str | Path | None = None) -> Body:
-    """Load the body of one file.
-
-    called: path whose folders and name give its class and name.
-    """
+    """Load the body of one file. called: path whose folders and name give its class and name."""
     path = Path(path)
     return _take_mesh(path, Path(called or path.name), NOTHING_SAID, mirrors=False).body
 

@@ -29,10 +29,7 @@ class Figure:
 
 
 def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float = 1.0) -> Figure:
-    """Figure in mid-stride.
-
-    step: between the ankles; swing: of the hands; both parts of the height.
-    """
+    """Figure in mid-stride. step: between the ankles; swing: of the hands; both parts of the height."""
     return Figure(
         hip=(0.0, 0.0, 0.52 - 0.18 * step**2),
         neck=(lean, 0.0, 0.83 - 0.18 * step**2),
@@ -128,10 +125,7 @@ def stick(height: float) -> Mesh:
 
 
 def pedestrians() -> dict[str, Mesh]:
-    """Fourteen people on foot, 1.1 to 1.95 m tall.
-
-    Umbrellas, hats and loads come on top.
-    """
+    """Fourteen people on foot, 1.1 to 1.95 m tall. Umbrellas, hats and loads come on top."""
     arms_up = replace(
         Figure(), elbows=((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), hands=((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
     )
@@ -182,10 +176,7 @@ def _beyond(point: Vector, x: float, y: float, z: float) -> Vector:
 
 
 def two_wheelers() -> dict[str, Mesh]:
-    """Bicycles, motorcycles and a scooter, each with its rider.
-
-    x forward, wheels on z = 0.
-    """
+    """Bicycles, motorcycles and a scooter, each with its rider. x forward, wheels on z = 0."""
     crate = box((0.42, 0.42, 0.36), (-0.62, 0, 0.95))
     people = {
         "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
@@ -234,10 +225,7 @@ def rider(
 
 
 def _knee(hip: Vector, ankle: Vector) -> Vector:
-    """Knee in front of the line from hip to ankle.
-
-    Thigh and shin are each a quarter of the height.
-    """
+    """Knee in front of the line from hip to ankle. Thigh and shin are each a quarter of the height."""
     a, b = np.array(hip), np.array(ankle)
     along = b - a
     bend = math.sqrt(max(0.245**2 - float(along @ along) / 4, 0.0004))

@@ -127,10 +127,7 @@ def _hull(shape: CarShape) -> Mesh:
 
 
 def _stations(shape: CarShape) -> Float64[np.ndarray, " s"]:
-    """Stations of cross-sections (0 front to 1 rear).
-
-    Dense at both ends and at the rims of the wheel arches.
-    """
+    """Stations of cross-sections (0 front to 1 rear). Dense at both ends and at the rims of the wheel arches."""
     even = np.linspace(0, 1, _STATIONS)
     ends = np.concatenate([even**1.6 / 2, 1 - even**1.6 / 2])[::2]
     reach = shape.wheel * 1.13 / shape.length
@@ -139,10 +136,7 @@ def _stations(shape: CarShape) -> Float64[np.ndarray, " s"]:
 
 
 def _axles(shape: CarShape) -> tuple[float, float]:
-    """Front and rear axle (0 front to 1 rear).
-
-    The front overhang is a little shorter, a pickup's rear is long.
-    """
+    """Front and rear axle (0 front to 1 rear). The front overhang is a little shorter, a pickup's rear is long."""
     overhang = (shape.length - shape.wheelbase) * (0.44 if shape.style != "pickup" else 0.40)
     return overhang / shape.length, (overhang + shape.wheelbase) / shape.length
 
@@ -195,10 +189,7 @@ def _top(shape: CarShape, s: float, across: float) -> float:
 
 
 def _half_width(shape: CarShape, s: float) -> float:
-    """Half the width at station s.
-
-    Nearly parallel flanks, superelliptic corners at both ends.
-    """
+    """Half the width at station s. Nearly parallel flanks, superelliptic corners at both ends."""
     depth = min(s, 1 - s) / shape.rounding
     corner = (1 - max(0.0, 1 - depth) ** 2.6) ** (1 / 2.6)
     barrel = 1 - 0.06 * (2 * s - 1.05) ** 2
@@ -237,10 +228,7 @@ def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 1
 
 
 def trucks() -> dict[str, tuple[Mesh, Mesh]]:
-    """Trucks and buses, each with its wing mirrors beside it.
-
-    x forward, wheels on z = 0.
-    """
+    """Trucks and buses, each with its wing mirrors beside it. x forward, wheels on z = 0."""
     return {
         "box_truck": (
             merge([_cab(7.6, 2.35, 2.5), _cargo(7.6, 5.6, 2.45, 3.35), *_truck_axles(7.6, 2.4, 0.45, (1.3, 5.6))]),

@@ -94,8 +94,5 @@ def _replace_text(file: h5py.File, name: str, text: str) -> None:
 
 
 def _rounded(poses: Mapping[str, Float64[np.ndarray, "4 4"]]) -> dict[str, list[float]]:
-    """Round each pose to a few numbers.
-
-    They tell one recording's plan from another's.
-    """
+    """Round each pose to a few numbers. They tell one recording's plan from another's."""
     return {name: np.asarray(pose)[:3].ravel().round(6).tolist() for name, pose in sorted(poses.items())}

@@ -82,10 +82,7 @@ class EmptyScene:
 
     @staticmethod
     def of(sensor: Sensor, image: Float32[np.ndarray, "rows columns"]) -> EmptyScene:
-        """Return the scene known from a render without noise.
-
-        Its spread is the sensor model's.
-        """
+        """Return the scene known from a render without noise. Its spread is the sensor model's."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
         always, never = np.ones_like(first), np.zeros_like(first)
@@ -94,10 +91,7 @@ class EmptyScene:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the scene's contents.
-
-        Sensor and fusion centre have the same scene if it is equal.
-        """
+        """SHA-256 of the scene's contents. Sensor and fusion centre have the same scene if it is equal."""
         digest = sha256(json.dumps([self.name, _describe_model(self.model), self.frames], sort_keys=True).encode())
         for image in _IMAGES:
             digest.update(np.ascontiguousarray(getattr(self, image)).tobytes())
@@ -117,10 +111,7 @@ class EmptyScene:
         return np.where(there, near, (self.first == 0) | (self.second == 0))
 
     def check_shape(self, measurement: Float[np.ndarray, "..."]) -> None:
-        """Check that an image has the scene's shape.
-
-        Raises ValueError for another shape.
-        """
+        """Check that an image has the scene's shape. Raises ValueError for another shape."""
         if measurement.shape != self.first.shape:
             raise ValueError(
                 f"the empty scene of {self.name!r} has {self.first.shape} pixels, got an image of {measurement.shape}: "
@@ -158,10 +149,7 @@ class SceneLearner:
         self.frames += 1
 
     def scene(self) -> EmptyScene:
-        """Return the empty scene as known so far.
-
-        Raises ValueError before the first image.
-        """
+        """Return the empty scene as known so far. Raises ValueError before the first image."""
         if not self._kept:
             raise ValueError(f"no image of {self.sensor.name!r} yet: add one before asking for its empty scene")
         model = self.sensor.model
@@ -206,10 +194,7 @@ def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int |
 
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
-    """Write empty scenes as one .npz file.
-
-    It has a checksum, and is written whole or not at all.
-    """
+    """Write empty scenes as one .npz file. It has a checksum, and is written whole or not at all."""
     said = [{"name": each.name, "model": _describe_model(each.model), "frames": each.frames} for each in scenes]
     arrays = {f"{k}_{image}": getattr(scene, image) for k, scene in enumerate(scenes) for image in _IMAGES}
     write_arrays(path, {"scenes": np.array(json.dumps(said)), **arrays})
@@ -293,10 +278,7 @@ class SceneAdaptation:
         )
 
     def update(self, measurement: Float[np.ndarray, "rows columns"], time: float) -> None:
-        """Add an image to the scene.
-
-        Raises ValueError for another shape, or a time before the last one.
-        """
+        """Add an image to the scene. Raises ValueError for another shape, or a time before the last one."""
         self._began.check_shape(measurement)
         if self._time is not None and time < self._time:
             raise ValueError(f"images must be in order of time, got {time} s after {self._time} s")
@@ -316,10 +298,7 @@ class SceneAdaptation:
         seen: Float32[np.ndarray, "rows columns"],
         share: float,
     ) -> Bool[np.ndarray, "rows columns"]:
-        """Mask of the pixels that show a mode.
-
-        The mode's median and spread follow them.
-        """
+        """Mask of the pixels that show a mode. The mode's median and spread follow them."""
         finite = np.isfinite(seen)
         off = np.where(finite, seen, 0) - median
         shows = finite & (median > 0) & (np.abs(off) <= SIGMAS * spread)
@@ -332,10 +311,7 @@ class SceneAdaptation:
     def _absorb(
         self, seen: Float32[np.ndarray, "rows columns"], shown: Bool[np.ndarray, "rows columns"], time: float
     ) -> None:
-        """Start, continue or end the wait of foreground surfaces.
-
-        At the end of the wait they become the scene.
-        """
+        """Start, continue or end the wait of foreground surfaces. At the end of the wait they become the scene."""
         first, spread = self._medians[0], self._spreads[0]
         surface = np.where(first > 0, first, np.inf)
         known = np.where(np.isfinite(self._candidate), self._candidate, 0)
@@ -466,10 +442,7 @@ def _measure_mode(
 def _usual_spread(
     far: _Mode, model: SensorModel
 ) -> Callable[[Float32[np.ndarray, "rows columns"]], Float32[np.ndarray, "rows columns"]]:
-    """Return the usual spread as a function of distance.
-
-    It is taken from pixels that mostly see the scene.
-    """
+    """Return the usual spread as a function of distance. It is taken from pixels that mostly see the scene."""
     clear = (far.share >= HALF) & (far.median > 0)
     distance, spread = np.log(far.median[clear]), far.spread[clear]
     if not len(distance):
@@ -490,10 +463,7 @@ def _usual_spread(
 def _narrow_broad(
     mode: _Mode, usual: Float32[np.ndarray, "rows columns"], images: Sequence[Float32[np.ndarray, "rows columns"]]
 ) -> _Mode:
-    """Replace broad clusters by their densest stretch.
-
-    It is `SIGMAS` usual spreads wide to either side.
-    """
+    """Replace broad clusters by their densest stretch. It is `SIGMAS` usual spreads wide to either side."""
     found = _Mode(*(each.copy() for each in mode))
     every = np.flatnonzero(mode.spread > BROAD * usual)
     for first in range(0, len(every), _AT_ONCE):

@@ -140,10 +140,7 @@ def _best_plane(
     slope: float,
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, "3"]:
-    """Return the highest-scoring plane through three candidates.
-
-    Planes that are too steep do not count.
-    """
+    """Return the highest-scoring plane through three candidates. Planes that are too steep do not count."""
     drawn = candidates[rng.integers(len(candidates), size=(_DRAWS, 3))]
     planes = np.concatenate([_triple_planes(drawn), [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
     planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= slope]
@@ -160,10 +157,7 @@ def _heights(planes: Float64[np.ndarray, "p 3"], cells: Float64[np.ndarray, "m 3
 
 
 def _triple_planes(triples: Float64[np.ndarray, "d 3 3"]) -> Float64[np.ndarray, "_ 3"]:
-    """Planes (a, b, c) through triples of points.
-
-    Triples that are nearly on a line are left out.
-    """
+    """Planes (a, b, c) through triples of points. Triples that are nearly on a line are left out."""
     one, two = triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0]
     normal = np.cross(one, two)
     wide = np.abs(normal[:, 2]) > 0.05 * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1) + 1e-9
@@ -208,10 +202,7 @@ _DRAWINGS = ((0.25, np.inf), (0.25, np.inf), (0.20, np.inf), (0.20, 0.09), (0.20
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights (m) at the corners of a grid.
-
-    heights[i, j] is the height at origin + cell · (i, j).
-    """
+    """Heights (m) at the corners of a grid. heights[i, j] is the height at origin + cell · (i, j)."""
 
     origin: Float64[np.ndarray, "2"]
     heights: Float64[np.ndarray, "rows columns"]
@@ -331,37 +322,25 @@ class Ground:
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height (m) of the ground at places.
-
-        Both are in the frame it was found in.
-        """
+        """Height (m) of the ground at places. Both are in the frame it was found in."""
         xy = np.asarray(xy, np.float64)
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
 
     def points(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return points with z as their height above the ground.
-
-        Their dtype is kept.
-        """
+        """Return points with z as their height above the ground. Their dtype is kept."""
         level = transform(self.level_SE3_frame, np.asarray(points, np.float64))
         level[:, 2] -= self._deviation(level[:, :2])
         return level.astype(points.dtype)
 
     def points_back(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Undo `points`.
-
-        Points return from the level frame to the frame of the ground.
-        """
+        """Undo `points`. Points return from the level frame to the frame of the ground."""
         raised = np.array(points, np.float64)
         raised[:, 2] += self._deviation(raised[:, :2])
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
     def boxes(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Return boxes in the level frame.
-
-        Centres change like `points`, headings turn with the plane.
-        """
+        """Return boxes in the level frame. Centres change like `points`, headings turn with the plane."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6])])
         ahead = np.column_stack([ahead, ahead @ self.plane[:2]]) @ self.level_SE3_frame[:3, :3].T
@@ -369,10 +348,7 @@ class Ground:
         return rows
 
     def boxes_back(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Undo `boxes`.
-
-        Boxes return from the level frame to the frame of the ground.
-        """
+        """Undo `boxes`. Boxes return from the level frame to the frame of the ground."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6]), np.zeros(len(rows))])
         ahead = ahead @ self.level_SE3_frame[:3, :3]
@@ -444,10 +420,7 @@ def level_warning(cloud: PointCloud | Float[np.ndarray, "n 3"], *, height: float
 
 
 def _plain_points(cloud: PointCloud | Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return the points (n, 3) of an array or cloud.
-
-    A cloud is one of Open3D.
-    """
+    """Return the points (n, 3) of an array or cloud. A cloud is one of Open3D."""
     held = getattr(cloud, "point", None)
     points = np.asarray(cloud) if held is None else held.positions.cpu().numpy()
     if points.ndim != 2 or points.shape[1] != 3:

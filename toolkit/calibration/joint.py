@@ -86,10 +86,7 @@ class Alignment:
     scatter: Float64[np.ndarray, " n"]
 
     def hidden_motions(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
-        """Unit motions of one sensor that nothing determines.
-
-        Turns are multiplied by `LEVER`.
-        """
+        """Unit motions of one sensor that nothing determines. Turns are multiplied by `LEVER`."""
         own = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
         _, size, motions = np.linalg.svd(own, full_matrices=False)
         return motions[size > 0.3]
@@ -134,10 +131,7 @@ def align(
 
 
 def face_sensor(surface: Surface) -> Surface:
-    """Turn the normals of a surface towards its sensor.
-
-    The surface is in the frame of the sensor that measured it.
-    """
+    """Turn the normals of a surface towards its sensor. The surface is in the frame of the sensor that measured it."""
     away = (surface.points * surface.normals).sum(axis=1) > 0
     return Surface(surface.points, np.where(away[:, None], -surface.normals, surface.normals), surface.roughness)
 
@@ -155,10 +149,7 @@ class _Joint:
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information.
-
-        Returns a mask of the observed ones too.
-        """
+        """Eigenvalues and eigenvectors (columns) of the information. Returns a mask of the observed ones too."""
         information = np.zeros((len(self.free), len(self.free)))
         for pair in self.pairs:
             rows, where = self._rows(pair)
@@ -213,10 +204,7 @@ class _Joint:
         return unit[:, None] * covariance * unit
 
     def hidden_motions(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
-        """Orthonormal motions that hardly any pair resists.
-
-        The common ones are left out if no sensor is held.
-        """
+        """Orthonormal motions that hardly any pair resists. The common ones are left out if no sensor is held."""
         _, vectors, observed = self._modes
         hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
         if self.free.all():
@@ -232,10 +220,7 @@ class _Joint:
         return counts + counts.T
 
     def scatter(self) -> Float64[np.ndarray, " n"]:
-        """Robust standard deviation of each sensor's rows.
-
-        It is 0 without any.
-        """
+        """Robust standard deviation of each sensor's rows. It is 0 without any."""
         own: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(len(self.free) // 6)]
         for pair in self.pairs:
             for sensor in (pair.one, pair.other):
@@ -282,10 +267,7 @@ def _surface_pairs(
 
 
 def _common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
-    """Orthonormal motions of all sensors together.
-
-    They move as if they hung on one frame.
-    """
+    """Orthonormal motions of all sensors together. They move as if they hung on one frame."""
     middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
     motions = np.zeros((6, len(poses), 6))
     for axis, direction in enumerate(np.eye(3)):
@@ -315,10 +297,7 @@ class SeenBoxes:
 
     @classmethod
     def of(cls, boxes: Float64[np.ndarray, "n 7"], believed: Float64[np.ndarray, "4 4"]) -> SeenBoxes:
-        """Return boxes of the world in the sensor's axes.
-
-        Their points were placed by the believed pose.
-        """
+        """Return boxes of the world in the sensor's axes. Their points were placed by the believed pose."""
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
 

@@ -201,10 +201,7 @@ def find_poses(
 
 
 def check_frames_suffice(recording: Frames, frames: int | None) -> int:
-    """Number of frames that empty scenes are learnt from.
-
-    Raises ValueError if it is below `LEAST_FRAMES`.
-    """
+    """Number of frames that empty scenes are learnt from. Raises ValueError if it is below `LEAST_FRAMES`."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < LEAST_FRAMES:
         raise ValueError(
@@ -333,10 +330,7 @@ class Corrected:
 
 
 def _stand_still(samples: Sequence[Frame]) -> bool:
-    """Return True for enough frames without a moving sensor.
-
-    Movement is that in the map.
-    """
+    """Return True for enough frames without a moving sensor. Movement is that in the map."""
     places: dict[str, np.ndarray] = {}
     for sample in samples:
         for cloud in sample.clouds:
@@ -350,10 +344,7 @@ _Seen = tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"] | None]  # p
 
 
 def _seen_in_clouds(recording: Frames, frames: int | None) -> tuple[tuple[Sensor, ...], list[_Seen]]:
-    """Sensors of clouds, and their points of the standing scene.
-
-    Points are in each sensor's own frame.
-    """
+    """Sensors of clouds, and their points of the standing scene. Points are in each sensor's own frame."""
     count = min(len(recording), len(recording) if frames is None else frames)
     first = [recording[k] for k in range(min(count, GRID_SAMPLES))]
     if _stand_still(first):
@@ -366,10 +357,7 @@ def _seen_in_clouds(recording: Frames, frames: int | None) -> tuple[tuple[Sensor
 
 
 def _points_of_one(frames: Sequence[Frame]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
-    """Points of each lidar in its first frame with any.
-
-    They are in the lidar's own frame.
-    """
+    """Points of each lidar in its first frame with any. They are in the lidar's own frame."""
     for frame in frames:
         points = {cloud.name: cloud.in_sensor() for cloud in frame.clouds if len(cloud.points)}
         if points:
@@ -392,10 +380,7 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
 
 
 def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
-    """Warn of each sensor that drifted or has no pose.
-
-    Only clear drift counts.
-    """
+    """Warn of each sensor that drifted or has no pose. Only clear drift counts."""
     return [_finding(each, reference) for each in found if each.drifted or each.registration is None]
 
 

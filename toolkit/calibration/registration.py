@@ -85,10 +85,7 @@ class Surface:
 
     @cached_property
     def thin(self) -> Surface:
-        """Thin the surface for coarse steps.
-
-        It keeps one point in each cube of 0.4 m.
-        """
+        """Thin the surface for coarse steps. It keeps one point in each cube of 0.4 m."""
         some = thin_rows(self.points, 0.4)
         return Surface(self.points[some], self.normals[some], self.roughness[some])
 
@@ -179,10 +176,7 @@ def scene_points(
 
 
 def scenes_surface(scenes: Sequence[EmptyScene], poses: Sequence[Float64[np.ndarray, "4 4"]]) -> Surface:
-    """Surface of several sensors' empty scenes together.
-
-    The sensors stand at `poses`.
-    """
+    """Surface of several sensors' empty scenes together. The sensors stand at `poses`."""
     parts = [transform(pose, scene_points(scene)[0]) for scene, pose in zip(scenes, poses, strict=True)]
     return cloud_surface(np.concatenate([np.zeros((0, 3)), *parts]))
 
@@ -204,10 +198,7 @@ class Registration:
 
     @property
     def deviations(self) -> Float64[np.ndarray, "6"]:
-        """Standard deviation of each of the six numbers.
-
-        It is infinite if the number is not observed.
-        """
+        """Standard deviation of each of the six numbers. It is infinite if the number is not observed."""
         hidden = (np.abs(self.unobserved) > 0.3).any(axis=0) if len(self.unobserved) else np.zeros(6, bool)
         return np.where(hidden, np.inf, np.sqrt(np.diag(self.covariance)))
 
@@ -253,10 +244,7 @@ def _align_levels(
     pose: Float64[np.ndarray, "4 4"],
     levels: Sequence[tuple[float, float, float]],
 ) -> tuple[Float64[np.ndarray, "4 4"], _System]:
-    """Align the points level by level.
-
-    Returns the pose after some levels, and the last system that was solved.
-    """
+    """Align the points level by level. Returns the pose after some levels, and the last system that was solved."""
     for radius, voxel, least in levels:
         some = thin_rows(points, voxel)
         for _ in range(_STEPS):
@@ -277,10 +265,7 @@ def apply_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "
 
 
 def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "6"]:
-    """Motion for `apply_motion` from one pose to another.
-
-    Its turns are times `LEVER`.
-    """
+    """Motion for `apply_motion` from one pose to another. Its turns are times `LEVER`."""
     turn = after[:3, :3] @ before[:3, :3].T
     sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     length = float(np.linalg.norm(sine))
@@ -299,10 +284,7 @@ def resistance(
 
 
 def thin_rows(points: Float64[np.ndarray, "n 3"], voxel: float) -> Int64[np.ndarray, " k"]:
-    """Rows of the first point in each cube.
-
-    voxel: edge of the cube (m). Thinning keeps near ground from dominating.
-    """
+    """Rows of the first point in each cube. voxel: edge of the cube (m). Thinning keeps near ground from dominating."""
     cube = np.floor(points / voxel).astype(np.int64)
     if len(cube):
         cube -= cube.min(axis=0)
@@ -318,10 +300,7 @@ def tukey_weight(residual: Float64[np.ndarray, " n"], limit: float) -> Float64[n
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The linear system of one step.
-
-    rows: resistance of each pair; weight: of each; residual: along the normal.
-    """
+    """The linear system of one step. rows: resistance of each pair; weight: of each; residual: along the normal."""
 
     rows: Float64[np.ndarray, "n 6"]
     residual: Float64[np.ndarray, " n"]
@@ -331,10 +310,7 @@ class _System:
 
     @property
     def agreement(self) -> float:
-        """Share of all points that lie on the surface.
-
-        Near ones count more than those 0.3 m off.
-        """
+        """Share of all points that lie on the surface. Near ones count more than those 0.3 m off."""
         return float(tukey_weight(self.residual, _AGREES).mean()) * self.overlap
 
     @cached_property
@@ -344,10 +320,7 @@ class _System:
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information.
-
-        Returns a mask of the observed ones too.
-        """
+        """Eigenvalues and eigenvectors (columns) of the information. Returns a mask of the observed ones too."""
         values, vectors = np.linalg.eigh(self.information)
         along = (self.rows @ vectors) ** 2
         sound = self.weight > 0
@@ -361,10 +334,7 @@ class _System:
         return vectors[:, ~observed].T
 
     def step(self) -> Float64[np.ndarray, "6"]:
-        """Motion that brings the points onto their planes.
-
-        It does so as far as they determine it.
-        """
+        """Motion that brings the points onto their planes. It does so as far as they determine it."""
         values, vectors, observed = self._modes
         gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))
         return vectors @ np.where(observed, -gradient / np.where(observed, values, 1.0), 0.0)

@@ -57,10 +57,7 @@ class Scenes:
         self.used = False
 
     def __call__(self, sensor: int) -> EmptyScene:
-        """Empty scene of the sensor with this number.
-
-        The number is that in the first frame.
-        """
+        """Empty scene of the sensor with this number. The number is that in the first frame."""
         return self[self._names[sensor]].scene
 
     def __getitem__(self, name: str) -> LearntScene:
@@ -74,10 +71,7 @@ class Scenes:
         return rasterize_cloud(cloud, self.grid(cloud.name))
 
     def grid(self, name: str) -> LidarGrid:
-        """Grid of the clouds of a sensor.
-
-        Raises ValueError if its scene was learnt from images of its own.
-        """
+        """Grid of the clouds of a sensor. Raises ValueError if its scene was learnt from images of its own."""
         learnt = self[name]
         if learnt.grid is None:
             raise ValueError(
@@ -87,10 +81,7 @@ class Scenes:
 
     @property
     def digests(self) -> list[str]:
-        """Digests of all scenes, for results.
-
-        Empty if nobody asked for a scene.
-        """
+        """Digests of all scenes, for results. Empty if nobody asked for a scene."""
         return [learnt.scene.digest for learnt in self.every.values()] if self.used else []
 
     @cached_property
@@ -156,10 +147,7 @@ def _grid_of(scene: EmptyScene) -> LidarGrid | None:
 
 
 class _Learner:
-    """Learner of one sensor's scene.
-
-    It counts what its images do not show.
-    """
+    """Learner of one sensor's scene. It counts what its images do not show."""
 
     def __init__(self, name: str, grid: LidarGrid, sample: int) -> None:
         self.grid, self.points, self.left_out = grid, 0, dict[str, int]()

@@ -101,10 +101,7 @@ def read_recorded(path: str | Path) -> Attributes:
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
-    """Poses of a file by name.
-
-    Unnamed poses are called 0, 1, 2, ... Raises ValueError that names a bad pose.
-    """
+    """Poses of a file by name. Unnamed poses are called 0, 1, 2, ... Raises ValueError that names a bad pose."""
     path = Path(path)
     if not path.exists() or path.is_dir():
         raise FileNotFoundError(f"no such pose file: {path}")
@@ -119,10 +116,7 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
 
 
 def load_poses(paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False) -> list[Pose]:
-    """Load the pose of each cloud file.
-
-    The poses come from one pose file for all clouds, or from one each.
-    """
+    """Load the pose of each cloud file. The poses come from one pose file for all clouds, or from one each."""
     if len(files) == 1:
         return match_poses(paths, read_poses(files[0], inverted=inverted))
     each = [read_poses(file, inverted=inverted) for file in files]
@@ -132,10 +126,7 @@ def load_poses(paths: Sequence[str | Path], files: Sequence[str | Path], *, inve
 
 
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
-    """Pose of each cloud, matched by file name.
-
-    If no pose has a name, they are matched by position.
-    """
+    """Pose of each cloud, matched by file name. If no pose has a name, they are matched by position."""
     stems = [Path(path).stem.removesuffix(".pcd") for path in paths]
     if all(stem in poses for stem in stems) and len(set(stems)) == len(stems):
         return [poses[stem] for stem in stems]
@@ -191,10 +182,7 @@ def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[n
 
 
 def read_table(path: str | Path) -> dict[str, np.ndarray]:
-    """Columns of a feather file by name.
-
-    Raises ImportError without pyarrow, ValueError for a damaged file.
-    """
+    """Columns of a feather file by name. Raises ImportError without pyarrow, ValueError for a damaged file."""
     try:
         import pyarrow
         from pyarrow import feather

@@ -1,7 +1,4 @@
-"""A recorded dataset as a sequence of frames.
-
-Reads files of `coview simulate` and the published ones alike.
-"""
+"""A recorded dataset as a sequence of frames. Reads files of `coview simulate` and the published ones alike."""
 
 from __future__ import annotations
 
@@ -33,10 +30,7 @@ CLOUDS_KIND = "clouds"  # the attribute `coview` of a file of recorded clouds
 
 
 class UnknownSite(ValueError):
-    """A recording of unknown site.
-
-    It does not name its site, and shows none that is known.
-    """
+    """A recording of unknown site. It does not name its site, and shows none that is known."""
 
 
 class CoopDataset(Sequence[Frame]):
@@ -213,10 +207,7 @@ def open_file(path: str | Path) -> h5py.File:
 
 
 def object_rows(file: h5py.File, name: str) -> np.ndarray:
-    """Published object rows of a frame, unchecked.
-
-    Raises ValueError if they cannot be read.
-    """
+    """Published object rows of a frame, unchecked. Raises ValueError if they cannot be read."""
     if not hdf5.contains(file, name):
         raise ValueError(f"{name} is missing: every frame needs its objects, no rows for none")
     rows = hdf5.array(file, name, kinds="fiub")
@@ -271,10 +262,7 @@ def _site(file: h5py.File) -> Site:
 
 
 def _recognised(file: h5py.File) -> Site:
-    """Built-in site of a published file.
-
-    It is the site that most cameras, or most objects, stand in or beside.
-    """
+    """Built-in site of a published file. It is the site that most cameras, or most objects, stand in or beside."""
     from toolkit.sites import BUILT_IN
 
     cameras = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in list_cameras(file)]
@@ -313,10 +301,7 @@ def _channels(file: h5py.File, site: Site) -> tuple[StoredChannel, ...]:
 
 
 def _order(file: h5py.File) -> list[str]:
-    """Sensor names in the order of a frame's measurements.
-
-    Empty if the file does not say.
-    """
+    """Sensor names in the order of a frame's measurements. Empty if the file does not say."""
     if not hdf5.contains(file, "coview"):
         return []
     written = hdf5.read_node_attributes(file["coview"], "coview").get("sensors", "[]")

@@ -74,10 +74,7 @@ def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors fra
 def failing_sensors(
     views: Sequence[SensorImages], rows: Sequence[Rows], site: Site, frames: Sequence[int]
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Yield place, suspicion, evidence and remedy per failing sensor.
-
-    frames: numbers of the images.
-    """
+    """Yield place, suspicion, evidence and remedy per failing sensor. frames: numbers of the images."""
     if not views or not frames:
         return
     blind = blind_frames(views)
@@ -110,10 +107,7 @@ _UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts
 
 @dataclass(frozen=True)
 class Finding:
-    """One suspicion.
-
-    where: dataset, sensor or frame of the file; evidence: the numbers behind it.
-    """
+    """One suspicion. where: dataset, sensor or frame of the file; evidence: the numbers behind it."""
 
     severity: Literal["error", "warning"]
     where: str
@@ -127,10 +121,7 @@ class Finding:
 
 @runtime_checkable
 class StoredRecording(Protocol):
-    """Parts of a `CoopDataset` that are checked.
-
-    Its frames are not among them: their objects may be damaged.
-    """
+    """Parts of a `CoopDataset` that are checked. Its frames are not among them: their objects may be damaged."""
 
     site: Site
     channels: tuple[StoredChannel, ...]
@@ -178,10 +169,7 @@ def check_measurements(
 
 
 class _Examination:
-    """Agreement of points and boxes.
-
-    It is measured with and without the suspected mistakes.
-    """
+    """Agreement of points and boxes. It is measured with and without the suspected mistakes."""
 
     def __init__(
         self, site: Site, views: Sequence[SensorImages], tables: Sequence[np.ndarray], frames: Sequence[int]
@@ -222,10 +210,7 @@ class _Examination:
                 yield _error(where, "points and boxes disagree", evidence, remedy)
 
     def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
-        """Yield objects and points of some frames, site frame.
-
-        Sensors in doubt are left out.
-        """
+        """Yield objects and points of some frames, site frame. Sensors in doubt are left out."""
         trusted = [view for view in self.views if view.sensor.name not in self.doubts]
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
             points = [np.zeros((0, 3), np.float32), *(_points(view, frame) for view in trusted)]
@@ -267,10 +252,7 @@ def _points(view: SensorImages, frame: int) -> np.ndarray:
 
 
 def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
-    """Find sensors that never see anything, and empty frames.
-
-    A frame is empty if no sensor sees anything in it.
-    """
+    """Find sensors that never see anything, and empty frames. A frame is empty if no sensor sees anything in it."""
     blind = [view.sensor.name for view in views if not view.depth.any()]
     for name in blind:
         remedy = "check its images and their unit, or leave it out"
@@ -310,10 +292,7 @@ def _posture(exam: _Examination) -> Iterator[Finding]:
 
 
 def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
-    """Find objects that lie outside the site.
-
-    An axis may be mirrored. Returns the rows without that mistake too.
-    """
+    """Find objects that lie outside the site. An axis may be mirrored. Returns the rows without that mistake too."""
     centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
     flips = {"": np.ones(10), "y": np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])}
     nearby = {axis: float(_near_area(centres * flip[:3], site)) for axis, flip in flips.items()}
@@ -348,10 +327,7 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
 
 
 def _unseen(exam: _Examination) -> Iterator[Finding]:
-    """Find objects in the area without a point.
-
-    They are reported only if they are too many to be hidden.
-    """
+    """Find objects in the area without a point. They are reported only if they are too many to be hidden."""
     total = unseen = 0
     if exam.site.name == UNKNOWN:
         return
@@ -367,10 +343,7 @@ def _unseen(exam: _Examination) -> Iterator[Finding]:
 
 
 def _near_area(centres: np.ndarray, site: Site) -> float:
-    """Share of centres within 15 m of the area.
-
-    Centres are in CARLA's coordinates. Returns 1 without centres.
-    """
+    """Share of centres within 15 m of the area. Centres are in CARLA's coordinates. Returns 1 without centres."""
     places = published.moved(centres, np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site))
     return float(_in_area(places[:, :2], site, margin=15.0).mean()) if len(centres) else 1.0
 
@@ -411,10 +384,7 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
-    """Factors that may turn the file's depth into metres.
-
-    They are chosen by its largest number.
-    """
+    """Factors that may turn the file's depth into metres. They are chosen by its largest number."""
     if not hdf5.contains(file, "dslices"):
         return (1.0,)
     images = hdf5.dataset(file, "dslices", kinds="fiub")

@@ -96,10 +96,7 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
 
 
 def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
-    """Elevation, azimuth (rad) and range (m) of points.
-
-    Points are in the sensor's frame.
-    """
+    """Elevation, azimuth (rad) and range (m) of points. Points are in the sensor's frame."""
     across = np.hypot(points[:, 0], points[:, 1])
     return np.stack(
         [np.arctan2(points[:, 2], across), np.arctan2(points[:, 1], points[:, 0]), np.hypot(across, points[:, 2])]
@@ -151,10 +148,7 @@ def _crowd(elevation: np.ndarray, rows: np.ndarray) -> bool:
 
 
 def _step_in_rows(clouds: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    """Usual step between neighbours in a row.
-
-    clouds: azimuths and rows of their points.
-    """
+    """Usual step between neighbours in a row. clouds: azimuths and rows of their points."""
     steps = []
     for azimuth, row in clouds:
         order = np.lexsort((azimuth, row))
@@ -191,10 +185,7 @@ def _phase(azimuth: np.ndarray, columns: int) -> float:
 
 
 def _span(azimuth: np.ndarray) -> tuple[float, float | None]:
-    """Middle and width of the observed azimuths.
-
-    Returns 0 and None for all around.
-    """
+    """Middle and width of the observed azimuths. Returns 0 and None for all around."""
     ordered = np.sort(azimuth)
     gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
     widest = int(gaps.argmax())
@@ -230,10 +221,7 @@ class CloudImage:
 
     @cached_property
     def points(self) -> Float32[np.ndarray, "m 3"]:
-        """Points of the image, sensor frame.
-
-        They keep the cloud's order.
-        """
+        """Points of the image, sensor frame. They keep the cloud's order."""
         cells = self.cells[self.shown]
         rays = self.grid.model.rays().reshape(-1, 3)
         return rays[cells] * self.measurement.ravel()[cells, None]

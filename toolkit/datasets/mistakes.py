@@ -36,20 +36,14 @@ Rows = Float64[np.ndarray, "_ 10"]
 
 @dataclass(frozen=True, eq=False)
 class SensorImages:
-    """Images of one sensor.
-
-    rays: (pixels, 3), in its frame; depth: (frames, pixels), 0 for no return.
-    """
+    """Images of one sensor. rays: (pixels, 3), in its frame; depth: (frames, pixels), 0 for no return."""
 
     sensor: Sensor
     rays: Float32[np.ndarray, "pixels 3"]
     depth: Float32[np.ndarray, "frames pixels"]
 
     def moving(self) -> Bool[np.ndarray, "frames pixels"]:
-        """Mask of the pixels that show a moving object.
-
-        A moving object is missing in another frame.
-        """
+        """Mask of the pixels that show a moving object. A moving object is missing in another frame."""
         seen = self.depth[(self.depth > 0).any(axis=1)]  # a frame without any return tells nothing about the scene
         if len(seen) < 3:
             return np.zeros(self.depth.shape, bool)
@@ -79,10 +73,7 @@ Undo = Callable[[Rows], Rows]
 
 
 def _columns(change: Callable[..., dict[str, np.ndarray]]) -> Undo:
-    """Turn a change of columns into a change of rows.
-
-    The columns have short names.
-    """
+    """Turn a change of columns into a change of rows. The columns have short names."""
     names = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
 
     def undo(rows: np.ndarray) -> np.ndarray:
@@ -172,10 +163,7 @@ LIFTED: tuple[tuple[str, str, Undo], ...] = tuple(
 
 
 def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
-    """Choose moving pixels of each sensor and frame.
-
-    The choice is the same every time.
-    """
+    """Choose moving pixels of each sensor and frame. The choice is the same every time."""
     rng = np.random.default_rng(0)
     chosen = []
     for i, view in enumerate(views):
@@ -189,10 +177,7 @@ def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
 
 
 def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]) -> float:
-    """Share of points on the boxes of their frame.
-
-    clouds: (n, 3) in the site's frame, one for each frame.
-    """
+    """Share of points on the boxes of their frame. clouds: (n, 3) in the site's frame, one for each frame."""
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
         if len(points) and len(table):
@@ -201,10 +186,7 @@ def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[
 
 
 def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
-    """Mask of the points that lie on a box.
-
-    They lie in a box or at most `_SLACK` outside, and in no vehicle's core.
-    """
+    """Mask of the points that lie on a box. They lie in a box or at most `_SLACK` outside, and in no vehicle's core."""
     x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
     cos, sin = np.cos(objects.boxes[:, 6]), np.sin(objects.boxes[:, 6])
     offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
@@ -257,10 +239,7 @@ def _without(mistakes: Sequence[tuple[str, str, Undo]], rows: Rows) -> Rows:
 def suspect_sensor(
     chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[Suspicion | None, float]:
-    """Find the pose or depth mistake of one sensor.
-
-    Its witnesses are the evidence. Returns its fit too.
-    """
+    """Find the pose or depth mistake of one sensor. Its witnesses are the evidence. Returns its fit too."""
     stored = published.extrinsic(sensor.pose, map_SE3_site)
 
     def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:

@@ -34,18 +34,12 @@ _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], 
 
 
 class InvalidObjects(ValueError):
-    """A table row that no object can have.
-
-    See `wrong_rows`.
-    """
+    """A table row that no object can have. See `wrong_rows`."""
 
 
 @runtime_checkable
 class Pinhole(Protocol):
-    """A camera model that the layout can hold.
-
-    Its K gives all of its rays.
-    """
+    """A camera model that the layout can hold. Its K gives all of its rays."""
 
     @property
     def width(self) -> int:
@@ -65,10 +59,7 @@ class Pinhole(Protocol):
 
 
 def pinhole(model: SensorModel) -> Pinhole | None:
-    """Return the model if the layout can hold it.
-
-    Otherwise return None.
-    """
+    """Return the model if the layout can hold it. Otherwise return None."""
     return model if isinstance(model, Pinhole) else None
 
 
@@ -85,10 +76,7 @@ def get_stride(model: SensorModel) -> int:
 def extrinsic(
     site_SE3_sensor: Float[np.ndarray, "4 4"], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "4 4"]:
-    """Published extrinsic of a camera's pose in the site frame.
-
-    It maps CARLA world → forward-first camera.
-    """
+    """Published extrinsic of a camera's pose in the site frame. It maps CARLA world → forward-first camera."""
     carla_from_camera = MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED
     return invert(carla_from_camera)
 
@@ -147,10 +135,7 @@ def parse_intrinsic(
 
 
 def format_objects(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
-    """Return objects of the site frame as published rows.
-
-    See `OBJECT_COLUMNS`.
-    """
+    """Return objects of the site frame as published rows. See `OBJECT_COLUMNS`."""
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
     rows[:, :3] = moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
     rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + _turn(map_SE3_site))
@@ -233,10 +218,7 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
 
 
 def expand_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
-    """Expand measured pixels to the full published image.
-
-    The pixels between them are 0.
-    """
+    """Expand measured pixels to the full published image. The pixels between them are 0."""
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)
     image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN))
@@ -244,29 +226,20 @@ def expand_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) ->
 
 
 def measured(image: Float[np.ndarray, "height width"], stride: int) -> Float32[np.ndarray, "rows columns"]:
-    """Measured pixels of a published depth image.
-
-    They are 0 without a return.
-    """
+    """Measured pixels of a published depth image. They are 0 without a return."""
     with np.errstate(over="ignore"):
         depth = np.asarray(image[::stride, ::stride], np.float32)
     return np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0))  # NaN is no return either
 
 
 def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """Round a measurement to `DEPTH_STEP`.
-
-    NaN and infinity, which mean no return, become 0.
-    """
+    """Round a measurement to `DEPTH_STEP`. NaN and infinity, which mean no return, become 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
 
 
 def moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Transform points (n, 3) by a 4×4 matrix.
-
-    The matrix may mirror them.
-    """
+    """Transform points (n, 3) by a 4×4 matrix. The matrix may mirror them."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 

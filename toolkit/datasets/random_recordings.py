@@ -36,10 +36,7 @@ _Made = TypeVar("_Made")
 
 @dataclass(frozen=True)
 class RandomRecording:
-    """Frames of a random site.
-
-    empty: each sensor's measurement without traffic, (rows, columns) m.
-    """
+    """Frames of a random site. empty: each sensor's measurement without traffic, (rows, columns) m."""
 
     site: Site
     frames: tuple[Frame, ...]
@@ -154,10 +151,7 @@ def random_recordings_file(
 
 
 def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
-    """Yield the files of recordings.
-
-    The note of a failed recording becomes a warning.
-    """
+    """Yield the files of recordings. The note of a failed recording becomes a warning."""
     for path in paths:
         content = path.read_bytes() if path.stat().st_size < _LONGEST_NOTE else b""
         if not content.startswith(_NOTE):
@@ -177,10 +171,7 @@ class _FileJob:
     fleet: Fleet | None
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
-        """Return the function that makes a recording.
-
-        There is nothing to prepare.
-        """
+        """Return the function that makes a recording. There is nothing to prepare."""
         return lambda number: iter([self._content(number)])
 
     def encode(self, items: Sequence[bytes]) -> bytes:
@@ -195,10 +186,7 @@ class _FileJob:
 
 
 def _describe_fleet(fleet: Fleet | None) -> str:
-    """Describe a fleet.
-
-    Two fleets are the same if their descriptions are equal.
-    """
+    """Describe a fleet. Two fleets are the same if their descriptions are equal."""
     from toolkit.bodies.fleet import fleet_named
 
     fleet = fleet_named() if fleet is None else fleet

@@ -35,20 +35,14 @@ class Reads:
     frames: int | None = None
 
     def count(self, recording: Frames) -> int:
-        """Number of frames to be read.
-
-        Raises ValueError if it is 0, and for a `frames` that is not whole.
-        """
+        """Number of frames to be read. Raises ValueError if it is 0, and for a `frames` that is not whole."""
         total = min(len(recording), len(recording) if self.frames is None else self.frames)
         if total < 1 or isinstance(self.frames, float):
             raise ValueError(f"need one frame at least, a whole number, got {self.frames} of {len(recording)}")
         return total
 
     def profile(self) -> ErrorProfile:
-        """Return the error profile.
-
-        Raises ValueError for an unknown one, and for errors without a seed.
-        """
+        """Return the error profile. Raises ValueError for an unknown one, and for errors without a seed."""
         errors = get_profile(self.errors)
         check_drawn(errors, self.noise_seed)
         return errors

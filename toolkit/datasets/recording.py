@@ -54,10 +54,7 @@ class Header:
 
     @property
     def images(self) -> tuple[str, ...]:
-        """Storage place of each sensor's measurements.
-
-        The cameras of one common size share `dslices`.
-        """
+        """Storage place of each sensor's measurements. The cameras of one common size share `dslices`."""
         pinholes = self.pinholes
         shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
         return tuple(
@@ -74,20 +71,14 @@ class Header:
 
 @dataclass(frozen=True)
 class Scene:
-    """One frame to be recorded.
-
-    bodies: (n,) body of each object, an index into `Header.bodies`.
-    """
+    """One frame to be recorded. bodies: (n,) body of each object, an index into `Header.bodies`."""
 
     frame: Frame
     bodies: Int64[np.ndarray, " n"]
 
 
 def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
-    """Bytes of a complete file of `scenes`.
-
-    They are made in memory, so that they can be written all or not at all.
-    """
+    """Bytes of a complete file of `scenes`. They are made in memory, so that they can be written all or not at all."""
     objects = [len(scene.frame.objects) for scene in scenes]
     with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
         _create(file, header, len(scenes), sum(objects))
@@ -105,10 +96,7 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
 
 
 def join(header: Header, parts: Sequence[Path], out: Path) -> None:
-    """Write the frames of all parts as one file.
-
-    They keep their order. Compressed images are copied as they are.
-    """
+    """Write the frames of all parts as one file. They keep their order. Compressed images are copied as they are."""
     lengths, objects = [], []
     for part in parts:
         with h5py.File(part) as file:
@@ -179,10 +167,7 @@ def _create_camera(file: h5py.File, name: str, sensor: Sensor, header: Header) -
 
 
 def _attributes(sensor: Sensor) -> dict[str, Any]:
-    """Attributes that restore the sensor to the last bit.
-
-    `toolkit.datasets.dataset` reads them.
-    """
+    """Attributes that restore the sensor to the last bit. `toolkit.datasets.dataset` reads them."""
     numbers = {key: value for key, value in asdict(sensor.model).items() if value is not None}
     return {"name": sensor.name, "model": type(sensor.model).__name__, "site_SE3_sensor": sensor.pose, **numbers}
 

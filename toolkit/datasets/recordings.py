@@ -46,10 +46,7 @@ class Layout:
 
     @property
     def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """Return the writer.
-
-        Raises ValueError for a read-only layout.
-        """
+        """Return the writer. Raises ValueError for a read-only layout."""
         if self.writer is None:
             raise ValueError(f"layout {self.name} is only read: write another, such as folder")
         return getattr(import_module(self.module), self.writer)
@@ -201,10 +198,7 @@ class Part:
         return count if self.frames is None else min(self.frames, count)
 
     def __getitem__(self, number: int) -> Frame:
-        """Return the chosen frame of this number.
-
-        Raises IndexError for an unknown one.
-        """
+        """Return the chosen frame of this number. Raises IndexError for an unknown one."""
         if not 0 <= number < len(self):
             raise IndexError(f"there is no frame {number}: {len(self)} are chosen, counted from 0")
         return self.recording[number * self.every]

@@ -51,10 +51,7 @@ class Listing:
 
 @contextmanager
 def named_damage(path: str | Path, what: str) -> Iterator[None]:
-    """Turn damage met in the block into one ValueError.
-
-    It names the file. Numbers that overflow give no warnings.
-    """
+    """Turn damage met in the block into one ValueError. It names the file. Numbers that overflow give no warnings."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -66,10 +63,7 @@ def named_damage(path: str | Path, what: str) -> Iterator[None]:
 
 
 def load_text(path: str | Path) -> str:
-    """Text of a file.
-
-    Raises OSError, and UnicodeDecodeError if it is not text.
-    """
+    """Text of a file. Raises OSError, and UnicodeDecodeError if it is not text."""
     return Path(path).read_text(encoding="utf-8-sig")
 
 
@@ -105,10 +99,7 @@ def as_number(value: Any, name: str = "entry") -> float:
 
 
 def numbers(values: Any, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
-    """Return `count` numbers, nested or flat, also as strings.
-
-    Raises ValueError for another count.
-    """
+    """Return `count` numbers, nested or flat, also as strings. Raises ValueError for another count."""
     try:
         flat = np.array(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -151,10 +142,7 @@ def rigid(rotation: Any, translation: Any, name: str = "pose") -> Float64[np.nda
 
 
 def rigid_matrix(values: Any, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
-    """Pose of 16 or 12 numbers by rows.
-
-    Its rotation is made a true one.
-    """
+    """Pose of 16 or 12 numbers by rows. Its rotation is made a true one."""
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
     return rigid(matrix[:3, :3], matrix[:3, 3], name)
@@ -264,10 +252,7 @@ def _known(counts: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
 
 
 def add_problem(problems: dict[str, int], kind: str, number: int) -> None:
-    """Add to the count of a kind of problem.
-
-    Adding zero changes nothing.
-    """
+    """Add to the count of a kind of problem. Adding zero changes nothing."""
     if number:
         problems[kind] = problems.get(kind, 0) + number
 
@@ -333,10 +318,7 @@ def read_cloud(
     *,
     frame: Literal["sensor", "world"] = "sensor",
 ) -> SensorCloud:
-    """Read the cloud of a file.
-
-    Raises FileNotFoundError, and ValueError for a file without readable points.
-    """
+    """Read the cloud of a file. Raises FileNotFoundError, and ValueError for a file without readable points."""
     return build_cloud(read_recorded(path), name, world_SE3_sensor, problems, frame=frame)
 
 
@@ -382,10 +364,7 @@ def write_cloud(path: str | Path, cloud: SensorCloud, *, in_world: bool = False)
 
 
 def one_cloud(sample: Frame, name: str = "lidar") -> SensorCloud:
-    """Merge all clouds of a frame in its world frame.
-
-    Intensities are kept if all clouds have some.
-    """
+    """Merge all clouds of a frame in its world frame. Intensities are kept if all clouds have some."""
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
     whole = len(intensities) == len(sample.clouds) and len(intensities) > 0
     pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
@@ -451,19 +430,13 @@ def boxes_record(
 
 
 def write_boxes(path: str | Path, entries: Sequence[dict[str, Any]], **more: Any) -> None:
-    """Write a file of frame entries.
-
-    It is written whole or not at all. more: further fields of the file.
-    """
+    """Write a file of frame entries. It is written whole or not at all. more: further fields of the file."""
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": list(entries)}
     write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False))
 
 
 def read_entries(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Entries of a file by the names of their frames.
-
-    Raises ValueError, which names the file.
-    """
+    """Entries of a file by the names of their frames. Raises ValueError, which names the file."""
     with named_damage(path, "file of boxes"):
         content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
@@ -483,10 +456,7 @@ def parse_objects(path: str | Path, each: dict[str, Any], problems: dict[str, in
 
 
 def parse_detections(path: str | Path, each: dict[str, Any]) -> Detections:
-    """Parse the detections of one entry.
-
-    Raises ValueError for a detection without a score, or with an invalid box.
-    """
+    """Parse the detections of one entry. Raises ValueError for a detection without a score, or with an invalid box."""
     with named_damage(path, "file of boxes"):
         rows = records(entry(each, "objects"), "objects")
         boxes = np.array([_box(row) for row in rows]).reshape(-1, 7)

@@ -140,10 +140,7 @@ class Job:
 
     @cached_property
     def plan(self) -> dict[str, Any]:
-        """Plan values that two runs with equal bytes share.
-
-        They are compared and shown to people.
-        """
+        """Plan values that two runs with equal bytes share. They are compared and shown to people."""
         from toolkit.sites.files import format_site
 
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
@@ -173,10 +170,7 @@ class Job:
         return Header(self.site, self.sensors, self.fleet.names, json.dumps(self.plan))
 
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
-        """Build the static parts, once per process.
-
-        Returns the function that makes the scenes of a block.
-        """
+        """Build the static parts, once per process. Returns the function that makes the scenes of a block."""
         from toolkit.rendering.renderer import Renderer
         from toolkit.traffic.snapshots import simulate
 
@@ -208,10 +202,7 @@ class Job:
 
 
 def _check_same(out: Path, plan: dict[str, Any]) -> None:
-    """Check the plan of a finished file.
-
-    Raises FileExistsError unless `out` was made from `plan`.
-    """
+    """Check the plan of a finished file. Raises FileExistsError unless `out` was made from `plan`."""
     try:
         with h5py.File(out) as file:
             made_from = json.loads(file["coview"].attrs["plan"])

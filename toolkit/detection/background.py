@@ -41,10 +41,7 @@ class Background:
 
     @staticmethod
     def learn(points: Float[np.ndarray, "n 3"], voxel: float = VOXEL, cell: float = 1.0) -> Background:
-        """Learn from points of the empty site.
-
-        Several noisy sweeps are best.
-        """
+        """Learn from points of the empty site. Several noisy sweeps are best."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
         if not np.isfinite(points).all() or np.prod(np.ptp(points, axis=0) / voxel + 5.0) > MOST_VOXELS:
@@ -130,42 +127,27 @@ class KnownBackground:
 
     @property
     def __name__(self) -> str:
-        """Name in results.
-
-        It gives the detector's kind and says that the background is known.
-        """
+        """Name in results. It gives the detector's kind and says that the background is known."""
         return f"{detector_origin(self.detector)['detector']}+background"
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Classes that the detector names.
-
-        Raises AttributeError if it names none.
-        """
+        """Classes that the detector names. Raises AttributeError if it names none."""
         return self.detector.labels  # type: ignore[attr-defined]
 
     @property
     def digest(self) -> str:
-        """SHA-256 of detector and background.
-
-        Raises AttributeError if the detector has no digest.
-        """
+        """SHA-256 of detector and background. Raises AttributeError if the detector has no digest."""
         own = self.detector.digest  # type: ignore[attr-defined]
         return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
 
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
-        """Detect in points (n, 3).
-
-        Points that are not finite do not count.
-        """
+        """Detect in points (n, 3). Points that are not finite do not count."""
         found = self.detector(points)
         return found[self.somebody(found, points)]
 
     def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in several unions of the same clouds.
-
-        All at once if the detector can.
-        """
+        """Detect in several unions of the same clouds. All at once if the detector can."""
         if isinstance(self.detector, UnionDetector):
             found = self.detector.unions(clouds, unions)
         else:

@@ -107,10 +107,7 @@ def by_centre(
 def _nearest(
     found: Detections, boxes: np.ndarray, counted: np.ndarray, distance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mark detections that take a counted truth.
-
-    Also mark those that take none but lie on an uncounted one.
-    """
+    """Mark detections that take a counted truth. Also mark those that take none but lie on an uncounted one."""
     hit, ignored = np.zeros(len(found), bool), np.zeros(len(found), bool)
     away = np.linalg.norm(found.boxes[:, None, :2] - boxes[None, :, :2], axis=2)
     free = np.where(counted, away, np.inf)
@@ -184,10 +181,7 @@ class FrameTruth:
         return found[has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes)]
 
     def judge(self, found: Detections) -> Judged:
-        """Return detections and truths with their ranges.
-
-        Ranges are measured from the middle of the area.
-        """
+        """Return detections and truths with their ranges. Ranges are measured from the middle of the area."""
         boxes, found = self.objects.boxes, self.keep(found)
         ranges = np.linalg.norm(boxes[:, :2] - self.middle, axis=1)
         return Judged(
@@ -243,10 +237,7 @@ def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
 
 
 def _ranges(found: Detections, boxes: np.ndarray, ranges: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Range of each detection.
-
-    It is that of the object it overlaps most, else its own.
-    """
+    """Range of each detection. It is that of the object it overlaps most, else its own."""
     own = np.linalg.norm(found.boxes[:, :2] - middle, axis=1)
     if not len(found) or not len(boxes):
         return own
@@ -322,10 +313,7 @@ def _span(low: float, high: float, unit: str) -> str:
 
 
 def format_rows(rows: Sequence[GroupRow]) -> str:
-    """Format rows as tables, one per class and protocol.
-
-    Each group of objects has a line, each measure a column.
-    """
+    """Format rows as tables, one per class and protocol. Each group of objects has a line, each measure a column."""
     tables = []
     for label in LABELS:
         for protocol in dict.fromkeys(row.protocol for row in rows if row.label == label):

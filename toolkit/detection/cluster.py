@@ -63,10 +63,7 @@ class ClusterDetector:
 
     @staticmethod
     def of(recording: CoopDataset) -> ClusterDetector:
-        """Learn the empty site of a recording.
-
-        Four noisy sweeps of its sensors are used.
-        """
+        """Learn the empty site of a recording. Four noisy sweeps of its sensors are used."""
         return ClusterDetector.learn(empty_sweeps(recording))
 
     @property
@@ -80,10 +77,7 @@ class ClusterDetector:
         return self.background.digest_settings(repr((self.cell, self.reach, self.fewest)).encode())
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detect in points (n, 3), world frame.
-
-        Points that are not finite are left out.
-        """
+        """Detect in points (n, 3), world frame. Points that are not finite are left out."""
         points = points[np.isfinite(points).all(axis=1)]
         is_background = self.background.holds(points)
         clusters = self._clusters(points[~is_background].astype(np.float64), self.reach)
@@ -147,10 +141,7 @@ class _Rectangle(NamedTuple):
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
     def turn(self) -> _Rectangle:
-        """Swap the axes.
-
-        The second becomes the first, and the reversed first becomes the second.
-        """
+        """Swap the axes. The second becomes the first, and the reversed first becomes the second."""
         second_first = np.array([1, 0])
         low, high = self.low[second_first] * [1, -1], self.high[second_first] * [1, -1]
         (low[1], high[1]), at_low, at_high = (high[1], low[1]), self.at_low[second_first], self.at_high[second_first]
@@ -163,10 +154,7 @@ class _Rectangle(NamedTuple):
 
 
 def _dbscan(points: np.ndarray, cell: float, reach: float) -> Int64[np.ndarray, " n"]:
-    """Cluster number of each point.
-
-    DBSCAN runs on the points' cells seen from above.
-    """
+    """Cluster number of each point. DBSCAN runs on the points' cells seen from above."""
     index = ((points[:, :2] - points[:, :2].min(axis=0)) / cell).astype(np.int64)
     keys, which = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
     centres = np.column_stack([(keys >> 32) * cell, (keys & 0xFFFFFFFF) * cell, np.zeros(len(keys))])

@@ -24,10 +24,7 @@ Amount = float | Float64[np.ndarray, "*shape"]
 
 
 class Message(NamedTuple):
-    """Message from a sensor to the fusion centre.
-
-    content: bytes, or anything else that the codec decodes again.
-    """
+    """Message from a sensor to the fusion centre. content: bytes, or anything else that the codec decodes again."""
 
     content: Any
     bits: int
@@ -46,10 +43,7 @@ class Codec(Protocol):
         ...
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Encode the points of one sensor in one frame.
-
-        Points are in the world frame (m).
-        """
+        """Encode the points of one sensor in one frame. Points are in the world frame (m)."""
         ...
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
@@ -95,10 +89,7 @@ class ImageCodec(Protocol):
         ...
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
-        """Decode an image of the sensor.
-
-        0 where nothing arrived.
-        """
+        """Decode an image of the sensor. 0 where nothing arrived."""
         ...
 
 
@@ -155,10 +146,7 @@ PAPER = PaperCodec()
 
 
 def check_codec(codec: Codec) -> Codec:
-    """Return the codec if it is one.
-
-    Raises ValueError if it is not.
-    """
+    """Return the codec if it is one. Raises ValueError if it is not."""
     if isinstance(codec, type) or not isinstance(codec, Codec):
         raise ValueError(f"codec must be an object with the members of toolkit.detection.codec.Codec, got {codec!r}")
     return codec

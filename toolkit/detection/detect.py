@@ -1,7 +1,4 @@
-"""Detection in a recording's frames, saved to files.
-
-Formats: boxes.json, OpenLABEL and KITTI's label_2.
-"""
+"""Detection in a recording's frames, saved to files. Formats: boxes.json, OpenLABEL and KITTI's label_2."""
 
 from __future__ import annotations
 
@@ -91,10 +88,7 @@ def file_name(name: str) -> str:
 
 
 def summarise(found: Iterable[Detected]) -> dict[str, Any]:
-    """Count frames, detections and what reading left out.
-
-    The median milliseconds are given too.
-    """
+    """Count frames, detections and what reading left out. The median milliseconds are given too."""
     samples = detections = 0
     problems: dict[str, int] = {}
     levelling, detecting = [], []

@@ -88,10 +88,7 @@ class Row:
     false_alarms_per_frame: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the row for JSON, without its curve.
-
-        An undefined figure is None, such as AP without any truth.
-        """
+        """Return the row for JSON, without its curve. An undefined figure is None, such as AP without any truth."""
         names = (
             *("scheme", "sensors", "label", "iou", "ap", "recall", "precision", "truths", "false_alarms_per_frame"),
             *("kbit_per_sensor", "ms_per_frame"),
@@ -121,10 +118,7 @@ class ClassFigures:
     reliability: Reliability = field(repr=False, compare=False)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON.
-
-        The reliability diagram is given bin by bin. An undefined figure is None.
-        """
+        """Return the figures for JSON. The reliability diagram is given bin by bin. An undefined figure is None."""
         diagram = self.reliability
         bins = {
             "score": [_defined(each) for each in diagram.score.tolist()],
@@ -164,10 +158,7 @@ class Comparison:
         return [LABELS[k] for k in dict.fromkeys(label_index(label) for label in self.classes)]
 
     def named(self) -> dict[str, Scheme | None]:
-        """Return the schemes by name.
-
-        Raises ValueError where two share one.
-        """
+        """Return the schemes by name. Raises ValueError where two share one."""
         named: dict[str, Scheme | None] = {}
         for given in self.schemes:
             scheme = None if given is None else find_scheme(given)
@@ -223,10 +214,7 @@ class Evaluation(Sequence[Row]):
         return "\n\n".join(parts)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the provenance for JSON.
-
-        An undefined figure is None.
-        """
+        """Return all but the provenance for JSON. An undefined figure is None."""
         optional = {
             "loads": [load.as_dict() for load in self.loads],
             "breakdown": [row.as_dict() for row in self.breakdown],
@@ -352,10 +340,7 @@ def format_table(rows: Iterable[Row]) -> str:
 
 
 def format_class_table(classes: Iterable[ClassFigures]) -> str:
-    """Format the worth of the detector's threshold.
-
-    Each class, scheme and sensor set has a line.
-    """
+    """Format the worth of the detector's threshold. Each class, scheme and sensor set has a line."""
     heads = ["class", "scheme", "sensors", "to find", "recall", "precision", "false/frame", "calibration error", "IoU"]
     table = [heads]
     for each in classes:
@@ -494,19 +479,13 @@ class _Job:
         return _Scored(self._truth(frame, stand), fused, frame.problems, stand.ms, stand.warning)
 
     def _present(self, frame: Frame, names: tuple[str, ...], chosen: tuple[int, ...]) -> list[int]:
-        """Positions in a frame of the sensors of a set.
-
-        All of the frame's where the set is all.
-        """
+        """Positions in a frame of the sensors of a set. All of the frame's where the set is all."""
         if None in self.asked.sensor_sets and len(chosen) == max(map(len, self.sets)):
             return list(range(len(frame.sensors)))
         return sorted(select_sensors(frame.sensors, names))
 
     def _together(self, frame: Frame, stand: Stand, names: tuple[str, ...], chosen: tuple[int, ...]) -> Fused:
-        """Detect in all points of a sensor set together.
-
-        Points are uncropped.
-        """
+        """Detect in all points of a sensor set together. Points are uncropped."""
         points = stand.lift(frame.seen_by(self._present(frame, names, chosen)).points())
         start = perf_counter()
         found = detect_on_ground(self.detector, points, stand.area) if len(points) else Detections.empty()
@@ -524,10 +503,7 @@ class _Job:
 
 
 def _spread(job: _Job, total: int, run: Processes, progress: Callable[[int], None] | None) -> Iterator[_Scored]:
-    """Score all frames.
-
-    They are scored in this process, or shared out in stretches.
-    """
+    """Score all frames. They are scored in this process, or shared out in stretches."""
     if run.alone:
         for done, each in enumerate(job.frames(range(total)), 1):
             if each.warning is not None and done == 1:
@@ -554,10 +530,7 @@ class _Run:
 
     @cached_property
     def bits(self) -> Int64[np.ndarray, "frames sensors"] | None:
-        """Bits of every sensor.
-
-        None where frames have different sensors, or nothing is sent.
-        """
+        """Bits of every sensor. None where frames have different sensors, or nothing is sent."""
         sizes = {len(each.bits) for each in self.fused}
         return np.array([each.bits for each in self.fused]) if len(sizes) == 1 and sizes != {0} else None
 
@@ -570,10 +543,7 @@ class _Run:
         return float(np.median([each.ms for each in self.fused]))
 
     def title(self, sets: int) -> str:
-        """Name of the scheme.
-
-        The sensors are added where there are several sets.
-        """
+        """Name of the scheme. The sensors are added where there are several sets."""
         return self.key[0] if sets == 1 else f"{self.key[0]} {_sensor_text(self.key[1])}"
 
     def summary(self, scored: Sequence[_Scored], rate: float | None) -> dict[str, Any]:

@@ -1,7 +1,4 @@
-"""Picture of one frame, detections beside the truth.
-
-Detections are those of early fusion.
-"""
+"""Picture of one frame, detections beside the truth. Detections are those of early fusion."""
 
 from __future__ import annotations
 
@@ -40,9 +37,6 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
 
 
 def classify_frame(found: Detections, truth: Objects, site: Site, iou: float = IOU) -> FrameOutcome:
-    """Classify detections and vehicles of one frame.
-
-    Objects centred outside the area do not count.
-    """
+    """Classify detections and vehicles of one frame. Objects centred outside the area do not count."""
     result = match(found, truth, iou, counted=has_centre_inside(truth.boxes, site.area))
     return FrameOutcome(iou, result.hit, ~result.scored, result.truth >= 0, result.ignored)

@@ -50,10 +50,7 @@ class Clusters:
 
 @dataclass(frozen=True)
 class AreaClusters:
-    """Cluster detector in an area with a known empty scene.
-
-    The area is xmin ymin xmax ymax (m), below 4 m.
-    """
+    """Cluster detector in an area with a known empty scene. The area is xmin ymin xmax ymax (m), below 4 m."""
 
     clusters: ClusterDetector
     area: tuple[float, float, float, float]

@@ -47,10 +47,7 @@ class ImportedDetector:
         self._check(detections)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
-        """Detect in one cloud.
-
-        Raises ValueError, in one line, if that fails.
-        """
+        """Detect in one cloud. Raises ValueError, in one line, if that fails."""
         try:
             detections = self._detect(points)
         except Exception as error:  # the detector may raise anything
@@ -62,18 +59,12 @@ class ImportedDetector:
 
     @property
     def digest(self) -> str:
-        """Digest of the detector.
-
-        Raises AttributeError if it has none.
-        """
+        """Digest of the detector. Raises AttributeError if it has none."""
         return str(self._detect.digest)  # type: ignore[attr-defined]
 
     @property
     def labels(self) -> Any:
-        """Classes that the detector names.
-
-        Raises AttributeError if it names none.
-        """
+        """Classes that the detector names. Raises AttributeError if it names none."""
         return self._detect.labels  # type: ignore[attr-defined]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -88,10 +79,7 @@ class ImportedDetector:
 
 
 def _import_callable(name: str) -> Any:
-    """Import the object of that name.
-
-    Modules of the current folder are found last.
-    """
+    """Import the object of that name. Modules of the current folder are found last."""
     module, colon, attribute = name.partition(":")
     if not (colon and module and attribute):
         raise ValueError(f"a detector to import must be named package.module:callable, got {name!r}")

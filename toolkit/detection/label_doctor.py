@@ -40,10 +40,7 @@ GROUND_POINTS = 20_000  # evenly spaced points of a cloud for finding its ground
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Frame, its points standing on the ground, and the ground.
-
-    Without a ground: all its points and None.
-    """
+    """Frame, its points standing on the ground, and the ground. Without a ground: all its points and None."""
 
     sample: Frame
     points: Float64[np.ndarray, "n 3"]
@@ -61,18 +58,12 @@ class Seen:
         return Seen(sample, standing, ground)
 
     def heights(self, boxes: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, " _"]:
-        """Height (m) of box centres above the ground.
-
-        Empty without a ground.
-        """
+        """Height (m) of box centres above the ground. Empty without a ground."""
         return np.zeros(0) if self.ground is None else boxes[:, 2] - self.ground.height(boxes[:, :2])
 
 
 def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of every box, frame after frame.
-
-    boxes: (m, 7) of each frame.
-    """
+    """Fit of every box, frame after frame. boxes: (m, 7) of each frame."""
     parts = [measure_fits(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
     return np.concatenate([np.zeros(0), *parts])
 
@@ -113,10 +104,7 @@ Change = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class LabelMistake:
-    """Mistake that boxes (n, 7) may have, and its undoing.
-
-    axes: True if it depends on the frame's axes.
-    """
+    """Mistake that boxes (n, 7) may have, and its undoing. axes: True if it depends on the frame's axes."""
 
     name: str
     remedy: str
@@ -247,10 +235,7 @@ class Shift(NamedTuple):
 
 
 def find_shift(some: Sequence[Seen]) -> Shift | None:
-    """Find the delay of labels.
-
-    None without one, or if it cannot be told.
-    """
+    """Find the delay of labels. None without one, or if it cannot be told."""
     return _delay_along_tracks(some) or _among_clouds(some)
 
 
@@ -348,10 +333,7 @@ def _cosines(boxes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
 
 
 class Movers(NamedTuple):
-    """Moving boxes of a frame.
-
-    Their velocities (m/s) and their tracks are given too.
-    """
+    """Moving boxes of a frame. Their velocities (m/s) and their tracks are given too."""
 
     boxes: Float64[np.ndarray, "n 7"]
     velocities: Float64[np.ndarray, "n 2"]
@@ -393,10 +375,7 @@ TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box fre
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Findings of the doctor.
-
-    healthy: what to say where there is none.
-    """
+    """Findings of the doctor. healthy: what to say where there is none."""
 
     findings: list[Finding]
     healthy: str = "nothing suspected"
@@ -424,10 +403,7 @@ def _holds_clouds(path: str | Path) -> bool:
 
 
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
-    """Return what looks wrong with labels of consecutive frames.
-
-    The list is empty for healthy labels.
-    """
+    """Return what looks wrong with labels of consecutive frames. The list is empty for healthy labels."""
     some = [Seen.of(sample) for sample in samples]
     findings = _find_full_turns(some)
     if findings:
@@ -470,10 +446,7 @@ def _best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
 
 
 def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Undone | None:
-    """Return the first explanation unless the freer fits better.
-
-    The freer one must win by a margin.
-    """
+    """Return the first explanation unless the freer fits better. The freer one must win by a margin."""
     if best is None or freer is None:
         return best or freer
     one, other = _means([best, freer])
@@ -481,28 +454,19 @@ def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Und
 
 
 def _means(attempts: Sequence[_Undone]) -> list[float]:
-    """Mean fit under each explanation.
-
-    The mean is over the boxes that have a fit under any of them.
-    """
+    """Mean fit under each explanation. The mean is over the boxes that have a fit under any of them."""
     known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[known].mean()) for attempt in attempts]
 
 
 def _undo_mistake(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
-    """Undo a mistake in a coordinate frame for each frame.
-
-    frames: frame_SE3_world of each.
-    """
+    """Undo a mistake in a coordinate frame for each frame. frames: frame_SE3_world of each."""
     boxes = [undo_mistake(mistake, each.sample.objects.boxes, frame) for each, frame in zip(some, frames, strict=True)]
     return _Undone(mistake, boxes, fits(some, boxes))
 
 
 def _undo_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
-    """Undo a mistake in the frame of the best sensor.
-
-    For each box it is the sensor where it then fits best.
-    """
+    """Undo a mistake in the frame of the best sensor. For each box it is the sensor where it then fits best."""
     boxes = []
     for each in some:
         frames = [invert(cloud.world_SE3_sensor) for cloud in each.sample.clouds] or [np.eye(4)]
@@ -511,10 +475,7 @@ def _undo_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
 
 
 def _turn_each(some: Sequence[Seen]) -> _Undone:
-    """Turn each box by the angle that fits best.
-
-    The angles are those that degrees taken for radians leave open.
-    """
+    """Turn each box by the angle that fits best. The angles are those that degrees taken for radians leave open."""
     boxes = []
     for each in some:
         rows = each.sample.objects.boxes
@@ -548,10 +509,7 @@ def _find_full_turns(some: Sequence[Seen]) -> list[Finding]:
 
 
 def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
-    """Find centres of boxes at the wrong height.
-
-    They stand on the ground, or a whole height above it.
-    """
+    """Find centres of boxes at the wrong height. They stand on the ground, or a whole height above it."""
     parts = [each.heights(own) / own[:, 5] for each, own in zip(some, boxes, strict=True) if each.ground is not None]
     shares = np.concatenate([np.zeros(0), *parts])
     if len(shares) < LEAST_BOXES or abs(np.median(shares) - 0.5) < SUNK:
@@ -564,10 +522,7 @@ def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
 
 
 def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
-    """Find boxes that move backwards.
-
-    They do unless yaw is counted the other way round.
-    """
+    """Find boxes that move backwards. They do unless yaw is counted the other way round."""
     samples = [each.sample for each in some]
     for in_map in (False, True):
 
@@ -595,10 +550,7 @@ def _late(some: Sequence[Seen]) -> list[Finding]:
 
 
 def _misfits(some: Sequence[Seen], current: np.ndarray) -> list[Finding]:
-    """Find boxes that fit once each is turned.
-
-    Only if nothing else explains their misfit.
-    """
+    """Find boxes that fit once each is turned. Only if nothing else explains their misfit."""
     turned = _turn_each(some)
     if not better(current, turned.fits, TURNED_GAIN):
         return []

@@ -69,10 +69,7 @@ class Match:
 
     @property
     def truth_iou(self) -> Float64[np.ndarray, " m"]:
-        """IoU of each truth with the detection that hit it.
-
-        0 where none did.
-        """
+        """IoU of each truth with the detection that hit it. 0 where none did."""
         iou = np.zeros(len(self.hit))
         iou[self.truth[self.truth >= 0]] = self.iou[self.truth >= 0]
         return iou
@@ -122,10 +119,7 @@ class Reliability:
 
     @property
     def error(self) -> float:
-        """Expected calibration error.
-
-        Mean distance of score and share, over all detections.
-        """
+        """Expected calibration error. Mean distance of score and share, over all detections."""
         filled = self.count > 0
         gap = np.abs(self.score[filled] - self.true[filled])
         return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
@@ -347,10 +341,7 @@ class _Frame(NamedTuple):
 
 
 def keep_frames_with_truths(frames: Iterable[_Frame]) -> Iterator[_Frame]:
-    """Keep the frames with something to find.
-
-    The false alarms of the other frames go with them.
-    """
+    """Keep the frames with something to find. The false alarms of the other frames go with them."""
     return (frame for frame in frames if len(frame.truths))
 
 

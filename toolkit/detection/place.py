@@ -52,18 +52,12 @@ class Stand:
         return area + np.concatenate([self.middle, self.middle])
 
     def lift(self, points: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
-        """Return points on level ground, counted from the middle.
-
-        points: world frame.
-        """
+        """Return points on level ground, counted from the middle. points: world frame."""
         near = points - [*self.middle, 0.0]
         return (near if self.ground is None or not len(near) else self.ground.points(near)).astype(np.float32)
 
     def lift_boxes(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Return boxes on level ground, counted from the middle.
-
-        boxes: world frame.
-        """
+        """Return boxes on level ground, counted from the middle. boxes: world frame."""
         near = boxes - np.array([*self.middle, 0, 0, 0, 0, 0])
         return near if self.ground is None or not len(near) else self.ground.boxes(near)
 
@@ -77,10 +71,7 @@ class Stand:
 
 @dataclass(frozen=True)
 class Place:
-    """Detection area and its ground.
-
-    Raises ValueError for an area that encloses nothing.
-    """
+    """Detection area and its ground. Raises ValueError for an area that encloses nothing."""
 
     level: Level | None = None
     """Put points on the ground by a map of heights or a plane; none where the ground is at z = 0 already. By default
@@ -99,10 +90,7 @@ class Place:
 
     @property
     def middle(self) -> Float64[np.ndarray, "2"] | None:
-        """Middle of the area.
-
-        None where the sensors say it.
-        """
+        """Middle of the area. None where the sensors say it."""
         return None if self.area is None else (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
 
     @property
@@ -114,17 +102,11 @@ class Place:
         return (xmax - xmin) / 2, (ymax - ymin) / 2
 
     def at(self, site: Site | None) -> bool:
-        """True where detection is at the site itself.
-
-        Its area, slope and ground are used then.
-        """
+        """True where detection is at the site itself. Its area, slope and ground are used then."""
         return site is not None and self.level is None and self.area is None
 
     def stands(self, frames: Iterable[Frame], site: Site | None = None) -> Iterator[tuple[Frame, Stand]]:
-        """Yield every frame with its stand.
-
-        A frame without ground stays as it is, with a warning.
-        """
+        """Yield every frame with its stand. A frame without ground stays as it is, with a warning."""
         if site is not None and self.at(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
             return

@@ -1,7 +1,4 @@
-"""Provenance of figures, for every result file.
-
-Data, detector, settings and version.
-"""
+"""Provenance of figures, for every result file. Data, detector, settings and version."""
 
 from __future__ import annotations
 
@@ -16,10 +13,7 @@ from toolkit.objects import Detector
 
 
 def coview_version() -> str:
-    """Version of this installation.
-
-    "unknown" in a checkout that is not installed.
-    """
+    """Version of this installation. "unknown" in a checkout that is not installed."""
     try:
         return version("coview")
     except PackageNotFoundError:
@@ -27,19 +21,13 @@ def coview_version() -> str:
 
 
 def dataset_origin(dataset: object) -> dict[str, Any]:
-    """Name and file of a recording.
-
-    None for one in memory.
-    """
+    """Name and file of a recording. None for one in memory."""
     path = getattr(dataset, "path", None)
     return {"dataset": type(dataset).__name__ if path is None else Path(path).name, "dataset_path": path and str(path)}
 
 
 def detector_origin(detector: Detector) -> dict[str, Any]:
-    """Kind and digest of a detector.
-
-    None without a digest.
-    """
+    """Kind and digest of a detector. None without a digest."""
     name = getattr(detector, "__name__", type(detector).__name__)
     return {"detector": name, "detector_digest": getattr(detector, "digest", None)}
 
@@ -50,10 +38,7 @@ def settings_origin(codec: Codec, **settings: Any) -> dict[str, Any]:
 
 
 def with_file_digest(origin: Mapping[str, Any]) -> dict[str, Any]:
-    """Add the SHA-256 of the recording's file.
-
-    None if the file does not exist.
-    """
+    """Add the SHA-256 of the recording's file. None if the file does not exist."""
     path = origin.get("dataset_path")
     digest = None
     if path and Path(path).is_file():

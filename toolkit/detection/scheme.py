@@ -33,10 +33,7 @@ class Fused:
 
     @property
     def kbit_per_sensor(self) -> float:
-        """Mean kbit over the sensors.
-
-        1 kbit = 1000 bit (paper section IV-A); 0 without sensors.
-        """
+        """Mean kbit over the sensors. 1 kbit = 1000 bit (paper section IV-A); 0 without sensors."""
         return float(self.bits.mean()) / 1000 if len(self.bits) else 0.0
 
 
@@ -47,10 +44,7 @@ def make_fused(boxes: Boxes, bits: Sequence[int]) -> Fused:
 
 @runtime_checkable
 class Counts(Protocol):
-    """Counts of the points of C candidates in F frames.
-
-    `placement_env.fidelity.visibility.Visibility` is one.
-    """
+    """Counts of the points of C candidates in F frames. `placement_env.fidelity.visibility.Visibility` is one."""
 
     @property
     def sent(self) -> Float32[np.ndarray, "C F"]:
@@ -84,10 +78,7 @@ class Scheme(Protocol):
 
     @property
     def sends_points(self) -> bool:
-        """True if sensors send points.
-
-        A mount's link limits the points that it can carry; boxes always fit.
-        """
+        """True if sensors send points. A mount's link limits the points that it can carry; boxes always fit."""
         ...
 
     @property
@@ -96,10 +87,7 @@ class Scheme(Protocol):
         ...
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect together with a set of sensors.
-
-        In one frame; sensors are indices, ascending.
-        """
+        """Detect together with a set of sensors. In one frame; sensors are indices, ascending."""
         ...
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
@@ -130,18 +118,12 @@ class Chained(Protocol):
         ...
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
-        """Bits that sensors send of a frame, arrived or not.
-
-        Views share a memory, frame by frame.
-        """
+        """Bits that sensors send of a frame, arrived or not. Views share a memory, frame by frame."""
         ...
 
 
 def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:
-    """Return the scheme's own codec, else the given one.
-
-    Its own is the attribute `codec`.
-    """
+    """Return the scheme's own codec, else the given one. Its own is the attribute `codec`."""
     return getattr(scheme, "codec", codec)
 
 

@@ -1,7 +1,4 @@
-"""Built-in fusion schemes.
-
-Early, late, hybrid, foreground and differences.
-"""
+"""Built-in fusion schemes. Early, late, hybrid, foreground and differences."""
 
 from __future__ import annotations
 
@@ -101,10 +98,7 @@ class Hybrid:
         return repr(self)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Fuse boxes, adding detections in the far points.
-
-        The boxes are fused as in late fusion.
-        """
+        """Fuse boxes, adding detections in the far points. The boxes are fused as in late fusion."""
         radius = self.find_radius(view.site)
 
         def far(points: Float32[np.ndarray, "n 3"], sensor: Sensor) -> Bool[np.ndarray, " n"]:
@@ -134,10 +128,7 @@ class Hybrid:
         return distance > (radius if self.radius is None else self.radius)
 
     def find_radius(self, site: Area) -> float:
-        """Radius at a site.
-
-        For a bare area it is the paper's usual one.
-        """
+        """Radius at a site. For a bare area it is the paper's usual one."""
         if self.radius is not None:
             return self.radius
         return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS
@@ -160,10 +151,7 @@ def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every
 
 
 def find_scheme(scheme: Scheme | str) -> Scheme:
-    """Return a scheme by its name, or itself.
-
-    Raises ValueError for an unknown name.
-    """
+    """Return a scheme by its name, or itself. Raises ValueError for an unknown name."""
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
     if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):

@@ -1,7 +1,4 @@
-"""Background of a site's scenery or of a recording.
-
-For a recording it is what lies behind all that moves.
-"""
+"""Background of a site's scenery or of a recording. For a recording it is what lies behind all that moves."""
 
 from __future__ import annotations
 
@@ -39,10 +36,7 @@ def recording_background(recording: CoopDataset) -> Background:
 
 
 def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
-    """Yield cropped points of each sensor without road users.
-
-    Four times over, with noise. The ground is levelled.
-    """
+    """Yield cropped points of each sensor without road users. Four times over, with noise. The ground is levelled."""
     empty, rng = empty_scene(recording), np.random.default_rng(0)
     for _ in range(_SWEEPS):
         for points in frame_points(empty, area=recording.site, rng=rng):
@@ -79,20 +73,14 @@ def choose_voxel(crop: Crop) -> float:
 
 
 def _reaches_crop(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray, " m"]:
-    """Mark triangles that may reach into a crop.
-
-    corners: with the ground levelled.
-    """
+    """Mark triangles that may reach into a crop. corners: with the ground levelled."""
     lowest, highest = corners.min(axis=1), corners.max(axis=1)
     xmin, ymin, xmax, ymax = crop.area
     return np.asarray((highest >= [xmin, ymin, _FLOOR]).all(axis=1) & (lowest <= [xmax, ymax, crop.height]).all(axis=1))
 
 
 def _on_surfaces(mesh: Mesh, voxel: float) -> Iterator[Float[np.ndarray, "n 3"]]:
-    """Yield random points on all triangles of a mesh.
-
-    `PER_VOXEL` per voxel side on average.
-    """
+    """Yield random points on all triangles of a mesh. `PER_VOXEL` per voxel side on average."""
     rng = np.random.default_rng(0)
     corners = mesh.vertices[mesh.triangles]
     edges = corners[:, 1:] - corners[:, :1]

@@ -47,26 +47,17 @@ class Survey:
     problems: dict[str, int] = field(default_factory=dict)
 
     def points_on_vehicles(self, sensors: Sequence[int]) -> Int64[np.ndarray, " vehicles"]:
-        """Points on each vehicle in a fused cloud.
-
-        The cloud is that of a sensor set (indices).
-        """
+        """Points on each vehicle in a fused cloud. The cloud is that of a sensor set (indices)."""
         return self.counts[:, list(sensors)].sum(axis=1)
 
     def points_on_objects(self, label: str, sensors: Sequence[int]) -> Int64[np.ndarray, " objects"]:
-        """Points on each object of a class.
-
-        Raises ValueError for a class that was not counted.
-        """
+        """Points on each object of a class. Raises ValueError for a class that was not counted."""
         if label not in self.by_class:
             raise ValueError(f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}")
         return self.by_class[label][:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
-        """Share of objects without a point of a sensor set.
-
-        Vehicles, or objects of a class; NaN without any.
-        """
+        """Share of objects without a point of a sensor set. Vehicles, or objects of a class; NaN without any."""
         points = self.points_on_vehicles(sensors) if label is None else self.points_on_objects(label, sensors)
         return float((points == 0).mean()) if len(points) else float("nan")
 
@@ -185,10 +176,7 @@ def survey(
 
 
 def _clouds(frame: Frame, site: Site | None) -> dict[str, np.ndarray]:
-    """Points of every sensor, world frame.
-
-    In the area of a site, else all.
-    """
+    """Points of every sensor, world frame. In the area of a site, else all."""
     if site is None:
         return {cloud.name: cloud.in_world() for cloud in frame.clouds}
     return dict(zip((sensor.name for sensor in frame.sensors), frame_points(frame, area=site), strict=True))

@@ -76,10 +76,7 @@ class Captured:
 
     @cached_property
     def pixels(self) -> Int64[np.ndarray, " n"]:
-        """Pixels of the points in the crop.
-
-        In the order of these points, counted row after row.
-        """
+        """Pixels of the points in the crop. In the order of these points, counted row after row."""
         if self.kept is not None:
             return self.kept
         return find_crop_pixels(self.frame, self.index, area=self.area, height=self.height)
@@ -91,10 +88,7 @@ class Captured:
         return RangeImage(self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index)
 
     def points(self, image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "n 3"]:
-        """Points that an image of this sensor measures, world frame.
-
-        Only pixels that return anything have one.
-        """
+        """Points that an image of this sensor measures, world frame. Only pixels that return anything have one."""
         xyz, valid = unproject(self.sensor, image)
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
         if shift is not None:
@@ -168,10 +162,7 @@ class View:
     def part(
         self, cloud: Cloud, name: str, keep: Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
     ) -> Cloud:
-        """Keep the points of a cloud that `keep` selects.
-
-        name: says all that this depends on.
-        """
+        """Keep the points of a cloud that `keep` selects. name: says all that this depends on."""
         key = cloud.sensor, (*cloud.history, name)
         if key not in self._clouds:
             kept, ms = _timed(lambda: np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor])))
@@ -180,10 +171,7 @@ class View:
         return self._clouds[key]
 
     def captured(self, sensor: int) -> Captured:
-        """Image behind the points of a sensor.
-
-        Raises ValueError where only points are known.
-        """
+        """Image behind the points of a sensor. Raises ValueError where only points are known."""
         if self._capture is None:
             raise ValueError("this view has points alone, no images: choose a scheme and codec that work with points")
         if sensor not in self._captured:
@@ -191,19 +179,13 @@ class View:
         return self._captured[sensor]
 
     def scene(self, sensor: int) -> EmptyScene:
-        """Empty scene of a sensor.
-
-        Raises ValueError where none is known.
-        """
+        """Empty scene of a sensor. Raises ValueError where none is known."""
         if self._scene is None:
             raise ValueError("this view knows no empty scenes: pass some of toolkit.calibration.empty_scene")
         return self._scene(sensor)
 
     def remember(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
-        """State that a sensor's link keeps between frames.
-
-        `begin` makes it in the first frame. name: of the link.
-        """
+        """State that a sensor's link keeps between frames. `begin` makes it in the first frame. name: of the link."""
         if (sensor, name) not in self._memory:
             self._memory[sensor, name] = begin()
         kept: _Value = self._memory[sensor, name]
@@ -251,10 +233,7 @@ class View:
         return self._sent_boxes[boxes]
 
     def suppress(self, parts: Sequence[Boxes]) -> Boxes:
-        """Pool the boxes of all parts, best first.
-
-        A box that overlaps a surer one of its label is dropped.
-        """
+        """Pool the boxes of all parts, best first. A box that overlaps a surer one of its label is dropped."""
         merged, ms = _timed(lambda: suppress(Detections.merge(part.detections for part in parts), self.nms_iou))
         return Boxes(merged, _last(parts) + ms)
 
@@ -329,20 +308,14 @@ def _timed(call: Callable[[], _Value]) -> tuple[_Value, float]:
 
 
 class _Images:
-    """Images of a frame's clouds, each made once.
-
-    They are in the grids of their sensors, on level ground.
-    """
+    """Images of a frame's clouds, each made once. They are in the grids of their sensors, on level ground."""
 
     def __init__(self, frame: Frame, stand: Stand, scenes: Scenes) -> None:
         self.frame, self.stand, self.scenes = frame, stand, scenes
         self._made = lru_cache(maxsize=None)(self._make)
 
     def measure(self, k: int) -> Float32[np.ndarray, "n 3"]:
-        """Points in the crop that the image shows.
-
-        They lie where they were measured.
-        """
+        """Points in the crop that the image shows. They lie where they were measured."""
         return self._made(k)[0]
 
     def capture(self, k: int) -> Captured:

@@ -53,10 +53,7 @@ Entry = tuple["Artist", str]  # of a legend: artist and name
 
 
 class MapSheet(NamedTuple):
-    """A figure with a map.
-
-    It has the axes of the map (m, site frame), and the points (1/72 inch) per metre.
-    """
+    """A figure with a map. It has the axes of the map (m, site frame), and the points (1/72 inch) per metre."""
 
     figure: Figure
     axes: Axes
@@ -115,10 +112,7 @@ def draw_ground(axes: Axes, site: Site) -> None:
 def fill_polygons(
     axes: Axes, shapes: Sequence[shapely.Geometry], colour: str, *, order: float, alpha: float = 1.0, edge: float = 0.4
 ) -> None:
-    """Fill the union of polygons in one colour.
-
-    Its holes stay empty. edge: width of the outline in points.
-    """
+    """Fill the union of polygons in one colour. Its holes stay empty. edge: width of the outline in points."""
     from matplotlib.colors import to_rgba
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
@@ -141,10 +135,7 @@ def draw_area(axes: Axes, area: Float64[np.ndarray, "4"]) -> None:
 
 
 def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.ndarray, "2"]) -> None:
-    """Draw an arrow that points north.
-
-    It goes through a place of the axes, with the letter at its tip.
-    """
+    """Draw an arrow that points north. It goes through a place of the axes, with the letter at its tip."""
     from matplotlib.transforms import ScaledTranslation
 
     def away(points: float) -> Transform:
@@ -157,20 +148,14 @@ def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.nda
 
 
 def north(site: Site) -> Float64[np.ndarray, "2"]:
-    """Unit vector towards north, in the site's frame.
-
-    North is +y of the map.
-    """
+    """Unit vector towards north, in the site's frame. North is +y of the map."""
     towards = site.map_SE3_site[1, :2]
     length = float(np.hypot(*towards))
     return towards / length if length > 1e-9 else np.array([0.0, 1.0])
 
 
 def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the area and the places, with a margin.
-
-    They are the lower left and the upper right one.
-    """
+    """Corners of the area and the places, with a margin. They are the lower left and the upper right one."""
     low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
     if holds is not None and len(holds):
         low, high = np.minimum(low, holds.min(axis=0) - AROUND / 2), np.maximum(high, holds.max(axis=0) + AROUND / 2)
@@ -203,10 +188,7 @@ def _titles(figure: Figure, title: str, subtitle: str, full: float) -> None:
 
 
 def _scale_bar(axes: Axes, scale: float, width: float) -> None:
-    """Draw a bar of two halves with its length.
-
-    The unit of the axes is the inch.
-    """
+    """Draw a bar of two halves with its length. The unit of the axes is the inch."""
     length = scale_length(min(1.6, width) / scale)
     inches = length * scale
     for part, colour in ((0.0, INK), (0.5, "white")):
@@ -286,10 +268,7 @@ def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float)
 
 
 def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
-    """Draw fields of view, cut off at buildings.
-
-    They reach up to `VIEW_RANGE`.
-    """
+    """Draw fields of view, cut off at buildings. They reach up to `VIEW_RANGE`."""
     tall = [shapely.Polygon(s.footprint) for s in solids if s.kind == "building" and s.top - s.base > TALL]
     for index, sensor in enumerate(sensors):
         x, y = wedge(sensor, tall).T
@@ -300,10 +279,7 @@ def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] =
 def wedge(
     sensor: Sensor, buildings: Sequence[shapely.Polygon], reach: float = VIEW_RANGE
 ) -> Float64[np.ndarray, "k 2"]:
-    """Outline of a field of view from above.
-
-    Each ray ends at the first building that the sensor is not in.
-    """
+    """Outline of a field of view from above. Each ray ends at the first building that the sensor is not in."""
     start, view = sensor.position[:2], sensor.model.horizontal_fov
     foot = shapely.Point(start)
     blocking = shapely.union_all([b for b in buildings if b.distance(foot) > 0 and b.distance(foot) < reach])
@@ -355,10 +331,7 @@ def name_poles(
     points_per_metre: float,
     keep_off: Float64[np.ndarray, "m 2"],
 ) -> None:
-    """Write names beside poles where there is room.
-
-    Poles, other names and sensors (`keep_off`) may take the room.
-    """
+    """Write names beside poles where there is room. Poles, other names and sensors (`keep_off`) may take the room."""
     taken = [
         (*(place * points_per_metre - half), *(place * points_per_metre + half))
         for group, half in ((places, 4.0), (keep_off, DISC / 2 + 1))
@@ -402,10 +375,7 @@ def draw_objects(axes: Axes, objects: Objects) -> None:
 
 
 def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
-    """Draw boxes that share an outcome.
-
-    Each gets its outline, a line from centre to front, and the outcome's mark.
-    """
+    """Draw boxes that share an outcome. Each gets its outline, a line from centre to front, and the outcome's mark."""
     style = OUTCOME[outcome]
     line: PlotStyle = {"color": style.colour, "linestyle": style.line, "linewidth": style.width, "zorder": style.order}
     for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
@@ -419,9 +389,6 @@ def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome)
 
 
 def text_colour(background: str) -> str:
-    """Black or white, whichever is more legible on a colour.
-
-    The colour's luminance decides.
-    """
+    """Black or white, whichever is more legible on a colour. The colour's luminance decides."""
     red, green, blue = (int(background[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return INK if 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.22 else PAPER_WHITE

@@ -80,10 +80,7 @@ def house_style() -> Iterator[None]:
 
 
 def blank_figure(width: float, height: float, *, constrained: bool = False) -> Figure:
-    """Figure of this size (inches) without a window.
-
-    constrained: its axes make room for their texts.
-    """
+    """Figure of this size (inches) without a window. constrained: its axes make room for their texts."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -122,10 +119,7 @@ def write_figure(figure: Figure, out: Path | str) -> None:
 
 
 def render_pixels(figure: Figure) -> Shaped[np.ndarray, "height width 3"]:
-    """Render the figure as RGB, uint8.
-
-    It has its own resolution (100 pixels an inch).
-    """
+    """Render the figure as RGB, uint8. It has its own resolution (100 pixels an inch)."""
     canvas: Any = figure.canvas
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
@@ -155,10 +149,7 @@ def svg_text(figure: Figure, title: str = "") -> str:
 
 
 def draw_heading(figure: Figure, title: str, subtitle: str) -> None:
-    """Write a chart's title and subtitle.
-
-    The subtitle is a line below the title; both are at the top left.
-    """
+    """Write a chart's title and subtitle. The subtitle is a line below the title; both are at the top left."""
     _, height = figure.get_size_inches()
     figure.text(0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center")
     figure.text(0.015, 1 - 0.47 / height, plain(subtitle), fontsize=8.5, va="center")
@@ -177,10 +168,7 @@ def pad_limits(values: Sequence[float]) -> tuple[float, float]:
 
 
 def plain(text: str) -> str:
-    """Replace characters that cannot be printed by spaces.
-
-    The text becomes one line.
-    """
+    """Replace characters that cannot be printed by spaces. The text becomes one line."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 

@@ -26,10 +26,7 @@ FEW = 100.0  # points on an object; the axis is linear up to here
 def draw_pr_curves(
     curves: Mapping[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]], out: Path | str, *, title: str = ""
 ) -> None:
-    """Draw precision over recall.
-
-    curves: maps a legend entry to (recall, precision).
-    """
+    """Draw precision over recall. curves: maps a legend entry to (recall, precision)."""
     with house_style():
         figure, axes = curve_axes(title or "Precision over recall", len(curves))
         for number, (recall, precision) in enumerate(curves.values()):
@@ -88,10 +85,7 @@ def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
 
 
 def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
-    """Figure with one axes and room for a legend.
-
-    The legend is below the axes, with a row for each curve.
-    """
+    """Figure with one axes and room for a legend. The legend is below the axes, with a row for each curve."""
     figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
     axes.set_title(plain(title), loc="left", fontweight="bold")
@@ -100,10 +94,7 @@ def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
 
 
 def name_curves(axes: Axes, names: Sequence[str]) -> None:
-    """Name the lines of the axes in a legend below.
-
-    There it covers none of them.
-    """
+    """Name the lines of the axes in a legend below. There it covers none of them."""
     if not names:
         return
     lines = axes.get_lines()[: len(names)]

@@ -42,10 +42,7 @@ Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]
 
 
 class LineStyle(NamedTuple):
-    """Outline style and mark of one outcome.
-
-    order: matplotlib's z order.
-    """
+    """Outline style and mark of one outcome. order: matplotlib's z order."""
 
     colour: str
     line: Dashes
@@ -71,18 +68,12 @@ VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 
 
 
 def sensor_colour(index: int) -> str:
-    """Colour of a sensor's points in every picture.
-
-    Sensors `len(SENSORS)` apart share one.
-    """
+    """Colour of a sensor's points in every picture. Sensors `len(SENSORS)` apart share one."""
     return SENSORS[index % len(SENSORS)]
 
 
 def point_scale() -> tuple[ListedColormap, BoundaryNorm]:
-    """Colour map and norm for counts of points.
-
-    It has a step for 0, then those of `POINT_STEPS`, ever darker.
-    """
+    """Colour map and norm for counts of points. It has a step for 0, then those of `POINT_STEPS`, ever darker."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
 

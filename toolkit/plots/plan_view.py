@@ -110,10 +110,7 @@ def draw_frame(
 
 
 def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
-    """Legend entries of sensors whose discs carry numbers.
-
-    Discs with names need none.
-    """
+    """Legend entries of sensors whose discs carry numbers. Discs with names need none."""
     from matplotlib.lines import Line2D
 
     names = [sensor.name for sensor in sensors]
@@ -128,10 +125,7 @@ def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
 
 
 def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
-    """Legend entries of poles, with their numbers.
-
-    used, unused: number of poles with and without sensors.
-    """
+    """Legend entries of poles, with their numbers. used, unused: number of poles with and without sensors."""
     from matplotlib.lines import Line2D
 
     kinds = ((used, True, "pole with a sensor"), (unused, False, "pole without a sensor" if used else "pole"))
@@ -139,10 +133,7 @@ def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
 
 
 def ground_entries(site: Site) -> list[Entry]:
-    """Legend entries of the ground and the area's outline.
-
-    Each kind of ground has one.
-    """
+    """Legend entries of the ground and the area's outline. Each kind of ground has one."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -188,10 +179,7 @@ def _class_entries(truth: Objects) -> list[Entry]:
 
 
 def _outcome_entries(outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome | None) -> list[Entry]:
-    """Legend entries of the outcomes, with their numbers.
-
-    "not scored" is there only if there are any.
-    """
+    """Legend entries of the outcomes, with their numbers. "not scored" is there only if there are any."""
     from matplotlib.lines import Line2D
 
     names = {name: f"{name} ({len(boxes)})" for name, boxes in outlines.items() if len(boxes) or name != "not scored"}

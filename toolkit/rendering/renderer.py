@@ -124,10 +124,7 @@ GRAZE = 1e-3  # m before its end, where a line meets what the end lies on
 
 
 class SightLines:
-    """Lines from one place to many others through a mesh.
-
-    threads: of Open3D, 0 for all cores.
-    """
+    """Lines from one place to many others through a mesh. threads: of Open3D, 0 for all cores."""
 
     def __init__(self, scenery: Mesh, threads: int = 0) -> None:
         self._threads = threads
@@ -217,10 +214,7 @@ class Renderer:
         return other
 
     def render(self, snapshot: Snapshot) -> Rendered:
-        """Render measurements and hits of all sensors.
-
-        Raises ValueError where a box is not the box of its body.
-        """
+        """Render measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
         world_corners = self.outer_corners(snapshot.bodies, snapshot.objects.boxes)
         movers = [
@@ -281,10 +275,7 @@ class Renderer:
         return self._still.test_occlusions(o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads).numpy()
 
     def moment(self, snapshot: Snapshot) -> Moment:
-        """Scene of everything that moves in a snapshot.
-
-        Raises ValueError where a box is not the box of its body.
-        """
+        """Scene of everything that moves in a snapshot. Raises ValueError where a box is not the box of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
         bodies = [self.bodies[body] for body in snapshot.bodies.tolist()]
         return Moment(bodies, snapshot.objects.boxes, self._threads, slope=self._slope)
@@ -312,10 +303,7 @@ class Renderer:
     def _cast(
         self, scene: o3d.t.geometry.RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
     ) -> Float32[np.ndarray, "_ _"]:
-        """Measurement along each homogeneous ray (rows, columns, 4).
-
-        Infinite where it meets nothing beyond `NEAR`.
-        """
+        """Measurement along each homogeneous ray (rows, columns, 4). Infinite where it meets nothing beyond `NEAR`."""
         start_and_direction = np.zeros((4, 6), np.float32)
         start_and_direction[:3, 3:] = scene_SE3_sensor[:3, :3].T
         start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T

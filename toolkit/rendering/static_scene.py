@@ -64,10 +64,7 @@ def ground(site: Site) -> Mesh:
 
 
 def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
-    """Squares in and about the area, growing with the distance from it.
-
-    As shapely boxes.
-    """
+    """Squares in and about the area, growing with the distance from it. As shapely boxes."""
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
     outside = FINE + steps[steps < FAR]
 
@@ -140,10 +137,7 @@ def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh
 
 
 def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
-    """Prism with a bumpy skin, a little narrower at the top.
-
-    It passes its footprint by the roughness at most.
-    """
+    """Prism with a bumpy skin, a little narrower at the top. It passes its footprint by the roughness at most."""
     outline = _outline(solid.footprint, 0.4)
     middle = outline.mean(axis=0)
     levels = np.linspace(solid.base, solid.top, max(3, round((solid.top - solid.base) / 0.4)))

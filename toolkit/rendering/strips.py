@@ -113,10 +113,7 @@ def cast_strips(
     counted: Counted,
     windows: Sectors,
 ) -> Strips:
-    """Cast the strips of some sectors, one after the other.
-
-    Arguments as of `find_strips`.
-    """
+    """Cast the strips of some sectors, one after the other. Arguments as of `find_strips`."""
     columns = _columns(moment.ground, viewpoints, windows)
     rays = _Rays(renderer, moment, viewpoints, counted, windows)
     return concatenate_strips([_strips(rays, windows, some) for some in _portions(columns)])
@@ -130,10 +127,7 @@ def concatenate_strips(parts: list[Strips]) -> Strips:
 
 
 def find_sectors(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], fine: Bool[np.ndarray, " n"]) -> Sectors:
-    """Sector of each object, viewpoint after viewpoint.
-
-    fine: as of `find_strips`.
-    """
+    """Sector of each object, viewpoint after viewpoint. fine: as of `find_strips`."""
     if not len(ground.low) or not len(viewpoints):
         whole, real = np.zeros(0, np.int64), np.zeros(0)
         return Sectors(whole, whole, real, real, whole, real)
@@ -176,10 +170,7 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
 def _cross_rectangles(
     ground: Footprints, viewpoints: np.ndarray, windows: Sectors, window: np.ndarray, azimuth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distance at which each column's ray enters and leaves its rectangle.
-
-    Seen from above.
-    """
+    """Distance at which each column's ray enters and leaves its rectangle. Seen from above."""
     x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
     away = viewpoints[windows.viewpoint, :2] - np.stack([x, y], axis=1)
     along, aside = away[:, 0] * cos + away[:, 1] * sin, away[:, 1] * cos - away[:, 0] * sin
@@ -352,10 +343,7 @@ class SuccessiveStrips:
 
 
 def may_hide(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], sectors: Sectors) -> Bool[np.ndarray, "V n n"]:
-    """Mask (viewpoint, object, other): the other may hide the object.
-
-    sectors: of all pairs of viewpoint and object.
-    """
+    """Mask (viewpoint, object, other): the other may hide the object. sectors: of all pairs of viewpoint and object."""
     shape = len(viewpoints), len(ground.low)
     found = np.zeros((*shape, shape[1]), np.bool_)
     half = (sectors.width * sectors.columns / 2).reshape(shape)

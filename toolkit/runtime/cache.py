@@ -98,10 +98,7 @@ class Cache:
             Path(f"{self.path}{suffix}").unlink(missing_ok=True)
 
     def _safely(self, call: Callable[[sqlite3.Connection], _Outcome], otherwise: _Outcome) -> _Outcome:
-        """Result of a call; of the call on a new file if this one is damaged.
-
-        `otherwise` if neither works.
-        """
+        """Result of a call; of the call on a new file if this one is damaged. `otherwise` if neither works."""
         for attempt in ("as it is", "begun anew"):
             try:
                 return call(self._database())

@@ -105,10 +105,7 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Raise OSError if a file of `size` bytes has no room.
-
-    For libraries that do not tell; `path` is left empty.
-    """
+    """Raise OSError if a file of `size` bytes has no room. For libraries that do not tell; `path` is left empty."""
     with path.open("wb") as file:
         if hasattr(os, "posix_fallocate") and size:
             os.posix_fallocate(file.fileno(), 0, size)
@@ -153,10 +150,7 @@ def _mode(target: Path) -> int:
 
 
 def find_errno(error: BaseException) -> int | None:
-    """Error number of a file system error, also in a message of HDF5.
-
-    None for other errors.
-    """
+    """Error number of a file system error, also in a message of HDF5. None for other errors."""
     number = getattr(error, "errno", None)
     if number is None and (found := re.search(r"errno = (\d+)", str(error))):
         number = int(found[1])
@@ -190,10 +184,7 @@ def parse_json(text: str) -> Any:
 
 
 def read_json(path: str | Path) -> Any:
-    """Read a JSON file in UTF-8.
-
-    Raises OSError; ValueError, in one line, for a damaged file.
-    """
+    """Read a JSON file in UTF-8. Raises OSError; ValueError, in one line, for a damaged file."""
     try:
         return parse_json(Path(path).read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -221,10 +212,7 @@ _CHECKSUM = 32  # bytes of SHA-256 over all that comes before, at the end of the
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write a .npz file with a checksum, replacing an old one.
-
-    A process killed while writing leaves the old one.
-    """
+    """Write a .npz file with a checksum, replacing an old one. A process killed while writing leaves the old one."""
     content = BytesIO()
     np.savez_compressed(content, **arrays)  # type: ignore[arg-type]  # its other keyword is not among them
     write_bytes(path, content.getvalue() + sha256(content.getvalue()).digest())

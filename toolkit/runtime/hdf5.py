@@ -33,10 +33,7 @@ _H5PY_RAISES = (
 
 @contextmanager
 def reading(where: str) -> Iterator[None]:
-    """Turn errors of the block's HDF5 accesses into one OSError.
-
-    Only such accesses belong in the block.
-    """
+    """Turn errors of the block's HDF5 accesses into one OSError. Only such accesses belong in the block."""
     try:
         yield
     except _H5PY_RAISES as error:
@@ -45,10 +42,7 @@ def reading(where: str) -> Iterator[None]:
 
 
 def open_hdf5(path: str | Path) -> h5py.File:
-    """Open a file for reading.
-
-    Raises OSError, in one line, where it is no HDF5 file, empty or cut off.
-    """
+    """Open a file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut off."""
     path = Path(path)
     try:
         return h5py.File(path, "r")
@@ -92,10 +86,7 @@ def find_kind(group: h5py.Group, name: str) -> type:
 
 
 def dataset(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
-    """Dataset of that name, not yet read.
-
-    axes: their number; kinds: of NumPy's types that it may have.
-    """
+    """Dataset of that name, not yet read. axes: their number; kinds: of NumPy's types that it may have."""
     with reading(name):
         node: Any = group.get(name)
         numeric = isinstance(node, h5py.Dataset) and node.shape is not None

@@ -28,10 +28,7 @@ Task = Callable[[Value], Value]
 
 
 class WorkLost(RuntimeError):
-    """A worker died, perhaps through no fault of input or code.
-
-    Finished work is kept: start again.
-    """
+    """A worker died, perhaps through no fault of input or code. Finished work is kept: start again."""
 
 
 LARGEST_KEPT = 32 << 20  # bytes; the C library takes larger blocks from the system whatever it is asked
@@ -112,10 +109,7 @@ _address: str | None = None  # of the cluster that we are connected to
 
 
 def _get_ray(address: str) -> Value:
-    """Ray, connected until this process ends or needs another cluster.
-
-    The caller's own connection stays.
-    """
+    """Ray, connected until this process ends or needs another cluster. The caller's own connection stays."""
     global _address
     ray = _ray()
     if ray.is_initialized() and _address not in (None, address):
@@ -188,10 +182,7 @@ def spread(
 
 
 def tick() -> None:
-    """Count a part of a job as done, to show progress of long jobs.
-
-    Does nothing on Ray.
-    """
+    """Count a part of a job as done, to show progress of long jobs. Does nothing on Ray."""
     if _ticks is not None:
         with _ticks.get_lock():
             _ticks.value += 1

@@ -35,10 +35,7 @@ class Work(Protocol):
     """Work in blocks, pickled to every worker."""
 
     def start(self, threads: int) -> Callable[[int], Iterator[Any]]:
-        """Prepare once per process; return a maker of a block's items.
-
-        threads: that the process may use.
-        """
+        """Prepare once per process; return a maker of a block's items. threads: that the process may use."""
         ...
 
     def encode(self, items: Sequence[Any]) -> bytes:
@@ -54,10 +51,7 @@ class ShardFolder:
     plan: dict[str, Any]
 
     def open(self, overwrite: bool) -> None:
-        """Make the folder, or continue in it.
-
-        Raises FileExistsError for shards of another plan.
-        """
+        """Make the folder, or continue in it. Raises FileExistsError for shards of another plan."""
         note = self.path / "plan.json"
         found = _read_json(note)
         differences = "" if found is None else describe_differences(found, self.plan)
@@ -149,10 +143,7 @@ class ShardFolder:
 def make_shards(
     work: Work, folder: ShardFolder, blocks: Sequence[int], *, workers: int, progress: Callable[[int], None]
 ) -> None:
-    """Make the shards of `blocks` in `workers` processes.
-
-    progress: called with the number of finished items.
-    """
+    """Make the shards of `blocks` in `workers` processes. progress: called with the number of finished items."""
     workers, done = min(workers, max(1, len(blocks))), 0
 
     def count() -> None:

@@ -81,10 +81,7 @@ _SAME = 1.0  # m by which a measurement may differ from the truth and still show
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """Offset of each sensor's clock, constant over a recording.
-
-    offset: its standard deviation (s).
-    """
+    """Offset of each sensor's clock, constant over a recording. offset: its standard deviation (s)."""
 
     needs_velocities: ClassVar[bool] = True
 
@@ -329,10 +326,7 @@ def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"
 
 @dataclass(frozen=True)
 class OwnNoise:
-    """Noise of the sensor's model: 1.5 cm for the paper's cameras.
-
-    Drawn as by `toolkit.datasets.dataset.noisy`.
-    """
+    """Noise of the sensor's model: 1.5 cm for the paper's cameras. Drawn as by `toolkit.datasets.dataset.noisy`."""
 
     needs_velocities: ClassVar[bool] = False
 
@@ -397,10 +391,7 @@ def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> Rang
 
 
 def lidar_noise(*, constant: float = 0.02, proportional: float = 0.0005) -> RangeNoise:
-    """Noise of a lidar beside the model's own.
-
-    constant: m; proportional: per metre of range.
-    """
+    """Noise of a lidar beside the model's own. constant: m; proportional: per metre of range."""
     return RangeNoise(constant=constant, proportional=proportional, measures="range")
 
 
@@ -561,10 +552,7 @@ def rain(rate: float) -> Weather:
 
 
 def snow(rate: float, *, wet: bool = False) -> Weather:
-    """Snow of some mm/h of water: 1 light, 4 heavy.
-
-    4 % of rays into the open per mm/h return from a flake.
-    """
+    """Snow of some mm/h of water: 1 light, 4 heavy. 4 % of rays into the open per mm/h return from a flake."""
     dry_law, wet_law = (5.42e-5 * 905 + 5.496, 1.38), (1.02e-4 * 905 + 3.786, 0.72)
     factor, power = wet_law if wet else dry_law
     return Weather(PER_METRE_OF_DB_PER_KM * factor * _rate(rate) ** power, 1 - np.exp(-0.04 * rate), 6.0)

@@ -82,10 +82,7 @@ class DepthCamera:
 
     @property
     def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
-        """K in pixels of the full image, principal point `centre`.
-
-        f = (width / 2) / tan(fov / 2), both ways.
-        """
+        """K in pixels of the full image, principal point `centre`. f = (width / 2) / tan(fov / 2), both ways."""
         focal = self.width / 2 / np.tan(self.fov / 2)
         u, v = self.centre or (self.width / 2, self.height / 2)
         return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
@@ -173,10 +170,7 @@ def in_grid(grid: AngleGrid, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.nda
 
 
 def grid_windows(grid: AngleGrid, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-    """Rectangles around the sphere through the corners of each box.
-
-    At up to three turns of the azimuth.
-    """
+    """Rectangles around the sphere through the corners of each box. At up to three turns of the azimuth."""
     middle = sensor_corners.mean(axis=1)
     radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
     distance, across = np.linalg.norm(middle, axis=1), np.linalg.norm(middle[:, :2], axis=1)

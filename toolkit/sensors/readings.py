@@ -36,10 +36,7 @@ class Draws:
     term: int
 
     def own_noise(self) -> np.random.Generator:
-        """Generator of the sensor's own noise.
-
-        The same as in `toolkit.datasets.dataset.noisy`, to the bit.
-        """
+        """Generator of the sensor's own noise. The same as in `toolkit.datasets.dataset.noisy`, to the bit."""
         return np.random.default_rng([self.seed, self.frame, self.sensor])
 
     def of_frame(self) -> np.random.Generator:
@@ -51,10 +48,7 @@ class Draws:
         return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
 
     def of_pole(self, position: Float64[np.ndarray, "3"]) -> np.random.Generator:
-        """Generator for all sensors over one point of the ground.
-
-        To the centimetre, the same in every frame.
-        """
+        """Generator for all sensors over one point of the ground. To the centimetre, the same in every frame."""
         x, y = (int(np.rint(each * 100)) & 0xFFFFFFFF for each in position[:2].tolist())
         return np.random.default_rng([self.seed, _POLE, x, y, self.term])
 
@@ -99,10 +93,7 @@ class TrueImage:
 
     @cached_property
     def points(self) -> Float64[np.ndarray, "pixels 3"]:
-        """Point of each pixel, world frame, row after row.
-
-        The sensor itself for no return.
-        """
+        """Point of each pixel, world frame, row after row. The sensor itself for no return."""
         flat = np.where(self.valid, self.measurement, np.float32(0)).ravel().astype(np.float64)
         return (self.sensor.world_rays * flat).T.astype(np.float64) + self.sensor.position
 
@@ -173,10 +164,7 @@ class Reading:
 
 
 def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
-    """Step from each point to its nearer neighbour along an axis.
-
-    Zero where neither neighbour returns.
-    """
+    """Step from each point to its nearer neighbour along an axis. Zero where neither neighbour returns."""
     step = np.diff(points, axis=axis)
     both = np.logical_and(*_pairs(valid, axis))
     length = np.where(both, np.linalg.norm(step, axis=2), np.inf)

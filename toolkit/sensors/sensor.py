@@ -50,10 +50,7 @@ class SensorModel(Protocol):
 
     @property
     def body_SE3_sensor(self) -> np.ndarray:
-        """Pose of its frame in its body's, (4, 4).
-
-        A body has x forward (the optical axis), y left, z up.
-        """
+        """Pose of its frame in its body's, (4, 4). A body has x forward (the optical axis), y left, z up."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -75,10 +72,7 @@ class SensorModel(Protocol):
         """Ray per pixel, sensor frame."""
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
-        """Standard deviation (m) of each measurement's noise.
-
-        float32; one number if all are the same.
-        """
+        """Standard deviation (m) of each measurement's noise. float32; one number if all are the same."""
 
     def noisy(
         self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
@@ -149,10 +143,7 @@ def freeze(rays: np.ndarray) -> np.ndarray:
 
 
 def angle(default: float | tuple[float, ...]) -> Any:
-    """Declare a field that is an angle, or several.
-
-    Radians here, degrees in a site's GeoJSON.
-    """
+    """Declare a field that is an angle, or several. Radians here, degrees in a site's GeoJSON."""
     return field(default=default, metadata={"unit": "rad"})
 
 
@@ -162,10 +153,7 @@ def is_angle(entry: Field[Any]) -> bool:
 
 
 def check_numbers(model: Any) -> None:
-    """Raise ValueError for a field that is not a number.
-
-    Whole if its default is, else real and not NaN.
-    """
+    """Raise ValueError for a field that is not a number. Whole if its default is, else real and not NaN."""
     for entry in fields(model):
         value, default = getattr(model, entry.name), entry.default
         if isinstance(default, bool) or not isinstance(default, int | float):
@@ -222,10 +210,7 @@ class Sensor:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of model and pose, whatever the name.
-
-        Equal for sensors that measure the same.
-        """
+        """SHA-256 of model and pose, whatever the name. Equal for sensors that measure the same."""
         described = json.dumps(
             [type(self.model).__name__, asdict(self.model), self.pose.tolist()],
             sort_keys=True,
@@ -235,9 +220,6 @@ class Sensor:
 
     @cached_property
     def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:
-        """x, y and z of each pixel's ray, world axes (paper equation 1).
-
-        Row after row of the image.
-        """
+        """x, y and z of each pixel's ray, world axes (paper equation 1). Row after row of the image."""
         rays = self.model.rays().reshape(-1, 3).astype(np.float64)
         return freeze(np.ascontiguousarray(self.pose[:3, :3] @ rays.T))

@@ -85,10 +85,7 @@ def document(site: Site) -> Json:
 
 
 def format_site(site: Site, *, without: Collection[str] = ()) -> str:
-    """Text of `document(site)`, one feature or network line a line.
-
-    without: members to leave out.
-    """
+    """Text of `document(site)`, one feature or network line a line. without: members to leave out."""
     members = []
     for key, value in document(site).items():
         if key in without:
@@ -102,10 +99,7 @@ def format_site(site: Site, *, without: Collection[str] = ()) -> str:
 
 
 def parse(collection: JsonValue) -> Site:
-    """Parse a site's FeatureCollection.
-
-    Raises ValueError that names the field by its path in the document.
-    """
+    """Parse a site's FeatureCollection. Raises ValueError that names the field by its path in the document."""
     if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
         raise ValueError("type must be 'FeatureCollection': a site is a GeoJSON FeatureCollection written by Site.save")
     version = _member(collection, "coview_site", int, "")
@@ -243,10 +237,7 @@ def _read_model(properties: Json, where: str) -> SensorModel:
 
 
 def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> JsonValue:
-    """Read a field of a sensor model.
-
-    It gets the type of its default.
-    """
+    """Read a field of a sensor model. It gets the type of its default."""
     if isinstance(entry.default, str):
         return _member(properties, key, str, where)
     if isinstance(entry.default, bool) and isinstance(properties[key], bool):
@@ -375,8 +366,5 @@ def _attitude(sensor: Sensor) -> Json:
 
 
 def _degrees(angle: float) -> float:
-    """Convert an angle to degrees.
-
-    It is rounded so that radians and back give the same number.
-    """
+    """Convert an angle to degrees. It is rounded so that radians and back give the same number."""
     return round(float(np.rad2deg(angle)), 9) + 0.0

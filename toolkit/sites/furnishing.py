@@ -76,10 +76,7 @@ def plant(
 
 
 def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: np.random.Generator) -> list[Solid]:
-    """Draw a crown of 3 to 8 overlapping clumps.
-
-    They lie within `radius` (m) and `levels` (m).
-    """
+    """Draw a crown of 3 to 8 overlapping clumps. They lie within `radius` (m) and `levels` (m)."""
     low, high = levels
     number = int(rng.integers(3, 9))
     around = rng.uniform(0, 2 * np.pi) + np.arange(number) * 2 * np.pi / number + rng.normal(0.0, 0.3, number)
@@ -121,10 +118,7 @@ def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.random.Generator) -> None:
-    """Plant an island.
-
-    It gets a centre piece, rings of hedges, bushes and signs.
-    """
+    """Plant an island. It gets a centre piece, rings of hedges, bushes and signs."""
     x, y = middle
     if rng.random() < 0.5:
         size, height = rng.uniform(0.15, 0.4) * radius, round(float(rng.uniform(0.5, 2.5)), 2)
@@ -147,10 +141,7 @@ def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.rando
 
 
 def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: np.random.Generator) -> None:
-    """Place hedges or bushes in a ring with gaps.
-
-    out: distance (m) from the middle.
-    """
+    """Place hedges or bushes in a ring with gaps. out: distance (m) from the middle."""
     length, width, height = (float(rng.uniform(*between)) for between in ((1.0, 5.0), (0.6, 2.2), (0.5, 1.8)))
     step = (length + rng.uniform(0.1, 4.0)) / out
     turn, kept = rng.uniform(0, 2 * np.pi), rng.uniform(0.4, 1.0)
@@ -177,10 +168,7 @@ _INSIDE: tuple[Make, ...] = (container, skip, digger, digger, heap, heap, bushes
 
 
 def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: np.random.Generator) -> None:
-    """Put road works on each strip, near the junction.
-
-    They take a stretch of the strip. Traffic passes on the left.
-    """
+    """Put road works on each strip, near the junction. They take a stretch of the strip. Traffic passes on the left."""
     for edge, (line, width) in strips.items():
         path = shapely.LineString(line)
         length = min(float(rng.uniform(10.0, 32.0)), path.length - 10.0)
@@ -230,10 +218,7 @@ def _work(
 
 
 def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
-    """Barrier of two boards on feet, along x.
-
-    The boards are one above the other; length in m.
-    """
+    """Barrier of two boards on feet, along x. The boards are one above the other; length in m."""
     top = float(rng.uniform(0.9, 1.2))
     levels = [round(top - below, 2) for below in (0.2, 0.6)]
     feet = [Solid(f.block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier") for k in (-1, 1)]
@@ -275,10 +260,7 @@ _CLOSINGS: tuple[tuple[Make, float], ...] = ((cone, 1.5), (beacon, 2.0), (concre
 
 
 def _locate(path: shapely.LineString, s: float, left: float) -> tuple[float, float, float]:
-    """Point beside a path, and the path's direction.
-
-    It is `left` m to the left at arc length s.
-    """
+    """Point beside a path, and the path's direction. It is `left` m to the left at arc length s."""
     (x, y), ahead = (shapely.get_coordinates(path.interpolate(at))[0] for at in (s, s + 0.5))
     yaw = float(np.arctan2(ahead[1] - y, ahead[0] - x))
     return float(x - left * np.sin(yaw)), float(y + left * np.cos(yaw)), yaw
@@ -323,10 +305,7 @@ def furnish(
 
 
 def _bulky(plot: Plot, rng: np.random.Generator) -> None:
-    """Place up to 30 car-sized things beside the road.
-
-    They are behind or on the footway.
-    """
+    """Place up to 30 car-sized things beside the road. They are behind or on the footway."""
     behind = along(plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary.intersection(plot.window), 0.5)
     kerb = along(plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary.intersection(plot.window), 0.5)
     green = rng.uniform(0.2, 0.8)
@@ -339,10 +318,7 @@ def _bulky(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _houses(plot: Plot, rng: np.random.Generator) -> None:
-    """Place rows of houses along every leg.
-
-    They begin at the corner.
-    """
+    """Place rows of houses along every leg. They begin at the corner."""
     density, usual_height = rng.uniform(0.3, 0.95), rng.uniform(4.5, 16.0)
     for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
         for side, half_width in zip((1, -1), widths, strict=True):
@@ -360,10 +336,7 @@ def _houses(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _beside(path: np.ndarray, at: float, length: float, offset: float, depth: float) -> Float64[np.ndarray, "4 2"]:
-    """Rectangle beside a path.
-
-    It begins at arc length `at`, `offset` to the left of the path.
-    """
+    """Rectangle beside a path. It begins at arc length `at`, `offset` to the left of the path."""
     line = shapely.LineString(path)
     start, end = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + length))
     along = (end - start) / (np.hypot(*(end - start)) + 1e-9)

@@ -42,10 +42,7 @@ def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
 def block(
     size: tuple[float, float], middle: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0
 ) -> Float64[np.ndarray, "4 2"]:
-    """Rectangle of a length and width (m) about `middle`.
-
-    yaw: direction of its length.
-    """
+    """Rectangle of a length and width (m) about `middle`. yaw: direction of its length."""
     ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
     start, end = ((float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1))
     return bar(start, end, size[1])
@@ -64,10 +61,7 @@ def sign(x: float, y: float, facing: float) -> list[Solid]:
 
 
 def tree(x: float, y: float, height: float = 7.0, crown: float = 1.6, clear: float = 2.3) -> list[Solid]:
-    """Trunk, and a crown from `clear` m up to `height`.
-
-    crown: its radius (m); it is narrower below and above.
-    """
+    """Trunk, and a crown from `clear` m up to `height`. crown: its radius (m); it is narrower below and above."""
     middle, upper = clear + 0.25 * (height - clear), clear + 0.7 * (height - clear)
     return [
         Solid(disc(x, y, 0.16), 0.0, clear, "trunk"),
@@ -116,10 +110,7 @@ def shelter(xmin: float, ymin: float, xmax: float, ymax: float) -> list[Solid]:
 
 
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: float = 0.15) -> list[Solid]:
-    """Kerbstones on the footway's side of the road's edges.
-
-    They are pieces of at most 4 m.
-    """
+    """Kerbstones on the footway's side of the road's edges. They are pieces of at most 4 m."""
     road = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
     walk = shapely.union_all([shapely.Polygon(p) for p in footways])
     solids: list[Solid] = []
@@ -266,10 +257,7 @@ def column(rng: np.random.Generator) -> list[Solid]:
 
 
 def digger(rng: np.random.Generator) -> list[Solid]:
-    """Digger: tracks, a house with a cab, an arm.
-
-    The arm is in front.
-    """
+    """Digger: tracks, a house with a cab, an arm. The arm is in front."""
     length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
     track, deck = round(0.2 * height, 2), round(0.55 * height, 2)
     sides = [Solid(block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine") for k in (-1, 1)]

@@ -125,10 +125,7 @@ def _meridian(latitude: Any) -> Any:
 
 
 def _own_centre(geo_reference: str) -> tuple[float, float] | None:
-    """Longitude and latitude of our map's zero.
-
-    Returns None for a map that is not ours.
-    """
+    """Longitude and latitude of our map's zero. Returns None for a map that is not ours."""
     zero = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", geo_reference)
     centre = (float(zero[2]), float(zero[1])) if zero else None
     return centre if centre is not None and projection(*centre) == geo_reference else None
@@ -211,10 +208,7 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
 
 
 def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
-    """GeoJSON feature of a mount.
-
-    It is named as in files of poles.
-    """
+    """GeoJSON feature of a mount. It is named as in files of poles."""
     limits = {"min_height": mount.min_height, "max_height": mount.max_height}
     values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
     if mount.max_sensors > 1:
@@ -223,10 +217,7 @@ def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
 
 
 def feature_collection(features: Iterable[_Json], **members: Any) -> str:
-    """Text of a FeatureCollection with a bbox.
-
-    Each feature is a line.
-    """
+    """Text of a FeatureCollection with a bbox. Each feature is a line."""
     kept = list(features)
     lines = ",\n".join(json.dumps(each, allow_nan=False, ensure_ascii=False) for each in kept)
     corners = np.array([shapely.bounds(shapely.geometry.shape(each["geometry"])) for each in kept]).reshape(-1, 4)

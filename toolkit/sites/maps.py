@@ -58,10 +58,7 @@ ROUGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sit
 
 
 def find_tracks(network: str) -> shapely.Geometry:
-    """Tracks of motor vehicles in a net.xml text.
-
-    Over junctions with the room that both ends of a vehicle need.
-    """
+    """Tracks of motor vehicles in a net.xml text. Over junctions with the room that both ends of a vehicle need."""
     tracks = []
     for edge in ElementTree.fromstring(network).iter("edge"):
         function = edge.get("function", "normal")
@@ -180,9 +177,8 @@ def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "
 def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int) -> tuple[Site, str]:
     """Furnish a site around the map's own `solids`.
 
-    Returns a note of what was drawn too. The site has lanes, footways and bays; the uneven ground is drawn from
-    `seed`. Mounts stand on posts of their own, except for those on the map's lamp posts. Raises ValueError for a
-    negative seed.
+    Returns a note of what was drawn too. The site has lanes, footways and bays; the uneven ground is drawn from `seed`.
+    Mounts stand on posts of their own, except for those on the map's lamp posts. Raises ValueError for a negative seed.
     """
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
@@ -215,10 +211,7 @@ def free_bays(
     solids: Sequence[Solid],
     tracks: shapely.Geometry,
 ) -> Float64[np.ndarray, "n 3"]:
-    """Bays (x, y, yaw) in `window` without obstacles.
-
-    They are free of solids and traffic.
-    """
+    """Bays (x, y, yaw) in `window` without obstacles. They are free of solids and traffic."""
     standing = shapely.union_all([shapely.Polygon(s.footprint) for s in solids if s.kind not in ("island", "kerb")])
     tracks = tracks.buffer(-0.3)
     outlines = [(bay, shapely.Polygon(bay_outline(*bay))) for bay in bays]
@@ -228,20 +221,14 @@ def free_bays(
 
 
 def bays_along(middle: Float[np.ndarray, "k 2"], every: float = 6.4) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw along a parking lane's middle.
-
-    They stand in line.
-    """
+    """Bays x, y, yaw along a parking lane's middle. They stand in line."""
     line = shapely.LineString(middle)
     rows = place_along(line, np.arange(every / 2, line.length - every / 2, every), 0.5)
     return [(float(x), float(y), float(a)) for x, y, a in rows]
 
 
 def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
-    """Solids that stay clear of `ours`.
-
-    They neither touch `ours` nor belong to one that does.
-    """
+    """Solids that stay clear of `ours`. They neither touch `ours` nor belong to one that does."""
     shapes = [shapely.Polygon(s.footprint) for s in solids]
     groups = shapely.get_parts(
         shapely.union_all([p for p, s in zip(shapes, solids, strict=True) if s.kind != "island"])
@@ -276,10 +263,7 @@ def _interpolate(line: shapely.LineString, at: np.ndarray) -> Float64[np.ndarray
 
 
 def _within_road(part: shapely.Geometry, carriageway: shapely.Geometry) -> bool:
-    """True if the carriageway encloses most of `part`.
-
-    Most of the border of `part` is shared with it.
-    """
+    """True if the carriageway encloses most of `part`. Most of the border of `part` is shared with it."""
     shared = part.boundary.intersection(carriageway.buffer(0.1)).length
     return bool(shared > 0.85 * part.boundary.length)
 
@@ -405,10 +389,7 @@ def import_opendrive(
 def _slope(
     roads: Sequence[opendrive.MapRoad], window: shapely.Geometry, map_SE3_site: np.ndarray
 ) -> tuple[Relief, list[str]]:
-    """Plane of the roads in a window, and notes.
-
-    The plane is a relief; the window is one of the map.
-    """
+    """Plane of the roads in a window, and notes. The plane is a relief; the window is one of the map."""
     slope, off = opendrive.plane(roads, window, map_SE3_site)
     rise, steepest = float(np.hypot(*slope)), opendrive.steepest(roads, window)
     if steepest <= LEAST_SLOPE:
@@ -504,10 +485,7 @@ def _finish(
     seed: int | None,
     notes: Sequence[str],
 ) -> Site:
-    """Add kerbs and mounts to a site.
-
-    It is furnished if a seed is given.
-    """
+    """Add kerbs and mounts to a site. It is furnished if a seed is given."""
     carriageway = _union(site.lanes)
     if not carriageway.intersects(shapely.box(*site.area)):
         raise ValueError(_no_road(path, centre))
@@ -534,10 +512,7 @@ def _finish(
 
 
 def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
-    """Mounts on the lamp posts around the area.
-
-    They are in and near the area, on brackets over the road.
-    """
+    """Mounts on the lamp posts around the area. They are in and near the area, on brackets over the road."""
     mounts: list[Mount] = []
     near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
     for lamp in lamps:
@@ -603,10 +578,7 @@ def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str],
 
 
 def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> str:
-    """Turn a net.xml text into the site's coordinates.
-
-    It is in the map's coordinates before, and flat after.
-    """
+    """Turn a net.xml text into the site's coordinates. It is in the map's coordinates before, and flat after."""
     x, y = map_SE3_site[:2, 3]
     turn = map_SE3_site[:2, :2]
     root = ElementTree.fromstring(network)
@@ -627,10 +599,7 @@ def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> st
 
 
 def _repair(outline: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
-    """Largest part of an outline that crosses itself.
-
-    If it has no area, it becomes a strip.
-    """
+    """Largest part of an outline that crosses itself. If it has no area, it becomes a strip."""
     shape = shapely.Polygon(outline.round(3))
     if shape.is_valid:
         return outline

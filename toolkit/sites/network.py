@@ -111,10 +111,7 @@ def convert(options: Sequence[str]) -> str:
 
 
 def netconvert() -> Path:
-    """Path of SUMO's netconvert.
-
-    It is looked for in the installed eclipse-sumo, below $SUMO_HOME and on the PATH.
-    """
+    """Path of SUMO's netconvert. It is looked for in the installed eclipse-sumo, below $SUMO_HOME and on the PATH."""
     package = importlib.util.find_spec("sumo")
     homes = [Path(package.origin).parent] if package and package.origin else []
     homes += [Path(os.environ["SUMO_HOME"])] if "SUMO_HOME" in os.environ else []
@@ -174,10 +171,7 @@ def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float
 
 
 def list_users(lane: ElementTree.Element) -> set[str]:
-    """List the users of a lane, in SUMO's words.
-
-    The lane is one of a net.xml text.
-    """
+    """List the users of a lane, in SUMO's words. The lane is one of a net.xml text."""
     allowed = set(lane.get("allow", "").split()) or {"all"}
     forbidden = set(lane.get("disallow", "").split())
     if "all" in forbidden:
@@ -208,10 +202,7 @@ def parse_shape(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:
 
 
 def cut_polygons(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
-    """Simple polygons of `shapes` in `window`, 0.1 m² and more.
-
-    On a grid of 1 mm.
-    """
+    """Simple polygons of `shapes` in `window`, 0.1 m² and more. On a grid of 1 mm."""
     cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
     simple = (piece for shape in cut for part in list_polygons(shape) for piece in _without_holes(part))
     return tuple(shapely.get_coordinates(piece.exterior)[:-1] for piece in simple if piece.area > 0.1)

@@ -30,10 +30,7 @@ _STEP = 0.25  # m between the points at which a spiral is summed up
 
 @dataclass(frozen=True, eq=False)
 class Cubics:
-    """Piecewise cubic function of s.
-
-    Row i is a + b ds + c ds² + d ds³ from s = starts[i] on; 0 without rows.
-    """
+    """Piecewise cubic function of s. Row i is a + b ds + c ds² + d ds³ from s = starts[i] on; 0 without rows."""
 
     starts: Float64[np.ndarray, " n"]
     rows: Float64[np.ndarray, "n 4"]
@@ -53,10 +50,7 @@ class Cubics:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One <geometry>, from `start` on along s.
-
-    x, y, heading: of its start; shape: the element inside.
-    """
+    """One <geometry>, from `start` on along s. x, y, heading: of its start; shape: the element inside."""
 
     start: float
     x: float
@@ -74,10 +68,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceLine:
-    """Reference line of a road.
-
-    It has pieces in order of s, a length and an elevation.
-    """
+    """Reference line of a road. It has pieces in order of s, a length and an elevation."""
 
     pieces: tuple[Piece, ...]
     length: float
@@ -98,10 +89,7 @@ class ReferenceLine:
 
 
 def number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
-    """Attribute as a finite number below a million.
-
-    default: if the attribute is missing, unless None.
-    """
+    """Attribute as a finite number below a million. default: if the attribute is missing, unless None."""
     text = element.get(key)
     if text is None and default is not None:
         return default
@@ -115,20 +103,14 @@ def number(element: ElementTree.Element, key: str, default: float | None = None)
 
 
 def cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
-    """Pieces described by elements with a, b, c, d.
-
-    They are in order of `key`.
-    """
+    """Pieces described by elements with a, b, c, d. They are in order of `key`."""
     rows = np.array([[number(e, k, 0.0) for k in (key, *"abcd")] for e in elements]).reshape(-1, 5)
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return Cubics(rows[:, 0], rows[:, 1:])
 
 
 def reference_line(road: ElementTree.Element) -> ReferenceLine:
-    """Reference line of a <road>.
-
-    Raises ValueError for a damaged one.
-    """
+    """Reference line of a <road>. Raises ValueError for a damaged one."""
     pieces = []
     for element in road.findall("planView/geometry"):
         start, x, y, heading, length = (number(element, key) for key in ("s", "x", "y", "hdg", "length"))
@@ -146,10 +128,7 @@ def reference_line(road: ElementTree.Element) -> ReferenceLine:
 
 
 def _local(piece: Piece, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Place and direction in the piece's own frame.
-
-    They are u, v, turn.
-    """
+    """Place and direction in the piece's own frame. They are u, v, turn."""
     shape = piece.shape
     if shape.tag == "arc":
         return _bent(number(shape, "curvature"), ds)
@@ -203,10 +182,7 @@ class MapRoad:
 
 @dataclass(frozen=True, eq=False)
 class MapLane:
-    """One lane of one section.
-
-    outline, middle: in the map frame (m); width: mean (m).
-    """
+    """One lane of one section. outline, middle: in the map frame (m); width: mean (m)."""
 
     kind: str
     outline: shapely.Geometry
@@ -236,10 +212,7 @@ def roads_near(path: Path, window: shapely.Geometry, level: float, storey: float
 
 
 def surfaces(path: Path, roads_there: Sequence[MapRoad]) -> list[MapLane]:
-    """Lanes of all roads.
-
-    Raises ValueError, which names the file, for a damaged one.
-    """
+    """Lanes of all roads. Raises ValueError, which names the file, for a damaged one."""
     try:
         return [lane for road in roads_there for lane in lanes(road)]
     except ValueError as error:
@@ -404,10 +377,7 @@ class Standing:
 
 
 def standing_beside(roads: Sequence[MapRoad]) -> Standing:
-    """Objects and signals of `roads`.
-
-    Raises ValueError for a damaged number.
-    """
+    """Objects and signals of `roads`. Raises ValueError for a damaged number."""
     found = Standing()
     for road in roads:
         for element in road.element.findall("objects/object"):
@@ -419,10 +389,7 @@ def standing_beside(roads: Sequence[MapRoad]) -> Standing:
 
 
 def signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """Post of a signal.
-
-    It has a sign, or a signal head if the signal is dynamic.
-    """
+    """Post of a signal. It has a sign, or a signal head if the signal is dynamic."""
     x, y, heading = _place(road, number(element, "s"), number(element, "t"), number(element, "hOffset", 0.0))
     facing = heading + (np.pi if element.get("orientation", "+") == "+" else 0.0)
     is_head = element.get("dynamic") == "yes"
@@ -478,10 +445,7 @@ def _solids(road: MapRoad, element: ElementTree.Element, kind: str, usual: float
 
 
 def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float, float, float, float]]:
-    """Places of an object and its repeats.
-
-    They are x, y, direction and height over the road.
-    """
+    """Places of an object and its repeats. They are x, y, direction and height over the road."""
     turn = number(element, "hdg", 0.0) + (np.pi if element.get("orientation") == "-" else 0.0)
     repeats = element.findall("repeat")
     if not repeats:
@@ -519,10 +483,7 @@ def _place(road: MapRoad, s: float, t: float, turn: float) -> tuple[float, float
 
 
 def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float, float]) -> Float64[np.ndarray, "k 2"]:
-    """Corners of an outline.
-
-    It is given on the road or about the object. They are all zeros if it makes no polygon.
-    """
+    """Corners of an outline. It is given on the road or about the object. They are all zeros if it makes no polygon."""
     x, y, heading = place
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
     corners = []

@@ -39,10 +39,7 @@ AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in
 
 @dataclass(frozen=True)
 class Way:
-    """Line or outline of a map.
-
-    It has (k, 2) metres, the k ids of its nodes, and its tags.
-    """
+    """Line or outline of a map. It has (k, 2) metres, the k ids of its nodes, and its tags."""
 
     line: Float64[np.ndarray, "k 2"] = field(repr=False)
     nodes: tuple[str, ...]
@@ -189,10 +186,7 @@ def _check_centre(path: Path, centre: tuple[float, float], degrees: np.ndarray, 
 
 
 def _way(references: list[str], tags: Tags, position: Mapping[str, np.ndarray]) -> Way | None:
-    """Way through the nodes that the extract holds.
-
-    Returns None for fewer than two. Repeated nodes count once.
-    """
+    """Way through the nodes that the extract holds. Returns None for fewer than two. Repeated nodes count once."""
     known = [node for node in references if node in position]
     nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
     return Way(np.array([position[node] for node in nodes]), tuple(nodes), tags) if len(nodes) > 1 else None
@@ -213,10 +207,7 @@ def _areas(
 
 
 def _rings(ways: Iterable[Way]) -> shapely.Geometry:
-    """Ground enclosed by rings.
-
-    A ring may be made of several ways.
-    """
+    """Ground enclosed by rings. A ring may be made of several ways."""
     lines = [shapely.LineString(way.line) for way in ways]
     return shapely.union_all([shapely.Polygon(ring.exterior) for ring in shapely.get_parts(shapely.polygonize(lines))])
 
@@ -328,20 +319,14 @@ def _above(tags: Tags) -> bool:
 
 
 def _crosses(bridge: Way, road: Way) -> bool:
-    """True if a bridge crosses a road.
-
-    Crossings at a common node do not count.
-    """
+    """True if a bridge crosses a road. Crossings at a common node do not count."""
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]
     return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
 
 
 def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
-    """Cut a way to its pieces within `window`.
-
-    They get new nodes at its edge.
-    """
+    """Cut a way to its pieces within `window`. They get new nodes at its edge."""
     tags = _road_tags(way.tags, lefthand)
     step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
     line, nodes = way.line[::step], way.nodes[::step]
@@ -383,10 +368,7 @@ def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
 
 
 def _sidewalk(tags: Tags) -> str | None:
-    """Footways beside a road.
-
-    They are both, left, right or no; None if unknown.
-    """
+    """Footways beside a road. They are both, left, right or no; None if unknown."""
     plain = tags.get("sidewalk", "")
     if plain in _SIDES or plain in ("none", "yes", "separate"):
         return {"none": "no", "yes": "both", "separate": "both"}.get(plain, plain)
@@ -447,10 +429,7 @@ def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry)
 
 
 def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
-    """Single trees and rows of trees within `window`.
-
-    Crowns keep off `road`; trees too near it are left out.
-    """
+    """Single trees and rows of trees within `window`. Crowns keep off `road`; trees too near it are left out."""
     rows = [way for way in extract.ways if way.tags.get("natural") == "tree_row"]
     found = [(xy, tags) for xy, tags in extract.places if tags.get("natural") == "tree"]
     found += [(xy, row.tags) for row in rows for xy in _every(row, 8.0)]
@@ -465,10 +444,7 @@ def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) ->
 
 
 def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], np.ndarray]:
-    """Street furniture off `road`, and (n, 2) street lamps.
-
-    The furniture is posts, signs, bins and benches.
-    """
+    """Street furniture off `road`, and (n, 2) street lamps. The furniture is posts, signs, bins and benches."""
     solids: list[Solid] = []
     lamps: list[np.ndarray] = []
     clear = road.buffer(0.4)

@@ -36,10 +36,7 @@ Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: no parkin
 
 
 class Sides(NamedTuple):
-    """Parking on both sides of a lane.
-
-    One side is at the kerb. The kerb is on the right where traffic keeps right.
-    """
+    """Parking on both sides of a lane. One side is at the kerb. The kerb is on the right where traffic keeps right."""
 
     kerb: Angle = None
     inner: Angle = None
@@ -138,10 +135,7 @@ def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
 
 
 def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
-    """Options of netconvert for a network with strips.
-
-    The plain network is in `folder`.
-    """
+    """Options of netconvert for a network with strips. The plain network is in `folder`."""
     edges, connections = (ElementTree.parse(folder / f"plain.{kind}.xml") for kind in ("edg", "con"))
     first = {str(edge.get("id")): _widen(edge, found.get(str(edge.get("id")), Sides())) for edge in edges.iter("edge")}
     for connection in connections.iter("connection"):
@@ -157,10 +151,7 @@ def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
 
 
 def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw on a network's parking strips.
-
-    Vehicles stand in them as the map says. network: a net.xml text.
-    """
+    """Bays x, y, yaw on a network's parking strips. Vehicles stand in them as the map says. network: a net.xml text."""
     found: list[tuple[float, float, float]] = []
     for street in _streets(network):
         inside = False
@@ -189,10 +180,7 @@ def _streets(network: str) -> Iterator[_Street]:
 
 
 def _widen(edge: ElementTree.Element, sides: Sides) -> int:
-    """Give an edge its strips.
-
-    Returns the first lane number that moves.
-    """
+    """Give an edge its strips. Returns the first lane number that moves."""
     lanes = edge.findall("lane") or [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
     first = next((i for i, lane in enumerate(lanes) if "passenger" in list_users(lane)), 0)
     wide = [*lanes[:first], *_strip(sides.kerb), *lanes[first:], *_strip(sides.inner)]
@@ -223,10 +211,7 @@ def _direction(line: shapely.LineString, at: float) -> Float64[np.ndarray, "2"]:
 
 
 def _angle(tags: Tags, side: str) -> Angle:
-    """Parking angle on one side of a road.
-
-    side: left or right.
-    """
+    """Parking angle on one side of a road. side: left or right."""
 
     def said(key: str, rest: str = "") -> str:
         return (tags.get(f"{key}:{side}{rest}") or tags.get(f"{key}:both{rest}") or "").strip().lower()

@@ -183,10 +183,7 @@ def _random_lidar(rng: np.random.Generator) -> SensorModel:
 
 
 def _area(rng: np.random.Generator) -> Float64[np.ndarray, "4"]:
-    """Area of 60..110 m by 40..110 m, near the origin.
-
-    Its middle lies within an eighth of its size of the origin.
-    """
+    """Area of 60..110 m by 40..110 m, near the origin. Its middle lies within an eighth of its size of the origin."""
     size = np.array([rng.uniform(60.0, 110.0), rng.uniform(40.0, 110.0)])
     middle = rng.uniform(-size / 8, size / 8)
     return np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
@@ -240,10 +237,7 @@ def _directions(rng: np.random.Generator, count: int) -> Float64[np.ndarray, " n
 
 
 def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
-    """Draw legs along `directions`, gently bent.
-
-    At most one of them is one-way.
-    """
+    """Draw legs along `directions`, gently bent. At most one of them is one-way."""
     lane, footway = rng.uniform(3.0, 3.75), rng.uniform(1.5, 4.0)
     one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
     usual = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
@@ -269,10 +263,7 @@ def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
 
 
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
-    """Edges of a leg.
-
-    They lead towards the junction, away from it, or both.
-    """
+    """Edges of a leg. They lead towards the junction, away from it, or both."""
     rows: list[XmlAttributes] = []
     for count, shoulder, name, start, end, path in (
         (leg.inbound, leg.shoulders[0], f"in{number}", f"e{number}", junction, leg.path[::-1]),
@@ -297,10 +288,7 @@ def _shoulder(rng: np.random.Generator) -> Shoulder:
 
 
 def _angles(legs: Sequence[Leg]) -> dict[str, int]:
-    """Angle of the bays (degrees) by edge.
-
-    Only edges with bays have one.
-    """
+    """Angle of the bays (degrees) by edge. Only edges with bays have one."""
     angles: dict[str, int] = {}
     for i, leg in enumerate(legs):
         for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):

@@ -244,10 +244,7 @@ def check_parking(bays: Any) -> Float64[np.ndarray, "n 3"]:
 
 
 def check_network(network: str) -> str:
-    """Check the text of a SUMO network.
-
-    Returns `network` if it is empty or such a text.
-    """
+    """Check the text of a SUMO network. Returns `network` if it is empty or such a text."""
     if not network:
         return ""
     try:

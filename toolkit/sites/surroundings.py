@@ -93,10 +93,7 @@ class Plot:
         return True
 
     def place(self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False) -> bool:
-        """Place solids together if there is room for all.
-
-        Returns True on success.
-        """
+        """Place solids together if there is room for all. Returns True on success."""
         ground = shapely.union_all([shapely.Polygon(solid.footprint) for solid in solids])
         if not self.claim(ground, footway=footway, shoulder=shoulder):
             return False
@@ -137,10 +134,7 @@ def place_mounts(
 
 
 def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
-    """Points every `step` m along `lines`.
-
-    They are x, y and direction (rad).
-    """
+    """Points every `step` m along `lines`. They are x, y and direction (rad)."""
     rows = [np.zeros((0, 3))]
     for part in shapely.get_parts(shapely.line_merge(lines)):
         if part.geom_type != "LineString" or part.length < 2 * step:
@@ -194,10 +188,7 @@ def kerb_bays(
 
 
 def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "n 3"]:
-    """Middles and headings of all bays on a strip.
-
-    They are x, y and heading, from the junction on.
-    """
+    """Middles and headings of all bays on a strip. They are x, y and heading, from the junction on."""
     line = shapely.LineString(strip[0])
     at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), _spacing(angle))
     at = line.length - at if at_end else at
@@ -222,10 +213,7 @@ def _spacing(angle: int) -> float:
 
 
 def place_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Float64[np.ndarray, "n 3"]:
-    """Places x, y and headings `at` metres along a line.
-
-    Both ends, `half` m from each middle, lie on the line.
-    """
+    """Places x, y and headings `at` metres along a line. Both ends, `half` m from each middle, lie on the line."""
     here, ahead = (shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at - half, at + half))
     return np.column_stack([(here + ahead) / 2, np.arctan2(*(ahead - here).T[::-1])])
 

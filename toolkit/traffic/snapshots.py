@@ -49,10 +49,7 @@ class Obstacles:
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
 
     def hit(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
-        """Mask of boxes that touch an obstacle.
-
-        They pass under one that begins above them, such as a tree's crown.
-        """
+        """Mask of boxes that touch an obstacle. They pass under one that begins above them, such as a tree's crown."""
         rows, obstacles = self.tree.query(_shapes(boxes), predicate="intersects")
         hit = np.zeros(len(boxes), bool)
         hit[rows[self.bases[obstacles] < boxes[rows, 2] + boxes[rows, 5] / 2]] = True
@@ -292,10 +289,7 @@ def _run(
 
 
 def sumo_step(interval: float) -> float:
-    """Step of SUMO (s) for an interval of frames.
-
-    Raises ValueError unless the interval is a whole number of steps.
-    """
+    """Step of SUMO (s) for an interval of frames. Raises ValueError unless the interval is a whole number of steps."""
     step = STEP if interval >= STEP else FINE_STEP
     steps = interval / step
     if not (0.5 < steps < 1e6 and abs(steps - round(steps)) < 1e-6):
@@ -318,10 +312,7 @@ def _snapshot(
     time: float,
     counts: bool = True,
 ) -> Snapshot:
-    """Objects near the area now; those that cannot be kept apart are removed.
-
-    counts: note that they were seen.
-    """
+    """Objects near the area now; those that cannot be kept apart are removed. counts: note that they were seen."""
     standing = (parked.ids, parked.bodies, parked.poses)
     ids, bodies, poses = (np.concatenate(both) for both in zip(standing, spawner.state(), strict=True))
     sizes = types.sizes[bodies]

@@ -116,10 +116,7 @@ SPACING = 2.0  # m between the places of a lane
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """Lane of the network.
-
-    shape: (k, 2) middle line (m); following: lanes its links lead to, U-turns last.
-    """
+    """Lane of the network. shape: (k, 2) middle line (m); following: lanes its links lead to, U-turns last."""
 
     name: str
     edge: str
@@ -129,10 +126,7 @@ class Lane:
     following: tuple[str, ...]
 
     def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
-        """Points of the middle line, `offset` (m) from its start.
-
-        Offsets are in SUMO's length of the lane.
-        """
+        """Points of the middle line, `offset` (m) from its start. Offsets are in SUMO's length of the lane."""
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.shape, axis=0).T))])
         stretched = offset * along[-1] / self.length
         return np.stack([np.interp(stretched, along, self.shape[:, axis]) for axis in (0, 1)], axis=-1)
@@ -326,10 +320,7 @@ class Spawner:
         self.routes: set[str] = set()
 
     def advance(self, seconds: float) -> None:
-        """Simulate on, spawning missing objects before every step.
-
-        Objects without a place by the end are given up.
-        """
+        """Simulate on, spawning missing objects before every step. Objects without a place by the end are given up."""
         for _ in range(round(seconds / self.step)):
             self._spawn()
             self.sumo.simulationStep()

@@ -59,10 +59,7 @@ def load_sumo() -> Any:
 
 @contextmanager
 def _stderr_into(file: Path) -> Iterator[None]:
-    """Redirect stderr to a file.
-
-    SUMO's error log stays empty from the second simulation on.
-    """
+    """Redirect stderr to a file. SUMO's error log stays empty from the second simulation on."""
     sys.stderr.flush()
     kept = os.dup(2)
     try:

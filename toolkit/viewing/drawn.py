@@ -29,10 +29,7 @@ BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
 
 def sort_outcomes(each: Detected) -> dict[Marked, BoxesByKind]:
-    """Boxes of each outcome and class, world frame.
-
-    Empty if nothing is labelled.
-    """
+    """Boxes of each outcome and class, world frame. Empty if nothing is labelled."""
     made: dict[Marked, BoxesByKind] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
@@ -126,10 +123,7 @@ class Drawing:
         return np.array([*(find_middle(sample) if self.place.middle is None else self.place.middle), low], np.float64)
 
     def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
-        """Draw a frame.
-
-        Raises ValueError for an unknown levelling.
-        """
+        """Draw a frame. Raises ValueError for an unknown levelling."""
         sample = sample if self.sensors is None else sample.seen_by(self.sensors)
         detector = self.detector or _detects_nothing
         (each,) = detect_frames([sample], detector, self.place)
@@ -172,10 +166,7 @@ class Drawing:
     def draw_all(
         self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
     ) -> list[DrawnSample]:
-        """Draw frames from the origin of the first.
-
-        progress: called with the number of frames done.
-        """
+        """Draw frames from the origin of the first. progress: called with the number of frames done."""
         drawn: list[DrawnSample] = []
         origin: np.ndarray | None = None
         for sample in samples:
@@ -194,10 +185,7 @@ def _by_kind(boxes: np.ndarray, labels: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
-    """Thin a cloud to at most `most` points.
-
-    They are taken evenly, with their times and intensities.
-    """
+    """Thin a cloud to at most `most` points. They are taken evenly, with their times and intensities."""
     if len(cloud.points) <= most:
         return cloud
     rows = np.linspace(0, len(cloud.points), most, endpoint=False).astype(np.int64)
@@ -225,10 +213,7 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class Scales:
-    """Ranges of the colours.
-
-    height is in m, intensity as the set gives it, age in s.
-    """
+    """Ranges of the colours. height is in m, intensity as the set gives it, age in s."""
 
     height: Span = (0.0, 1.0)
     intensity: Span = (0.0, 1.0)
@@ -259,10 +244,7 @@ class Scales:
 
 
 def find_newest(sample: DrawnSample) -> float:
-    """Time of a frame's newest point.
-
-    It is in seconds from the frame's time; 0 if no time is known.
-    """
+    """Time of a frame's newest point. It is in seconds from the frame's time; 0 if no time is known."""
     times = [float(cloud.time.max()) for cloud in sample.clouds if cloud.time is not None and len(cloud.time)]
     return max(times, default=0.0)
 

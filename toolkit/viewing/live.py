@@ -77,10 +77,7 @@ class LiveView:
         self.show(0)
 
     def show(self, number: int) -> None:
-        """Show the frame of this number.
-
-        If it cannot be read, show nothing and say why.
-        """
+        """Show the frame of this number. If it cannot be read, show nothing and say why."""
         self._wanted = number
         with self._lock:
             if number != self._wanted:  # the slider has gone on meanwhile
@@ -100,10 +97,7 @@ class LiveView:
             self._redraw()
 
     def _redraw(self) -> None:
-        """Replace the frame that is shown.
-
-        For speed, its points are drawn in one colouring alone.
-        """
+        """Replace the frame that is shown. For speed, its points are drawn in one colouring alone."""
         for handle in self.shown:
             handle.remove()
         self.shown = []
@@ -163,10 +157,7 @@ def _line_of(drawn: DrawnSample) -> str:
 
 
 def _as_text(line: str) -> str:
-    """Format a line as Markdown that shows it literally.
-
-    Names of files and frames may hold any characters.
-    """
+    """Format a line as Markdown that shows it literally. Names of files and frames may hold any characters."""
     return "".join(f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter for letter in line)
 
 

@@ -36,10 +36,7 @@ _FOLDER = Path(__file__).parent
 
 @dataclass(frozen=True)
 class Switch:
-    """A part that a reader can hide.
-
-    It has a name, its nodes separated by spaces, and a colour if it has one.
-    """
+    """A part that a reader can hide. It has a name, its nodes separated by spaces, and a colour if it has one."""
 
     name: str
     nodes: str

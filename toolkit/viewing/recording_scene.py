@@ -69,18 +69,12 @@ class SceneStyle:
 
 
 def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
-    """Names of all sensors of some frames.
-
-    They are in order of appearance.
-    """
+    """Names of all sensors of some frames. They are in order of appearance."""
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
 
 def add_groups(api: SceneApi, style: SceneStyle) -> list[Any]:
-    """Add the nodes above all others; return their handles.
-
-    The first colouring is visible.
-    """
+    """Add the nodes above all others; return their handles. The first colouring is visible."""
     boxes = (*BOXES, *OUTCOME_NODES.values())
     names = [*(f"/{group}" for group in ("sensors", *boxes))]
     names += [f"/{group}/{kind}" for group in boxes for kind in BOX_KINDS]
@@ -149,10 +143,7 @@ def _add_place(api: SceneApi, cloud: DrawnCloud, number: int, frame: int, visibl
 
 
 def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Any:
-    """Add a grid of 10 m squares on the ground.
-
-    It gives the scale.
-    """
+    """Add a grid of 10 m squares on the ground. It gives the scale."""
     xmin, ymin, xmax, ymax = area
     middle = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02)
     width, height = xmax - xmin, ymax - ymin

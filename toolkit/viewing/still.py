@@ -74,10 +74,7 @@ def _draw_points(axes: Any, sample: DrawnSample, colouring: Colouring, scales: S
 
 
 def _drawn_boxes(axes: Any, sample: DrawnSample) -> list[tuple[Any, str]]:
-    """Draw the boxes; return their legend entries.
-
-    The entries say how many there are.
-    """
+    """Draw the boxes; return their legend entries. The entries say how many there are."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

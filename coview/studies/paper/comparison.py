@@ -49,10 +49,7 @@ class Compared:
 
     @property
     def difference(self) -> float | None:
-        """Our figure minus the paper's.
-
-        0 if ours keeps a bound in the paper; None if one is missing.
-        """
+        """Our figure minus the paper's. 0 if ours keeps a bound in the paper; None if one is missing."""
         if self.ours is None or self.paper is None or isnan(self.ours):
             return None
         difference = self.ours - self.paper
@@ -66,10 +63,7 @@ class Compared:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Return the row as text.
-
-        Labels, unit, ours, interval, paper's, difference, reason.
-        """
+        """Return the row as text. Labels, unit, ours, interval, paper's, difference, reason."""
         digits, blank = DIGITS[self.unit], "–"
         ours = blank if self.ours is None or isnan(self.ours) else f"{self.ours:.{digits}f}"
         interval = blank if self.interval is None else "–".join(f"{end:.{digits}f}" for end in self.interval)

@@ -42,10 +42,7 @@ from toolkit.sites.site import Site
 
 
 class SchemeRun(NamedTuple):
-    """Name of a scheme, and its sensors.
-
-    Sensors are ascending numbers.
-    """
+    """Name of a scheme, and its sensors. Sensors are ascending numbers."""
 
     scheme: str
     sensors: tuple[int, ...]
@@ -108,10 +105,7 @@ class StoredDetections:
         return sum(self.to_find)
 
     def points(self, sensors: tuple[int, ...]) -> Int64[np.ndarray, " vehicles"]:
-        """Points on each vehicle in a fused cloud.
-
-        The cloud is that of a sensor set; frame after frame.
-        """
+        """Points on each vehicle in a fused cloud. The cloud is that of a sensor set; frame after frame."""
         counts = [truth.points[:, list(sensors)].sum(axis=1) for truth in self.truths]
         return np.concatenate([np.zeros(0, np.int64), *counts])
 
@@ -280,10 +274,7 @@ def count_hits(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, regio
 
 
 def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()) -> ApScore:
-    """Compute the AP of a run by the exact protocol.
-
-    See `toolkit.detection.metrics.evaluate`.
-    """
+    """Compute the AP of a run by the exact protocol. See `toolkit.detection.metrics.evaluate`."""
     counted = count_hits(stored, run, iou, region)
     vehicles, hits = sum(counted.to_find), sum(int(hit.sum()) for hit in counted.hits)
     ap = average_precision(counted.curve) if vehicles else float("nan")
@@ -293,10 +284,7 @@ def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region
 
 
 def compute_published_ap(stored: StoredDetections, run: SchemeRun, iou: float = 0.7) -> float:
-    """Compute the AP of a run by protocol `published`.
-
-    See `toolkit.detection.metrics`. NaN without vehicles.
-    """
+    """Compute the AP of a run by protocol `published`. See `toolkit.detection.metrics`. NaN without vehicles."""
     row = IOUS.index(iou)
     frames = [f for truth, f in zip(stored.truths, stored.runs[run], strict=True) if len(truth.boxes)]
     if not frames:
@@ -313,18 +301,12 @@ def kbit_per_sensor(stored: StoredDetections, run: SchemeRun) -> float:
 
 
 def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
-    """Median time from measurement to fused boxes.
-
-    Sensors work in parallel.
-    """
+    """Median time from measurement to fused boxes. Sensors work in parallel."""
     return float(np.median([f.ms[0] for f in stored.runs[run]]))
 
 
 def visible_share(stored: StoredDetections, sensors: tuple[int, ...], region: tuple[int, ...] = ()) -> float:
-    """Share of vehicles on which a set has a point.
-
-    Vehicles are those of a region, if given. NaN without vehicles.
-    """
+    """Share of vehicles on which a set has a point. Vehicles are those of a region, if given. NaN without vehicles."""
     boxes = np.concatenate([np.zeros((0, 7)), *(truth.boxes for truth in stored.truths)])
     there = in_view_of_all([stored.sensors[c] for c in region], boxes)
     points = stored.points(sensors)[there]

@@ -59,10 +59,7 @@ def curve_runs(site: str) -> list[SchemeRun]:
 
 
 def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare PR curves at IoU 0.7.
-
-    Early fusion with the best set of each size.
-    """
+    """Compare PR curves at IoU 0.7. Early fusion with the best set of each size."""
     curves = {run.sensors: count_hits(stored, run).curve for run in curve_runs(site)}
     rows = [_ap_row(stored, site, sensors) for sensors in curves]
     rows += [_statement_row(stored, each, curves[each.sensors]) for each in CURVE_STATEMENTS[site]]
@@ -142,10 +139,7 @@ def _curve_points(curves: dict[SensorSet, Curve]) -> list[TableRow]:
 
 
 def density_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare point densities of the best sensor sets.
-
-    Points on a vehicle, as cumulative shares.
-    """
+    """Compare point densities of the best sensor sets. Points on a vehicle, as cumulative shares."""
     sets = sensor_sets(site).best_early
     paper = {(says.of, says.sensors): says for says in DENSITY_STATEMENTS[site]}
     rows = []
@@ -183,10 +177,7 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
 
 
 def _share_below(stored: StoredDetections, sensors: SensorSet, below: int) -> tuple[float, Interval]:
-    """Share of vehicles with fewer points than `below`.
-
-    Its interval is returned too.
-    """
+    """Share of vehicles with fewer points than `below`. Its interval is returned too."""
     few = [int((truth.points[:, list(sensors)].sum(axis=1) < below).sum()) for truth in stored.truths]
     share = sum(few) / stored.vehicles if stored.vehicles else float("nan")
     return share, ratio_interval(few, list(stored.to_find))
@@ -200,10 +191,7 @@ def _density_curves(stored: StoredDetections, sets: tuple[SensorSet, ...]) -> li
 
 
 class BinnedIou(NamedTuple):
-    """Bins with vehicles.
-
-    Mean density, mean IoU and number of the vehicles in each.
-    """
+    """Bins with vehicles. Mean density, mean IoU and number of the vehicles in each."""
 
     density: Float64[np.ndarray, " bins"]
     iou: Float64[np.ndarray, " bins"]
@@ -211,10 +199,7 @@ class BinnedIou(NamedTuple):
 
 
 class LogFit(NamedTuple):
-    """Fit of IoU = intercept + slope · ln(points).
-
-    NaN with fewer than two bins.
-    """
+    """Fit of IoU = intercept + slope · ln(points). NaN with fewer than two bins."""
 
     intercept: float
     slope: float
@@ -233,10 +218,7 @@ class LogFit(NamedTuple):
 
 
 def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare IoU against density.
-
-    The paper gives no coefficients: poor below 70 points, much better above 100.
-    """
+    """Compare IoU against density. The paper gives no coefficients: poor below 70 points, much better above 100."""
     density, iou = densities_and_ious(stored, site)
     bins = bin_iou(density[density > 0], iou[density > 0])
     fit = fit_log(bins)
@@ -280,10 +262,7 @@ def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experimen
 def densities_and_ious(
     stored: StoredDetections, site: str
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Point density and IoU of every vehicle.
-
-    They are given with each of the best sets.
-    """
+    """Point density and IoU of every vehicle. They are given with each of the best sets."""
     density, iou = [np.zeros(0)], [np.zeros(0)]
     for run in curve_runs(site):
         density.append(stored.points(run.sensors).astype(np.float64))
@@ -308,10 +287,7 @@ def bin_iou(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], 
 
 
 def fit_log(bins: BinnedIou) -> LogFit:
-    """Fit IoU to log density by weighted least squares.
-
-    Bins whose density is above 0 take part.
-    """
+    """Fit IoU to log density by weighted least squares. Bins whose density is above 0 take part."""
     above = bins.density > 0
     if above.sum() < 2:
         return LogFit(float("nan"), float("nan"))
@@ -338,10 +314,7 @@ def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, 
 
 
 def _mean_row(stored: StoredDetections, site: str, name: str, low: float, high: float) -> Compared:
-    """Mean IoU of vehicles with `low` to `high` points.
-
-    `low` is included, `high` is not.
-    """
+    """Mean IoU of vehicles with `low` to `high` points. `low` is included, `high` is not."""
     sums, counts = np.zeros(stored.frames), np.zeros(stored.frames)
     for run in curve_runs(site):
         for k, (truth, found) in enumerate(zip(stored.truths, stored.runs[run], strict=True)):

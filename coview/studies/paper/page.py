@@ -103,10 +103,7 @@ def _row(row: Compared, labels: int) -> str:
 
 
 def _kind(place: int) -> str:
-    """Class of a cell after the labels.
-
-    Unit and reason are words, the others numbers.
-    """
+    """Class of a cell after the labels. Unit and reason are words, the others numbers."""
     return ' class="number"' if 1 <= place <= 4 else ""
 
 
@@ -185,10 +182,7 @@ def draw_log_fit(
 
 @contextmanager
 def _chart(out: Path, width: float, height: float) -> Iterator[Axes]:
-    """Axes to draw on, written at the end.
-
-    The same figures give the same bytes.
-    """
+    """Axes to draw on, written at the end. The same figures give the same bytes."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

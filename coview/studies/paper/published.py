@@ -39,10 +39,7 @@ class SchemeRow(NamedTuple):
 
 
 class SetRow(NamedTuple):
-    """Row of table 2: a sensor set.
-
-    AP with early and late fusion.
-    """
+    """Row of table 2: a sensor set. AP with early and late fusion."""
 
     sensors: SensorSet
     early: float
@@ -73,10 +70,7 @@ class Statement(NamedTuple):
 
 
 class BenchmarkRow(NamedTuple):
-    """Row of table 4: a method.
-
-    Its reported AP with one sensor and with two.
-    """
+    """Row of table 4: a method. Its reported AP with one sensor and with two."""
 
     method: str
     single: tuple[float, ...]
@@ -173,10 +167,7 @@ BENCHMARK_PAIR: dict[str, SensorSet] = {"tjunction": (1, 5), "roundabout": (1, 7
 
 @dataclass(frozen=True)
 class Listed:
-    """Table 2 of one site.
-
-    Its rows are in the paper's order.
-    """
+    """Table 2 of one site. Its rows are in the paper's order."""
 
     rows: tuple[SetRow, ...]
 

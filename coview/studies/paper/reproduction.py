@@ -60,18 +60,12 @@ class Reproduction:
 
     @property
     def large(self) -> tuple[tuple[str, Compared], ...]:
-        """AP values that differ much from the paper's.
-
-        Each has the name of its experiment.
-        """
+        """AP values that differ much from the paper's. Each has the name of its experiment."""
         return tuple((each.name, row) for each in self.experiments for row in each.rows if row.large)
 
     @property
     def summary(self) -> str:
-        """Table of AP differences for terminals.
-
-        It shows how far the AP of each experiment is from the paper's.
-        """
+        """Table of AP differences for terminals. It shows how far the AP of each experiment is from the paper's."""
         table = [["experiment", "AP compared", f"beyond {LARGE:g}", "mean difference", "greatest"]]
         for each in self.experiments:
             differences = [row.difference for row in each.rows if row.unit == "AP" and row.difference is not None]
@@ -135,10 +129,7 @@ _OTHER_CAUSES = CAUSES | {"!": GIVEN}
 
 
 def check_paper_site(site: str) -> None:
-    """Check that the paper has figures for a site.
-
-    Raises ValueError if it has none.
-    """
+    """Check that the paper has figures for a site. Raises ValueError if it has none."""
     if site not in PAPER_SITES:
         raise ValueError(f"the paper has figures for {' and '.join(PAPER_SITES)}, not for {site!r}: choose one of them")
 
@@ -168,10 +159,7 @@ def open_test_recording(site: str, out: Path, frames: int, processes: Processes)
 def all_experiments(
     stored: StoredDetections, seen: StoredDetections, table: Table, site: str
 ) -> tuple[Experiment, ...]:
-    """Run every experiment, in the paper's order.
-
-    seen: the frames of the table, without runs.
-    """
+    """Run every experiment, in the paper's order. seen: the frames of the table, without runs."""
     basis = f"{stored.frames} frames, {stored.vehicles} vehicles"
     return (
         scheme_experiment(stored, site, basis),
@@ -232,10 +220,7 @@ def _shipped_detector(site: str, recording: CoopDataset) -> Detector:
 
 
 def _shipped_table(site: str, recording: CoopDataset, detector: Detector) -> Table | None:
-    """Shipped table, if it fits.
-
-    It must be measured at this site with this detector.
-    """
+    """Shipped table, if it fits. It must be measured at this site with this detector."""
     table = load_table(site)
     place = hash_site(recording.site, recording.sensors)
     fits = table.origin.place == place and table.origin.detector == getattr(detector, "digest", None)
@@ -256,10 +241,7 @@ def _own_table(
     frames: int,
     processes: Processes,
 ) -> Table:
-    """Table of all sensor sets over these frames.
-
-    Made if it is missing.
-    """
+    """Table of all sensor sets over these frames. Made if it is missing."""
     with suppress(ValueError, FileNotFoundError):  # damaged, or not made yet
         return load_table(path)
     return make_table(renders, detector, path, frames=frames, seed=NOISE_SEED, processes=processes)

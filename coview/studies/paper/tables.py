@@ -56,10 +56,7 @@ def scheme_runs(sensors: int) -> list[SchemeRun]:
 
 
 def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 1: fusion of all sensors.
-
-    Late, hybrid and early fusion, in AP, kbit per sensor and time.
-    """
+    """Compare table 1: fusion of all sensors. Late, hybrid and early fusion, in AP, kbit per sensor and time."""
     rows = []
     for run in scheme_runs(len(stored.sensors)):
         rows += _scheme_rows(stored, run, SCHEME_TABLE[site][run.scheme])
@@ -111,10 +108,7 @@ def _scheme_rows(stored: StoredDetections, run: SchemeRun, paper: SchemeRow) -> 
 
 
 def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
-    """Explain the counting of bits.
-
-    Boxes of 256 bit in late fusion, far points of 96 bit in hybrid.
-    """
+    """Explain the counting of bits. Boxes of 256 bit in late fusion, far points of 96 bit in hybrid."""
     if run.scheme == "late":
         boxes = kbit_per_sensor(stored, run) / 0.256
         return f"{boxes:.1f} boxes of 256 bit a sensor here, {paper / 0.256:.1f} in the paper"
@@ -183,10 +177,7 @@ def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
 
 
 def places_of_best(table: Table, listed: Listed, scheme: str) -> dict[int, int]:
-    """Rank of the paper's best set of each size.
-
-    It is ranked among all our sets of the same size.
-    """
+    """Rank of the paper's best set of each size. It is ranked among all our sets of the same size."""
     ours = best_sets(table, scheme, top=1 << len(table.origin.sensors))
     best = {"early": listed.best_early, "late": listed.best_late}[scheme]
     return {len(each): [mine.sensors for mine in ours[len(each)]].index(each) + 1 for each in best}
@@ -240,10 +231,7 @@ def region_runs(site: str) -> list[SchemeRun]:
 
 
 def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 3: gain from spatial diversity.
-
-    Two sensors share their field of view.
-    """
+    """Compare table 3: gain from spatial diversity. Two sensors share their field of view."""
     ours = {(row.region, row.sensors): _score_region(stored, row) for row in REGION_TABLE[site]}
     rows = []
     for row in REGION_TABLE[site]:
@@ -279,10 +267,7 @@ def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
 
 
 def benchmark_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 4: other methods.
-
-    The paper's figures for other methods, its own, and ours for the same pair.
-    """
+    """Compare table 4: other methods. The paper's figures for other methods, its own, and ours for the same pair."""
     pair = BENCHMARK_PAIR[site]
     paper = {row.sensors: row.ap for row in REGION_TABLE[site] if row.region == pair}
     rows = []

@@ -1,4 +1,1 @@
-"""Stress tests of a deployed set of sensors.
-
-They measure how much of its AP is left.
-"""
+"""Stress tests of a deployed set of sensors. They measure how much of its AP is left."""

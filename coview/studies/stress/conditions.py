@@ -161,10 +161,7 @@ IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close
 
 @dataclass(frozen=True)
 class System:
-    """Fusion scheme and its codec.
-
-    Tables show it under its name.
-    """
+    """Fusion scheme and its codec. Tables show it under its name."""
 
     scheme: Scheme
     codec: Codec

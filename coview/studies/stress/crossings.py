@@ -48,10 +48,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class BestScheme:
-    """Scheme with the highest AP between two levels.
-
-    Each level was tried or is a crossing.
-    """
+    """Scheme with the highest AP between two levels. Each level was tried or is a crossing."""
 
     kind: str
     iou: float
@@ -61,10 +58,7 @@ class BestScheme:
 
 
 def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ...]:
-    """Find every pair of schemes that change places.
-
-    Per kind and IoU, lowest level first.
-    """
+    """Find every pair of schemes that change places. Per kind and IoU, lowest level first."""
     found: list[Crossing] = []
     for (kind, iou), schemes in _group_by_scheme(rows).items():
         levels = np.array([row.amount for row in next(iter(schemes.values()))])
@@ -85,10 +79,7 @@ def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossin
 
 
 def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
-    """Best scheme at each level, per kind and IoU.
-
-    A scheme stays the best until another one leads by `LEAST_LEAD`.
-    """
+    """Best scheme at each level, per kind and IoU. A scheme stays the best until another one leads by `LEAST_LEAD`."""
     found: list[BestScheme] = []
     for (kind, iou), schemes in _group_by_scheme(rows).items():
         levels = np.array([row.amount for row in next(iter(schemes.values()))])

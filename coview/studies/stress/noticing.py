@@ -58,10 +58,7 @@ class Noticed:
 
 @dataclass(frozen=True)
 class FalseAlarms:
-    """Alarms about working sensors over one kind of link.
-
-    The sensor-minutes watched are given too.
-    """
+    """Alarms about working sensors over one kind of link. The sensor-minutes watched are given too."""
 
     link: str
     sent_as: str
@@ -136,10 +133,7 @@ class _Centre:
         self._site, self._detector, self.scenes = recording.site, detector, scenes
 
     def shown(self, frame: Frame, sensor: int, way: str, time: float) -> Shown:
-        """Message of a sensor.
-
-        The whole image, or the foreground of its crop in the finest step.
-        """
+        """Message of a sensor. The whole image, or the foreground of its crop in the finest step."""
         if way == SENT_AS[0]:
             return Shown(time, np.asarray(frame.images[sensor], np.float32))
         captured = frame_view(frame, self._detector, self._site).captured(sensor)
@@ -149,10 +143,7 @@ class _Centre:
         return Shown(time, steps, image > 0, out.missing)
 
     def monitor(self, frame: Frame, sensor: int, start: float) -> SensorMonitor:
-        """Monitor of a sensor that starts sending at `start`.
-
-        frame: any one with that sensor.
-        """
+        """Monitor of a sensor that starts sending at `start`. frame: any one with that sensor."""
         captured, scene = frame_view(frame, self._detector, self._site).captured(sensor), self.scenes(sensor)
         view = np.zeros(scene.first.size, bool)
         view[draw_scene(captured, scene).pixels] = True
@@ -192,10 +183,7 @@ def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, faul
 
 
 def _break_sensor(frame: Frame, first: Frame, sensor: int, fault: Fault) -> Frame:
-    """Frame in which one sensor is broken.
-
-    It measures nothing, or what it measured first.
-    """
+    """Frame in which one sensor is broken. It measures nothing, or what it measured first."""
     instead = {
         Fault.BLINDED: np.zeros_like(frame.images[sensor]),
         Fault.FROZEN: first.images[sensor],
@@ -204,10 +192,7 @@ def _break_sensor(frame: Frame, first: Frame, sensor: int, fault: Fault) -> Fram
 
 
 def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], sensor: int, way: str) -> int:
-    """Count alarms about a working sensor.
-
-    Its monitor raises them.
-    """
+    """Count alarms about a working sensor. Its monitor raises them."""
     monitor, before, count = centre.monitor(shown[0][0], sensor, shown[0][0].time), None, 0
     last: Shown | None = None
     for frame, ages in shown:
@@ -222,8 +207,5 @@ def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], se
 
 
 def _median(seconds: Sequence[float]) -> float:
-    """Middle value.
-
-    Of an even number, the later of the middle two.
-    """
+    """Middle value. Of an even number, the later of the middle two."""
     return sorted(seconds)[len(seconds) // 2]

@@ -1,7 +1,4 @@
-"""Results of a stress test as text, JSON and SVG.
-
-A table of every set adds what is left when sensors fail for good.
-"""
+"""Results of a stress test as text, JSON and SVG. A table of every set adds what is left when sensors fail for good."""
 
 from __future__ import annotations
 
@@ -134,10 +131,7 @@ def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -
 
 
 def format_noticed(noticed: Sequence[Noticed], alarms: Sequence[FalseAlarms]) -> str:
-    """Format the times to notice faults.
-
-    A second table shows false alarms.
-    """
+    """Format the times to notice faults. A second table shows false alarms."""
     table = [["fault", "sent as", "cases", "noticed", "median", "worst"]]
     for each in noticed:
         times = [f"{seconds:.1f} s" for seconds in (each.median, each.worst)]

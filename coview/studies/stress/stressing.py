@@ -97,10 +97,7 @@ class StressRow:
 
 
 def is_sequence(recording: SiteRecording) -> bool:
-    """Return whether frames lie close enough together.
-
-    They must show what is late or lost.
-    """
+    """Return whether frames lie close enough together. They must show what is late or lost."""
     return 0 < _frame_spacing(recording) <= MOST_APART
 
 
@@ -150,10 +147,7 @@ class KeptDetections:
 
     @staticmethod
     def of(detector: Detector, cache: Cache | None = None) -> KeptDetections:
-        """Return a detector that keeps its detections.
-
-        It is the detector itself if it keeps them already.
-        """
+        """Return a detector that keeps its detections. It is the detector itself if it keeps them already."""
         return detector if isinstance(detector, KeptDetections) else KeptDetections(detector, cache)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
@@ -288,10 +282,7 @@ class Trial:
         self._tracks, self._last = Tracks(), -np.inf
 
     def track(self, detections: Detections, now: float, age: float, *, begins: bool) -> Detections:
-        """Move old detections to their present places.
-
-        The measurements have an age.
-        """
+        """Move old detections to their present places. The measurements have an age."""
         if begins:
             self._tracks, self._last = Tracks(), -np.inf
         if age != age:
@@ -347,10 +338,7 @@ def _group_by_needed(trials: Sequence[Trial]) -> list[tuple[list[Trial], Needed 
 
 
 class _RedrawnErrors:
-    """Frames whose sensor errors are redrawn per block.
-
-    A block is one of frames.
-    """
+    """Frames whose sensor errors are redrawn per block. A block is one of frames."""
 
     def __init__(self, recording: SiteRecording, errors: ErrorProfile, seed: int) -> None:
         self._recording, self._errors, self._seed = recording, errors, seed

@@ -1,7 +1,4 @@
-"""`HitDomain`: the range of a hit model's training.
-
-It tells whether the model is used outside that range.
-"""
+"""`HitDomain`: the range of a hit model's training. It tells whether the model is used outside that range."""
 
 from __future__ import annotations
 

@@ -59,10 +59,7 @@ class LiveView:
         self._moment = lru_cache(maxsize=MOST_MOMENTS)(self._moment_of)
 
     def see(self, candidates: Candidates) -> Visibility:
-        """View of candidates.
-
-        The first request for a mount makes its panoramas.
-        """
+        """View of candidates. The first request for a mount makes its panoramas."""
         sensors = candidates.sensors
         models = {sensor.model for sensor in sensors}
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
@@ -81,10 +78,7 @@ class LiveView:
         return Visibility(seen_of[0], *columns)
 
     def _prepare(self, wanted: Iterable[tuple[Place, Mount]], models: set[SensorModel]) -> None:
-        """Load or make panoramas of places.
-
-        Those above and below on their mounts are included.
-        """
+        """Load or make panoramas of places. Those above and below on their mounts are included."""
         asked = dict.fromkeys(place for place, _ in wanted)
         missing = [(place, mount) for place, mount in wanted if self._lacks(place, models)]
         if missing:
@@ -136,10 +130,7 @@ class LiveView:
 
 
 def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Place, float]]:
-    """Panorama places below and above a position, with shares.
-
-    The position is on a mount.
-    """
+    """Panorama places below and above a position, with shares. The position is on a mount."""
     x, y, z = position.tolist()
     foot = float(mount.position[2])
     steps = round((z - foot) / HEIGHT_STEP, 6)
@@ -150,10 +141,7 @@ def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Pla
 
 
 def _places(place: Place, mount: Mount) -> list[Place]:
-    """Panorama places for all heights of a sensor.
-
-    They are above and below a place on its mount.
-    """
+    """Panorama places for all heights of a sensor. They are above and below a place on its mount."""
     low, high = (h / HEIGHT_STEP for h in (mount.min_height, mount.max_height))
     steps = range(int(np.floor(low + 1e-6)), int(np.ceil(high - 1e-6)) + 1)
     return [_place(*place[:2], float(mount.position[2]) + step * HEIGHT_STEP) for step in steps]

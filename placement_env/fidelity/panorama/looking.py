@@ -1,7 +1,4 @@
-"""Views of many sensors at few places.
-
-Each is found from the strips of objects seen at its place.
-"""
+"""Views of many sensors at few places. Each is found from the strips of objects seen at its place."""
 
 from __future__ import annotations
 
@@ -113,10 +110,7 @@ class Sight:
 
 
 def alone(views: Views, stills: Mapping[SensorModel, Still]) -> Float64[np.ndarray, "2 S"]:
-    """Points that each sensor sends in a still scene.
-
-    The far ones come too. stills: the standing scene, by model.
-    """
+    """Points that each sensor sends in a still scene. The far ones come too. stills: the standing scene, by model."""
     found = np.zeros((2, len(views.viewpoint)))
     for key, members in views.groups:
         cells = ray_table(*key).cells
@@ -158,10 +152,7 @@ def look_through(
 def _rays_on(
     views: Views, sight: Sight, table: RayTable, members: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sensor, strip and number of rays.
-
-    They are listed where members of a group have rays on a strip.
-    """
+    """Sensor, strip and number of rays. They are listed where members of a group have rays on a strip."""
     at = np.full(len(views.viewpoints), -1)
     at[views.viewpoint[members]] = members
     sensor = at.take(sight.viewpoint)

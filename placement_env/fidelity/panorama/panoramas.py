@@ -29,18 +29,12 @@ SHARED = 4  # mean number of sensors per place above which panoramas pay
 
 
 def worthwhile(sensors: Sequence[Sensor]) -> bool:
-    """True where many sensors share their places.
-
-    Those of a pool do.
-    """
+    """True where many sensors share their places. Those of a pool do."""
     return len(sensors) >= SHARED * len({sensor.position.round(6).tobytes() for sensor in sensors})
 
 
 def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray, " S"]:
-    """Mask of sensors that measure the whole detection area.
-
-    Panoramas have no limited sensor range.
-    """
+    """Mask of sensors that measure the whole detection area. Panoramas have no limited sensor range."""
     xmin, ymin, xmax, ymax = traffic.site.area.tolist()
     corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
     positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
@@ -52,10 +46,7 @@ def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray,
 
 
 def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
-    """View of far-sighted sensors on all frames.
-
-    Arguments as of `placement_env.fidelity.seeing.see`.
-    """
+    """View of far-sighted sensors on all frames. Arguments as of `placement_env.fidelity.seeing.see`."""
     look = _Look(traffic, tuple(sensors), tuple(labels))
     blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
     tell = run.stage("poses rendered", len(sensors))

@@ -34,10 +34,7 @@ Counts = Shaped[np.ndarray, " m"]  # of rays
 
 
 class Aim(NamedTuple):
-    """Aim of a sensor.
-
-    It has heading, tilt below the horizon and roll about the viewing direction (rad).
-    """
+    """Aim of a sensor. It has heading, tilt below the horizon and roll about the viewing direction (rad)."""
 
     heading: float
     tilt: float

@@ -32,10 +32,7 @@ class Still:
 
     @staticmethod
     def of(renderer: Renderer, site: Site, viewpoints: Float64[np.ndarray, "V 3"], model: SensorModel) -> Still:
-        """Chances seen from viewpoints, with a model's noise.
-
-        The noise is the same everywhere in its image.
-        """
+        """Chances seen from viewpoints, with a model's noise. The noise is the same everywhere in its image."""
         rays = _directions()
         mean = np.linalg.norm(model.rays(), axis=-1).mean()  # m along a ray per unit of measurement
         images = np.zeros((2, len(viewpoints), len(rays)), np.uint8)

@@ -88,10 +88,7 @@ class Surround:
 
     @staticmethod
     def of(packed: Packed, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
-        """Surround of packed strips.
-
-        stills: standing scene seen from this place alone, by sensor model.
-        """
+        """Surround of packed strips. stills: standing scene seen from this place alone, by sensor model."""
         left, width, low, high = (each.astype(np.float32) / np.float32(FINENESS) for each in packed[:4])
         bottom, top = (each / PER_STEEP - PI / 2 for each in (low, high))
         azimuth = left / PER_TURN - PI

@@ -25,10 +25,7 @@ _FOLDER = Path(__file__).parent
 
 @dataclass(frozen=True)
 class Cell:
-    """Content of one place in a table.
-
-    value: the number to sort the column by (None: sort by text).
-    """
+    """Content of one place in a table. value: the number to sort the column by (None: sort by text)."""
 
     text: str
     value: float | None = None
@@ -36,10 +33,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table.
-
-    unit: of its numbers, "" without; number: whether it holds numbers, aligned right.
-    """
+    """Column of a table. unit: of its numbers, "" without; number: whether it holds numbers, aligned right."""
 
     title: str
     unit: str = ""
@@ -69,10 +63,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table with the sentence above it.
-
-    Raises ValueError for a row without a cell for each column.
-    """
+    """A table with the sentence above it. Raises ValueError for a row without a cell for each column."""
 
     caption: str
     columns: tuple[Column, ...]
@@ -87,10 +78,7 @@ class TableBlock:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture as SVG text.
-
-    It has the sentence that states its conclusion, and a description for screen readers.
-    """
+    """A picture as SVG text. It has the sentence that states its conclusion, and a description for screen readers."""
 
     svg: str
     caption: str
@@ -100,10 +88,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class SceneView:
-    """Place of the junction in 3D on the page.
-
-    On paper `instead` stands there.
-    """
+    """Place of the junction in 3D on the page. On paper `instead` stands there."""
 
     caption: str
     instead: str
@@ -115,10 +100,7 @@ ReportBlock = Paragraph | Bullets | TableBlock | Drawing | SceneView
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a report.
-
-    key: its anchor; conclusion: the sentence that opens it.
-    """
+    """Section of a report. key: its anchor; conclusion: the sentence that opens it."""
 
     key: str
     title: str
@@ -146,10 +128,7 @@ def table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]
 
 
 def to_html(document: Document, scene: Scene | None) -> str:
-    """Return the page.
-
-    A missing scene is replaced by a note.
-    """
+    """Return the page. A missing scene is replaced by a note."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -174,10 +153,7 @@ def to_html(document: Document, scene: Scene | None) -> str:
 
 
 def _data_address(svg: str) -> str:
-    """Address of a drawing as an image.
-
-    No script runs in it, and its ids cannot clash with another drawing's.
-    """
+    """Address of a drawing as an image. No script runs in it, and its ids cannot clash with another drawing's."""
     return "data:image/svg+xml;base64," + b64encode(svg.encode("utf-8")).decode("ascii")
 
 

@@ -50,10 +50,7 @@ SHAPLEY = (
 
 
 def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
-    """Visible ground, density of points and blind spots.
-
-    It also shows the number of sensors that see each place.
-    """
+    """Visible ground, density of points and blind spots. It also shows the number of sensors that see each place."""
     key, title = "ground", "What the sensors see of the ground"
     if plan.ground is None or ground is None:
         why = "." if plan.chosen else ", because no set of sensors was chosen."

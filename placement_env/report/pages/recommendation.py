@@ -164,10 +164,7 @@ def _when_compared(plan: Plan, chosen: PlanOption) -> PlanOption:
 
 
 def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
-    """Explain why the chosen set has another AP here.
-
-    The comparison is with the rest of the report.
-    """
+    """Explain why the chosen set has another AP here. The comparison is with the rest of the report."""
     compared = _when_compared(plan, chosen)
     if compared.counted is None or chosen.counted is None:
         return ()
@@ -186,10 +183,7 @@ def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
 
 
 def _cases_text(chosen: PlanOption) -> str:
-    """Cases behind the AP by which sets are compared.
-
-    It is "" for the intact set in all traffic.
-    """
+    """Cases behind the AP by which sets are compared. It is "" for the intact set in all traffic."""
     left = "" if chosen.left is None else "after the failures"
     levels = "" if chosen.over_levels is None else "over the levels of traffic"
     errors = "" if chosen.over_errors is None else "over the error profiles"

@@ -1,7 +1,4 @@
-"""The report of a plan, as report.html and report.pdf.
-
-Its sections come in the order in which a reader needs them.
-"""
+"""The report of a plan, as report.html and report.pdf. Its sections come in the order in which a reader needs them."""
 
 from __future__ import annotations
 
@@ -37,10 +34,7 @@ REPORT_FILES = ("report.html", "report.pdf")
 
 
 def build_document(plan: Plan, site: Site, ground: Ground | None) -> Document:
-    """Build the document.
-
-    site: with the chosen sensors mounted; ground: that they see, None if unknown.
-    """
+    """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
     sections = (
         requirement_section(plan),
         chosen_section(plan, site, ground),

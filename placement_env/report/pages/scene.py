@@ -54,10 +54,7 @@ _HIT, _MISSED, _FALSE_ALARM = OUTCOME["hit"].colour, OUTCOME["missed"].colour, O
 
 @dataclass(frozen=True)
 class Layer:
-    """A part that readers may hide.
-
-    It has a name, node of the scene, colour, and mark in words.
-    """
+    """A part that readers may hide. It has a name, node of the scene, colour, and mark in words."""
 
     name: str
     node: str
@@ -67,10 +64,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Scene:
-    """A page of HTML with the scene.
-
-    It has the layers and the nodes of each frame.
-    """
+    """A page of HTML with the scene. It has the layers and the nodes of each frame."""
 
     html: str
     layers: tuple[Layer, ...]
@@ -132,10 +126,7 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
 
 
 def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> None:
-    """Add edges of the planned sensors' fields of view.
-
-    Only sensors that the site has are drawn.
-    """
+    """Add edges of the planned sensors' fields of view. Only sensors that the site has are drawn."""
     hanging: dict[str, Sensor] = {sensor.name: sensor for sensor in site.sensors}
     found = [(index, hanging[each.name]) for index, each in enumerate(planned) if each.name in hanging]
     if not found:
@@ -162,10 +153,7 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
 
 
 def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
-    """Add truth and detections.
-
-    Colour, line and mark tell them apart.
-    """
+    """Add truth and detections. Colour, line and mark tell them apart."""
     layers = {
         "truth": Layer("Vehicles that were there", "/truth", _TRUTH, "thin solid boxes"),
         "hit": Layer("Detections that hit", "/hit", _HIT, "thick solid boxes"),
@@ -196,10 +184,7 @@ def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
 
 
 def _frame_nodes(frame: int, sensors: int) -> tuple[str, ...]:
-    """Nodes of one frame.
-
-    Some may be missing, and hiding those does nothing.
-    """
+    """Nodes of one frame. Some may be missing, and hiding those does nothing."""
     clouds = [f"/sensors/{index}/points {frame}" for index in range(sensors)]
     return (*clouds, *(f"{kind}/{frame}" for kind in ("/truth", "/hit", "/missed", "/false")))
 
@@ -220,10 +205,7 @@ def ground_mesh(site: Site) -> Mesh:
 def drape(
     site: Site, shapes: Sequence[shapely.Polygon], *, lift: float, without: Sequence[shapely.Polygon] = ()
 ) -> Mesh:
-    """Drape polygons over the ground near the area.
-
-    They lie `lift` metres above it.
-    """
+    """Drape polygons over the ground near the area. They lie `lift` metres above it."""
     covered = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
     tiles = shapely.intersection(covered, _tiles(_extent(site)))
     flat = triangulate(tiles[~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)])

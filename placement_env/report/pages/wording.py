@@ -1,7 +1,4 @@
-"""Figures as words and table cells.
-
-They are the same throughout the report.
-"""
+"""Figures as words and table cells. They are the same throughout the report."""
 
 from __future__ import annotations
 
@@ -39,10 +36,7 @@ def figure_cell(value: float | None, digits: int = 1) -> Cell:
 
 
 def iou_cell(iou: IoUs) -> Cell:
-    """Cell of an IoU threshold, or of several.
-
-    Of several the mean counts.
-    """
+    """Cell of an IoU threshold, or of several. Of several the mean counts."""
     return figure_cell(iou) if isinstance(iou, float) else Cell(iou_text(iou))
 
 
@@ -120,10 +114,7 @@ def ap_text(judged: Judgement) -> str:
 
 
 def ap_figure(judged: Judgement) -> str:
-    """AP with interval and number of vehicles.
-
-    The word AP is left out.
-    """
+    """AP with interval and number of vehicles. The word AP is left out."""
     return f"{number(judged.ap)} ({interval_text(judged)}, {count_text(judged.vehicles, judged.kind)})"
 
 

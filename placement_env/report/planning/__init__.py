@@ -1,4 +1,1 @@
-"""Planning: from a question to a plan.
-
-It uses search, judgement on traffic that no search saw, and plain figures.
-"""
+"""Planning: from a question to a plan. It uses search, judgement on traffic that no search saw, and plain figures."""

@@ -1,7 +1,4 @@
-"""All figures of the chosen set, as a `Plan`.
-
-They are by the detector on the final traffic.
-"""
+"""All figures of the chosen set, as a `Plan`. They are by the detector on the final traffic."""
 
 from __future__ import annotations
 
@@ -63,10 +60,7 @@ class Findings:
 
 
 def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
-    """Put the plan together.
-
-    final: the detector on the final traffic; ground: that the chosen sensors see.
-    """
+    """Put the plan together. final: the detector on the final traffic; ground: that the chosen sensors see."""
     question, choice = findings.question, findings.choice
     candidates, site, seed = findings.objective.candidates, question.site, question.run.seed
     members = choice.members
@@ -127,10 +121,7 @@ def best_first(options: Sequence[PlanOption]) -> tuple[PlanOption, ...]:
 
 
 def name_detector(detector: Detector, network: str | None) -> str:
-    """Name the kind of detector.
-
-    The name of a shipped network is added.
-    """
+    """Name the kind of detector. The name of a shipped network is added."""
     kind: str = detector_origin(detector)["detector"]
     return kind if network is None else f"{kind} (shipped network {network!r})"
 
@@ -167,10 +158,7 @@ class ChosenSet:
         return rows
 
     def schemes(self) -> tuple[SchemeFigures, ...]:
-        """The set under every scheme at every IoU.
-
-        Detections are reused.
-        """
+        """The set under every scheme at every IoU. Detections are reused."""
         detected, judge, rows = self.judge.detected, self.judge, []
         whole = self.rows(np.ones((1, len(self.members)), np.bool_))
         ious = judge.cases.ious
@@ -258,10 +246,7 @@ class ChosenSet:
 
 
 def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
-    """Provenance of a plan.
-
-    It has digests of all inputs, seeds and versions; nothing depends on the clock.
-    """
+    """Provenance of a plan. It has digests of all inputs, seeds and versions; nothing depends on the clock."""
     question = findings.question
     setting, stock, seed = question.setting, question.stock, question.run.seed
     return {

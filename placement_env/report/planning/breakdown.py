@@ -66,10 +66,7 @@ class Scored:
 
 
 def score_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
-    """Collect detections of the chosen set.
-
-    They cover all frames of a judge.
-    """
+    """Collect detections of the chosen set. They cover all frames of a judge."""
     detected, outcomes = judge.detected, judge.outcomes(chosen)
     objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
     found = [detected.detections(chosen, k) for k in range(judge.frames)]
@@ -101,19 +98,13 @@ def score_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
 
 
 def fuse_clouds(detected: Detected, chosen: Sequence[int], k: int) -> Float32[np.ndarray, "n 3"]:
-    """Join the points of all sensors in frame k.
-
-    The sensors are those of a set.
-    """
+    """Join the points of all sensors in frame k. The sensors are those of a set."""
     clouds = [detected.renders.clouds(k, c) for c in chosen]
     return np.concatenate([np.zeros((0, 3), np.float32), *clouds])
 
 
 def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray, " t"]:
-    """Points of a set on each scored object.
-
-    They come frame after frame.
-    """
+    """Points of a set on each scored object. They come frame after frame."""
     counts = [np.zeros(0, np.int64)]
     for k in range(detected.frames):
         boxes = detected.renders.objects(k).boxes[detected.scored(k)]
@@ -126,10 +117,7 @@ def _mean_points(points: Int64[np.ndarray, " t"]) -> float | None:
 
 
 def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge each group.
-
-    group_of: index of the group of each box.
-    """
+    """Judge each group. group_of: index of the group of each box."""
     of_truth = group_of(scored.truths)
     groups = []
     for each in (scored, *scored.others):
@@ -146,10 +134,7 @@ def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int)
 
 
 def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge the middle and quarters of the area.
-
-    The quarters around the middle are named by the compass.
-    """
+    """Judge the middle and quarters of the area. The quarters around the middle are named by the compass."""
     xmin, ymin, xmax, ymax = site.area
     middle, radius = np.array([xmin + xmax, ymin + ymax]) / 2, CENTRE * min(xmax - xmin, ymax - ymin)
     quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
@@ -164,10 +149,7 @@ def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
 
 
 def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge by horizontal distance to the nearest sensor.
-
-    The sensors are those of the set.
-    """
+    """Judge by horizontal distance to the nearest sensor. The sensors are those of the set."""
     places = np.array([sensor.position[:2] for sensor in sensors])
     edges = (0.0, *RANGE_ENDS)
     names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)), f"beyond {RANGE_ENDS[-1]:g} m"]
@@ -180,20 +162,14 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[Brea
 
 
 def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge by the lane nearest to each vehicle.
-
-    Approaches without vehicles are left out.
-    """
+    """Judge by the lane nearest to each vehicle. Approaches without vehicles are left out."""
     places = find_approaches(site)
     rows = by_group(scored, places.names, places.locate, seed)
     return tuple(row for row in rows if row.judged is not None)
 
 
 def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
-    """Judge each level of traffic.
-
-    No row if it is undivided.
-    """
+    """Judge each level of traffic. No row if it is undivided."""
     if not judge.levels:
         return ()
     each = zip(judge.cases.level_names, judge.levels, judge.by_level(chosen), strict=False)
@@ -205,19 +181,13 @@ def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[Bre
 
 
 def by_errors(judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
-    """Judge each error profile.
-
-    Failures and levels are included if they count; no row for one profile.
-    """
+    """Judge each error profile. Failures and levels are included if they count; no row for one profile."""
     rows = zip(judge.by_errors(chosen).items(), judge.profiles, strict=False)
     return tuple(BreakdownRow(name, judged, _mean_points(_count_points(at, chosen))) for (name, judged), at in rows)
 
 
 def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS) -> tuple[ClassSeen, ...]:
-    """Coverage of each class.
-
-    It is the share of its road users in the area with `LEAST` points or more.
-    """
+    """Coverage of each class. It is the share of its road users in the area with `LEAST` points or more."""
     detected = judge.detected
     points: dict[str, list[np.ndarray]] = {label: [np.zeros(0, np.int64)] for label in labels}
     for k in range(judge.frames):
@@ -264,10 +234,7 @@ def _moment(detected: Detected, chosen: tuple[int, ...], k: int, points: int, se
 
 
 def thin(cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]) -> Float32[np.ndarray, "m 3"]:
-    """Draw at most this many points of a cloud.
-
-    They keep their order.
-    """
+    """Draw at most this many points of a cloud. They keep their order."""
     if len(cloud) <= points:
         return cloud
     return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]

@@ -65,10 +65,7 @@ def choose_set(
     confidence: float = 0.95,
     run: Run = Run(),
 ) -> Choice:
-    """Choose among the entrants, at least one.
-
-    confidence: at which a race of one size ends.
-    """
+    """Choose among the entrants, at least one. confidence: at which a race of one size ends."""
     judged = _judge_best(objective, found, judge, confidence, run)
     options = [_option(objective, found, i, *judged.get(i, (None, None))) for i in range(len(found.sets))]
     chosen, rule = choose(tuple(options), min_ap)
@@ -76,10 +73,7 @@ def choose_set(
 
 
 def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, Rule]:
-    """Return the index of the answer among options.
-
-    Some of them are judged. The rule that chose it comes too.
-    """
+    """Return the index of the answer among options. Some of them are judged. The rule that chose it comes too."""
     judged = [(i, option, option.counted) for i, option in enumerate(options) if option.counted is not None]
 
     def thrift(entry: tuple[int, PlanOption, Judgement]) -> tuple[float, int, float, float]:
@@ -96,10 +90,7 @@ def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, 
 
 
 def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOption, ...]:
-    """Judged sets whose interval overlaps the chosen one's.
-
-    The chosen set is left out; cheap sets come first.
-    """
+    """Judged sets whose interval overlaps the chosen one's. The chosen set is left out; cheap sets come first."""
     best = options[chosen].counted
     if best is None:
         return ()
@@ -122,10 +113,7 @@ def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...
 def _judge_best(
     objective: Objective, found: Entrants, judge: Judge, confidence: float, run: Run
 ) -> dict[int, tuple[SetJudgement, float]]:
-    """Judgement of the best sets of each size.
-
-    The mean AP over IoU thresholds comes too, by index of the entrant.
-    """
+    """Judgement of the best sets of each size. The mean AP over IoU thresholds comes too, by index of the entrant."""
     sizes = found.sets.sum(axis=1)
     judged: dict[int, tuple[SetJudgement, float]] = {}
     evaluator = judge.evaluator()

@@ -44,10 +44,7 @@ class Drawn(NamedTuple):
 
 
 class SetJudgement(NamedTuple):
-    """Judgement of a set, intact and in requested cases.
-
-    Other cases are None; fields as of `PlanOption`.
-    """
+    """Judgement of a set, intact and in requested cases. Other cases are None; fields as of `PlanOption`."""
 
     judged: Judgement
     left: Judgement | None = None
@@ -116,10 +113,7 @@ class Judge:
     def judge(
         self, sets: Bool[np.ndarray, "n C"], *, iou: float | None = None, progress: Report | None = None
     ) -> list[Judgement]:
-        """Judge intact sets over all frames.
-
-        iou: one threshold, None for the cases' own; progress: frames done.
-        """
+        """Judge intact sets over all frames. iou: one threshold, None for the cases' own; progress: frames done."""
         ious = self.cases.ious if iou is None else (iou,)
         found = self._detect(self.detected, sets, progress)
         return [self._draw(outcomes, ious=ious).finished for outcomes in found]
@@ -127,10 +121,7 @@ class Judge:
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
     ) -> list[SetJudgement]:
-        """Judge sets intact and in all cases.
-
-        stage: makes the callback of frames done from the name of a stage.
-        """
+        """Judge sets intact and in all cases. stage: makes the callback of frames done from the name of a stage."""
         nothing = [None] * len(sets)
         judged = self.judge(sets, progress=stage("chosen set"))
         left = self.left(sets, progress=stage("failures")) or nothing
@@ -146,28 +137,19 @@ class Judge:
         ]
 
     def left(self, sets: Bool[np.ndarray, "n C"], *, progress: Report | None = None) -> list[Judgement] | None:
-        """Judge the remaining sensors when some fail.
-
-        The levels of traffic are included; None if none fail.
-        """
+        """Judge the remaining sensors when some fail. The levels of traffic are included; None if none fail."""
         if not self.cases.failing:
             return None
         return [each.finished for each in self._at_profile(self.detected, sets, progress)]
 
     def over_levels(self, sets: Bool[np.ndarray, "n C"]) -> list[Judgement] | None:
-        """Judge intact sets over the levels of traffic.
-
-        None if it is undivided.
-        """
+        """Judge intact sets over the levels of traffic. None if it is undivided."""
         if not self.levels:
             return None
         return [self._over_levels(outcomes).finished for outcomes in self._detect(self.detected, sets)]
 
     def over_errors(self, sets: Bool[np.ndarray, "n C"], *, progress: Report | None = None) -> list[Judgement] | None:
-        """Judge sets over the error profiles.
-
-        Failures and levels are included if asked for; None for one profile.
-        """
+        """Judge sets over the error profiles. Failures and levels are included if asked for; None for one profile."""
         if len(self.profiles) == 1:
             return None
         found = []
@@ -177,19 +159,13 @@ class Judge:
         return found
 
     def by_level(self, chosen: tuple[int, ...]) -> tuple[Judgement | None, ...]:
-        """Judge one set at each level of traffic.
-
-        None for a level without objects.
-        """
+        """Judge one set at each level of traffic. None for a level without objects."""
         outcomes = self.outcomes(chosen)
         found = [self._draw(outcomes, part) for part in self.levels]
         return tuple(None if np.isnan(each.judged.ap) else each.finished for each in found)
 
     def by_errors(self, chosen: tuple[int, ...]) -> dict[str, Judgement]:
-        """Judge one set at each error profile, by name.
-
-        Empty if there is one profile.
-        """
+        """Judge one set at each error profile, by name. Empty if there is one profile."""
         if len(self.profiles) == 1:
             return {}
         row = np.isin(np.arange(len(self.detected.renders.sensors)), chosen)[None]
@@ -219,10 +195,7 @@ class Judge:
     def _at_profile(
         self, detected: Detected, sets: Bool[np.ndarray, "n C"], progress: Report | None = None
     ) -> list[Drawn]:
-        """Figures of sets at one error profile.
-
-        They cover levels and failures.
-        """
+        """Figures of sets at one error profile. They cover levels and failures."""
         rows, owners = self.cases.expand(sets)
         different, place = np.unique(rows, axis=0, return_inverse=True)
         each = [self._over_levels(outcomes) for outcomes in self._detect(detected, different, progress)]
@@ -253,10 +226,7 @@ class Judge:
         frames: Int64[np.ndarray, " _"] | None = None,
         ious: Sequence[float] | None = None,
     ) -> Drawn:
-        """Figures of one set in some frames.
-
-        The blocks of these frames are drawn separately; None for all.
-        """
+        """Figures of one set in some frames. The blocks of these frames are drawn separately; None for all."""
         draws = None if frames is None else draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         return draw_tallies(self._tally(outcomes, frames, ious), self.classes, self.seed, draws)
 
@@ -306,10 +276,7 @@ def _reduce(cases: Sequence[Judgement], combine: Combine) -> Judgement:
 
 
 def _mean(cases: Sequence[Judgement]) -> Judgement:
-    """Mean of judgements on the same traffic.
-
-    Precision is averaged over those that have one.
-    """
+    """Mean of judgements on the same traffic. Precision is averaged over those that have one."""
     if len(cases) == 1:
         return cases[0]
     ap, recall = (float(np.mean([getattr(case, name) for case in cases])) for name in ("ap", "recall"))

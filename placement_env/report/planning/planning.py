@@ -105,10 +105,7 @@ def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates
 
 
 def _most_sensors(question: Question, candidates: Candidates) -> int:
-    """Most sensors that the budget allows.
-
-    Number, money and mounts limit it.
-    """
+    """Most sensors that the budget allows. Number, money and mounts limit it."""
     each = np.full(len(candidates.mounts), np.inf)
     np.minimum.at(each, candidates.mount, candidates.prices)
     second = np.full(len(candidates.mounts), np.inf)
@@ -142,8 +139,5 @@ def write_plan(planned: Planned, out: Path) -> list[Path]:
 
 
 def format_json(plan: Plan) -> str:
-    """Format a plan as JSON.
-
-    The same plan gives the same text; non-finite numbers become null.
-    """
+    """Format a plan as JSON. The same plan gives the same text; non-finite numbers become null."""
     return json.dumps(replace_infinite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -74,10 +74,7 @@ class Stock:
 
     @property
     def currency(self) -> str:
-        """Currency of all prices.
-
-        It is "" for prices of one ordinary pole.
-        """
+        """Currency of all prices. It is "" for prices of one ordinary pole."""
         return "" if self.catalogue is None else self.catalogue.currency
 
     @property
@@ -160,18 +157,12 @@ class Question:
 
     @property
     def currency(self) -> str:
-        """Currency of all prices.
-
-        It is "" for prices of one ordinary pole.
-        """
+        """Currency of all prices. It is "" for prices of one ordinary pole."""
         return self.stock.currency
 
     @cached_property
     def searched(self) -> Setting:
-        """Setting of the searches.
-
-        It uses the surrogate if available, else coverage; no errors but noise.
-        """
+        """Setting of the searches. It uses the surrogate if available, else coverage; no errors but noise."""
         plain = replace(
             self.setting, cases=replace(self.cases, errors=("paper",)), candidates=self.setting.pool, detector=None
         )

@@ -1,7 +1,4 @@
-"""Sentences of a plan.
-
-They are verdict and refusals, why this set, assumptions and unknowns.
-"""
+"""Sentences of a plan. They are verdict and refusals, why this set, assumptions and unknowns."""
 
 from __future__ import annotations
 
@@ -45,10 +42,7 @@ def refuse_question(question: Question) -> tuple[str, ...]:
 
 
 def refuse_traffic(question: Question, missing: Sequence[str], frames: int, part: str) -> tuple[str, ...]:
-    """Reason that traffic lacks counted classes.
-
-    It concerns one part of the traffic.
-    """
+    """Reason that traffic lacks counted classes. It concerns one part of the traffic."""
     return (
         f"No {' and no '.join(missing)} enters the detection area of site {question.site.name!r} in "
         f"{plural(frames, 'frame')} of {part} traffic: increase --frames, change --seed, or enlarge the area.",
@@ -56,18 +50,12 @@ def refuse_traffic(question: Question, missing: Sequence[str], frames: int, part
 
 
 def select_buildable(objective: Objective, max_kbit: float | None) -> Bool[np.ndarray, " C"]:
-    """Select candidates that may be built alone.
-
-    They send no more than allowed in the average frame.
-    """
+    """Select candidates that may be built alone. They send no more than allowed in the average frame."""
     return np.asarray(objective.allowed([]) & (objective.sent <= (np.inf if max_kbit is None else max_kbit)))
 
 
 def describe_cases(question: Question) -> str:
-    """Cases of the AP by which sets are compared.
-
-    It is "" for the intact set in all traffic at one error profile.
-    """
+    """Cases of the AP by which sets are compared. It is "" for the intact set in all traffic at one error profile."""
     cases = question.cases
     words = [cases.describe_failures()] if cases.failing else []
     words += [cases.describe_levels()] if cases.levels > 1 else []
@@ -76,10 +64,7 @@ def describe_cases(question: Question) -> str:
 
 
 def build_verdict(question: Question, compared: PlanOption, final: PlanOption, excluded: tuple[str, ...]) -> Verdict:
-    """The answer in words.
-
-    compared, final: the chosen set when sets were compared, and in the final traffic.
-    """
+    """The answer in words. compared, final: the chosen set when sets were compared, and in the final traffic."""
     judged = final.counted
     if judged is None:
         raise ValueError("the chosen set is not judged: judge it first")
@@ -105,10 +90,7 @@ def build_verdict(question: Question, compared: PlanOption, final: PlanOption, e
 def explain_shortfall(
     question: Question, best: PlanOption, final: Judgement, excluded: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Explain why the required AP is not reached.
-
-    best: as it was chosen; final: the same set in the final traffic.
-    """
+    """Explain why the required AP is not reached. best: as it was chosen; final: the same set in the final traffic."""
     price = describe_money(best.price, question.currency)
     before = f" and {best.counted.ap:.3f} in the traffic it was chosen on" if best.counted else ""
     reasons = [
@@ -137,10 +119,7 @@ RULES: dict[Rule, str] = {
 def explain_choice(
     question: Question, plan: Plan, chosen: PlanOption, rule: Rule, *, considered: int, fidelity: str
 ) -> tuple[str, ...]:
-    """Explain why this set, with figures.
-
-    chosen: as it was when sets were compared; considered: sets scored.
-    """
+    """Explain why this set, with figures. chosen: as it was when sets were compared; considered: sets scored."""
     judged = sum(option.judged is not None for option in plan.considered)
     cases = describe_cases(question).strip(", ")
     which = "" if question.cases.failing else "that "
@@ -184,10 +163,7 @@ def explain_choice(
 
 
 def list_assumptions(question: Question, fidelity: str, detector: str, *, sampled: bool) -> tuple[str, ...]:
-    """Assumptions behind the figures.
-
-    sampled: whether the objective of the searches scored subsets of the set.
-    """
+    """Assumptions behind the figures. sampled: whether the objective of the searches scored subsets of the set."""
     setting, cases, seed = question.setting, question.cases, question.run.seed
     classes, stock = setting.counted, question.stock
     others = [label for label in LABELS if label not in classes.names]

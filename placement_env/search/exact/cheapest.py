@@ -46,10 +46,7 @@ Reached = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # AP o
 
 
 class UnitPrices(NamedTuple):
-    """Prices in whole units, rounded down.
-
-    It gives the value of a unit.
-    """
+    """Prices in whole units, rounded down. It gives the value of a unit."""
 
     each: Prices
     unit: float
@@ -229,10 +226,7 @@ def _failures(objective: Objective, chosen: list[int]) -> list[Bool[np.ndarray, 
 
 
 def levels_of_shares(surrogates: Sequence[Surrogate], *, above: bool) -> Levels:
-    """Steps of several surrogates of the same candidates.
-
-    Each surrogate has parties of its own.
-    """
+    """Steps of several surrogates of the same candidates. Each surrogate has parties of its own."""
     each = [build_levels(surrogate, above=above) for surrogate in surrogates]
     known, threshold, gain = (
         np.concatenate([getattr(one, name) for one in each], axis=1) for name in ("known", "threshold", "gain")
@@ -247,10 +241,7 @@ def levels_of_shares(surrogates: Sequence[Surrogate], *, above: bool) -> Levels:
 
 
 def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
-    """Steps of all classes.
-
-    The mean of classes forms one party; the worst class gives one party per class.
-    """
+    """Steps of all classes. The mean of classes forms one party; the worst class gives one party per class."""
     evidence = surrogate.evidence()
     parts = [levels_of_hits(powers, model, above=above) for powers, _, model, _ in evidence]
     worst = surrogate.classes.combine == "worst"
@@ -277,10 +268,7 @@ def _solve(
     lost: Sequence[Bool[np.ndarray, " C"]] = (),
     until: float = 1.0,
 ) -> tuple[Solved, UnitPrices]:
-    """The cheapest set that meets the need.
-
-    It uses the rest of a share of the time.
-    """
+    """The cheapest set that meets the need. It uses the rest of a share of the time."""
     prices = objective.candidates.prices
     unit = max(float(prices.max(initial=0.0)), 1e-300) / PRICE_UNITS
     each = Prices.in_units(objective, unit)
@@ -294,10 +282,7 @@ def _solve(
 
 
 def _prune(objective: Objective, chosen: list[int], at_least: float, reached: Reached) -> list[int]:
-    """Drop unneeded sensors or replace them by cheaper ones.
-
-    Repeats as long as the set gets cheaper.
-    """
+    """Drop unneeded sensors or replace them by cheaper ones. Repeats as long as the set gets cheaper."""
     prices = objective.candidates.prices
     while True:
         options: list[list[int]] = []

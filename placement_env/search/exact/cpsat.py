@@ -319,10 +319,7 @@ def prove_bound(
 def _model(
     seen: np.ndarray, weights: np.ndarray, poles: Poles, budget: int, *, views: int, start: list[int], bound: int
 ) -> tuple[CpModel, list[IntVar]]:
-    """The programme and its variables x.
-
-    The set `start` is a complete hint.
-    """
+    """The programme and its variables x. The set `start` is a complete hint."""
     cp = cp_model()
     model = cp.CpModel()
     built = [model.new_bool_var("") for _ in range(len(seen))]

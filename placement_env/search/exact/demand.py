@@ -99,9 +99,6 @@ class DemandFidelity:
         self._whole, self._by, self._demand, self.name = whole, tuple(by), demand, whole.name
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Least AP of each set.
-
-        A trace of the intact set's AP separates equal ones.
-        """
+        """Least AP of each set. A trace of the intact set's AP separates equal ones."""
         intact = self._whole(subsets)
         return intact._replace(ap=self._demand.reach(self._by, subsets) + TIE * intact.ap)

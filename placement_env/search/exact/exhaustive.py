@@ -1,7 +1,4 @@
-"""Every set of up to 16 candidates.
-
-Yields the optimum, the best set of each size and the exact AP-kbit-price front.
-"""
+"""Every set of up to 16 candidates. Yields the optimum, the best set of each size and the exact AP-kbit-price front."""
 
 from __future__ import annotations
 
@@ -74,10 +71,7 @@ def front(objective: Objective, subsets: Bool[np.ndarray, "n C"], figures: Figur
 
 
 def costs(figures: Figures) -> Float64[np.ndarray, "n 3"]:
-    """Costs of a front, lower is better.
-
-    The costs are -AP, kbit of the whole set, and price.
-    """
+    """Costs of a front, lower is better. The costs are -AP, kbit of the whole set, and price."""
     return np.stack([-figures.ap, figures.kbit, figures.price], axis=1)
 
 

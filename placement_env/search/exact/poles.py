@@ -73,10 +73,7 @@ class Prices(NamedTuple):
         return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
 
     def expression(self, model: Any, built: list[IntVar], *, times: int = 1, plus: int = 0) -> Any:
-        """Price of the built sensors, scaled.
-
-        The price is multiplied by a number; another is added for each sensor.
-        """
+        """Price of the built sensors, scaled. The price is multiplied by a number; another is added for each sensor."""
         linear = cp_model().LinearExpr
         parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
         for here in np.unique(self.mount[self.shared > 0]):

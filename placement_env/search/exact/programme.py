@@ -46,10 +46,7 @@ class Levels(NamedTuple):
     parties: Bool[np.ndarray, "k O"]
 
     def worth(self, chosen: list[int]) -> int:
-        """Worth of the levels that a set reaches.
-
-        The party with the least counts.
-        """
+        """Worth of the levels that a set reaches. The party with the least counts."""
         reached = self.known[chosen].sum(axis=0) >= self.threshold
         return int((self.parties @ (self.gain * reached).sum(axis=0)).min())
 
@@ -77,10 +74,7 @@ class Solved(NamedTuple):
 
 
 def levels_of_coverage(seen: Bool[np.ndarray, "C O"], parties: Bool[np.ndarray, "k O"] | None = None) -> Levels:
-    """Equal worth for every object that a candidate sees.
-
-    parties: one with all objects by default.
-    """
+    """Equal worth for every object that a candidate sees. parties: one with all objects by default."""
     count = seen.shape[1]
     own = np.ones((1, count), np.bool_) if parties is None else parties
     return Levels(seen.astype(np.int64), np.ones((1, count), np.int64), np.ones((1, count), np.int64), own)

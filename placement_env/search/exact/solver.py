@@ -21,10 +21,7 @@ def build_solver(seconds: float, workers: int, seed: int, effort: float | None) 
 
 
 def cp_model() -> Any:
-    """OR-Tools' module of the same name.
-
-    Raises ImportError where it is missing.
-    """
+    """OR-Tools' module of the same name. Raises ImportError where it is missing."""
     try:
         from ortools.sat.python import cp_model
     except ImportError as error:

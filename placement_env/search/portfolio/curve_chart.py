@@ -1,7 +1,4 @@
-"""The budget curve as a picture.
-
-It shows AP with its interval over numbers of sensors or money.
-"""
+"""The budget curve as a picture. It shows AP with its interval over numbers of sensors or money."""
 
 from __future__ import annotations
 

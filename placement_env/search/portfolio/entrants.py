@@ -154,10 +154,7 @@ def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint:
 
 @dataclass(frozen=True)
 class _Swapped:
-    """Swap search for at most `size` sensors.
-
-    It starts from greedy's set and random ones.
-    """
+    """Swap search for at most `size` sensors. It starts from greedy's set and random ones."""
 
     size: int
     effort: Effort
@@ -243,10 +240,7 @@ def _one_a_mount(
     kept: dict[bytes, Bool[np.ndarray, " C"]],
     most: int,
 ) -> dict[bytes, Bool[np.ndarray, " C"]]:
-    """Kept sets and the first rows on new mounts.
-
-    Stops at `most` sets.
-    """
+    """Kept sets and the first rows on new mounts. Stops at `most` sets."""
     kept = dict(kept)
     for row in rows:
         if len(kept) >= most:
@@ -256,10 +250,7 @@ def _one_a_mount(
 
 
 def _front(objective: Objective, sets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, "k C"]:
-    """Sets that no other beats, by reward.
-
-    A set is beaten in reward, perception entropy and coverage at once.
-    """
+    """Sets that no other beats, by reward. A set is beaten in reward, perception entropy and coverage at once."""
     by_entropy, seen = entropy_objective(objective), objective.visibility
     if by_entropy is None or seen is None:
         return sets[:0]

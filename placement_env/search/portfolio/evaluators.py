@@ -50,10 +50,7 @@ class ThresholdFigures(NamedTuple):
 
 @runtime_checkable
 class Evaluator(Protocol):
-    """Score sets of candidates on unseen traffic.
-
-    No search saw these frames.
-    """
+    """Score sets of candidates on unseen traffic. No search saw these frames."""
 
     @property
     def name(self) -> str:
@@ -75,18 +72,12 @@ class Evaluator(Protocol):
         frames: Int64[np.ndarray, " k"],
         progress: Callable[[int], None] | None = None,
     ) -> Evaluated:
-        """Figures of the sets on these frames.
-
-        progress: called with the number of frames done.
-        """
+        """Figures of the sets on these frames. progress: called with the number of frames done."""
         ...
 
 
 class ProfileEvaluator(Protocol):
-    """Score sets at one error profile.
-
-    Figures are at every IoU threshold.
-    """
+    """Score sets at one error profile. Figures are at every IoU threshold."""
 
     @property
     def name(self) -> str:
@@ -108,10 +99,7 @@ class ProfileEvaluator(Protocol):
         frames: Int64[np.ndarray, " k"],
         progress: Callable[[int], None] | None = None,
     ) -> ThresholdFigures:
-        """Figures of the sets on these frames.
-
-        progress: called with the number of frames done.
-        """
+        """Figures of the sets on these frames. progress: called with the number of frames done."""
         ...
 
 
@@ -183,10 +171,7 @@ class CasesEvaluator:
         return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), over)
 
     def at_each(self, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> dict[str, Evaluated]:
-        """Figures of the sets at each error profile.
-
-        They are keyed by the profile's name.
-        """
+        """Figures of the sets at each error profile. They are keyed by the profile's name."""
         each = zip(self.cases.names, *self._at_profiles(sets, frames), strict=True)
         return {name: Evaluated(*figures) for name, *figures in each}
 
@@ -218,10 +203,7 @@ class CasesEvaluator:
 
 @dataclass(frozen=True, eq=False)
 class DetectorEvaluator:
-    """Evaluate by detection.
-
-    Detections are kept where `detected` keeps them. seed: of the resamples.
-    """
+    """Evaluate by detection. Detections are kept where `detected` keeps them. seed: of the resamples."""
 
     detected: Detected
     ious: tuple[float, ...] = (0.7,)

@@ -172,19 +172,13 @@ def contest(
 def weigh_costs(
     objective: Objective, sets: Bool[np.ndarray, "n C"], kbit: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, " n"]:
-    """Costs of communication and building, in AP.
-
-    kbit: total that each set sends.
-    """
+    """Costs of communication and building, in AP. kbit: total that each set sends."""
     per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
     return np.asarray(objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets))
 
 
 def find_entrants(objective: Objective, effort: Effort, seed: int, checkpoint: Checkpoint = NOWHERE) -> Entrants:
-    """Entrants of an objective, cached where possible.
-
-    The cache is that of its run.
-    """
+    """Entrants of an objective, cached where possible. The cache is that of its run."""
     made = objective.preparation
     cache = None if made is None else objective.run.memo
     depends_on = "" if made is None else made.traffic.digest()
@@ -235,10 +229,7 @@ def _several_profiles(final: Evaluator) -> TypeGuard[CasesEvaluator]:
 def aps_at_profiles(
     final: Evaluator, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]
 ) -> list[tuple[ProfileAP, ...]]:
-    """AP of each set at each error profile separately.
-
-    Empty where there is one profile.
-    """
+    """AP of each set at each error profile separately. Empty where there is one profile."""
     if not _several_profiles(final):
         return [()] * len(sets)
     each = final.at_each(sets, frames)

@@ -101,27 +101,18 @@ class Schedule:
         return None if self.seconds is None else self.seconds * SEARCHING / searches
 
     def frames(self, frames: int) -> int:
-        """Number of frames that fit, in whole blocks.
-
-        They are of one part of traffic.
-        """
+        """Number of frames that fit, in whole blocks. They are of one part of traffic."""
         if self.seconds is None or self.seconds >= LONG_ENOUGH:
             return frames
         blocks = int(frames * self.seconds / LONG_ENOUGH) // BLOCK_FRAMES
         return min(frames, max(FEWEST, blocks * BLOCK_FRAMES))
 
     def racing(self, evaluator: Evaluator, races: int = 1) -> Evaluator:
-        """Evaluator of a race that begins now.
-
-        The number of races still to come includes this one.
-        """
+        """Evaluator of a race that begins now. The number of races still to come includes this one."""
         return self._limit(evaluator, self.left / (races + 1), 1)
 
     def judging(self, evaluator: Evaluator) -> Evaluator:
-        """Evaluator of sets that are judged from now on.
-
-        It uses at least `FEWEST` frames: fewer say nothing.
-        """
+        """Evaluator of sets that are judged from now on. It uses at least `FEWEST` frames: fewer say nothing."""
         return self._limit(evaluator, self.left, FEWEST)
 
     def _limit(self, evaluator: Evaluator, seconds: float, least: int) -> Evaluator:

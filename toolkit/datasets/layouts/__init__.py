@@ -1,4 +1,1 @@
-"""Foreign recordings of clouds, one file per layout.
-
-Each file also names the layout's traps.
-"""
+"""Foreign recordings of clouds, one file per layout. Each file also names the layout's traps."""

@@ -57,10 +57,7 @@ class Checked(NamedTuple):
 
 
 def sweep_times(log: str | Path) -> list[int]:
-    """Timestamps (ns) of a log's sweeps, in order.
-
-    Raises FileNotFoundError if the folder is not a log.
-    """
+    """Timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError if the folder is not a log."""
     times = sorted(int(file.stem) for file in Path(log, "sensors", "lidar").glob("*.feather"))
     if not times:
         raise FileNotFoundError(f"{log} is no Argoverse 2 log: it has no sensors/lidar/*.feather")
@@ -88,10 +85,7 @@ def read_labels(log: str | Path, time: int) -> Labels:
 
 
 def split_sweep(log: str | Path, time: int) -> dict[str, Float64[np.ndarray, "_ 3"]]:
-    """Clouds of each lidar in one sweep.
-
-    Points are in the lidar's own frame (m).
-    """
+    """Clouds of each lidar in one sweep. Points are in the lidar's own frame (m)."""
     table, calibration = read_table(Path(log, "sensors", "lidar", f"{time}.feather")), read_calibration(log)
     points = np.column_stack([table[axis].astype(np.float64) for axis in "xyz"])
     return {
@@ -146,10 +140,7 @@ _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "P
 
 
 def argoverse(path: Path) -> Listing:
-    """Sweeps of a log.
-
-    Raises FileNotFoundError if the folder is not a log.
-    """
+    """Sweeps of a log. Raises FileNotFoundError if the folder is not a log."""
     names = tuple(str(time) for time in sweep_times(path))
     return Listing(names, lambda name: _sample(path, name))
 

@@ -53,10 +53,7 @@ _COOPERATIVE = "label_world", "label"
 
 
 def dair(path: Path) -> Listing:
-    """Frames of one side's folder or of the cooperative part.
-
-    Raises FileNotFoundError for any other folder.
-    """
+    """Frames of one side's folder or of the cooperative part. Raises FileNotFoundError for any other folder."""
     inner = next((each for each in (path, path / "cooperative-vehicle-infrastructure") if _is_pair(each)), None)
     if inner is not None:
         return _pairs(inner)
@@ -113,10 +110,7 @@ def _pair(root: Path, name: str, pair: dict[str, Any]) -> Frame:
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
-    """Pose of a calibration file, made rigid.
-
-    offset: added to x and y, the file's own relative_error if None.
-    """
+    """Pose of a calibration file, made rigid. offset: added to x and y, the file's own relative_error if None."""
     with named_damage(path, "calibration"):
         content = load_json(path)
         inner = content.get("transform", content)
@@ -137,10 +131,7 @@ def _offset(value: Any) -> tuple[float, float] | None:
 def read_annotations(
     path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: dict[str, int]
 ) -> Labelled:
-    """Objects of a label file, in the world frame.
-
-    Empty without a file.
-    """
+    """Objects of a label file, in the world frame. Empty without a file."""
     boxes: list[list[float]] = []
     names: list[str] = []
     ids: list[Any] = []
@@ -176,10 +167,7 @@ def written_labels(sample: Frame) -> list[dict[str, Any]]:
 
 
 def write_dair(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as one infrastructure side; return how many.
-
-    The clouds of each become one, in its world frame.
-    """
+    """Write frames as one infrastructure side; return how many. The clouds of each become one, in its world frame."""
     written = 0
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:06d}"

@@ -45,20 +45,14 @@ _FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "
 
 
 def holds_clouds(path: str | Path) -> bool:
-    """Return True for an HDF5 file of recorded clouds.
-
-    Raises OSError for any other kind of file.
-    """
+    """Return True for an HDF5 file of recorded clouds. Raises OSError for any other kind of file."""
     with _opened(path) as file:
         return str(reader.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND
 
 
 @contextmanager
 def _opened(path: str | Path) -> Iterator[h5py.File]:
-    """Open a file to read.
-
-    Any damage is reported in one line, which names the file.
-    """
+    """Open a file to read. Any damage is reported in one line, which names the file."""
     with reader.open_hdf5(path) as file, named_damage(path, "recording of clouds"):
         try:
             yield file
@@ -67,10 +61,7 @@ def _opened(path: str | Path) -> Iterator[h5py.File]:
 
 
 def hdf5_clouds(path: Path) -> Listing:
-    """Frames of a file of recorded clouds.
-
-    Raises ValueError, in one line, for a damaged file.
-    """
+    """Frames of a file of recorded clouds. Raises ValueError, in one line, for a damaged file."""
     with _opened(path) as file:
         version = reader.read_node_attributes(file, "the file").get("version")
         if version != _VERSION:

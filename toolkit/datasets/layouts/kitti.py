@@ -53,10 +53,7 @@ class _Calibration(NamedTuple):
 
 
 def kitti(path: Path) -> Listing:
-    """Frames of a folder.
-
-    Raises FileNotFoundError if it is not one of KITTI's.
-    """
+    """Frames of a folder. Raises FileNotFoundError if it is not one of KITTI's."""
     folder = next((each for each in (path, path / "training", path / "testing") if (each / "velodyne").is_dir()), None)
     if folder is None:
         raise FileNotFoundError(f"{path} is no KITTI folder: it has no velodyne/ nor training/velodyne/")
@@ -124,10 +121,7 @@ def _calibration(text: str) -> _Calibration:
 
 
 def _image_size(image: Path) -> tuple[int, int]:
-    """Width and height in the header of a PNG.
-
-    Without a file they are the usual ones.
-    """
+    """Width and height in the header of a PNG. Without a file they are the usual ones."""
     head = image.open("rb").read(24) if image.is_file() else b""
     if len(head) == 24 and head[:8] == b"\x89PNG\r\n\x1a\n":
         width, height = struct.unpack(">II", head[16:24])
@@ -183,10 +177,7 @@ _OWN = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram"
 
 
 def kitti_line(box: np.ndarray, name: str, camera_SE3_lidar: np.ndarray, rectangle: np.ndarray) -> str:
-    """Format one box as a line of label_2.
-
-    Its rectangle in the image is given.
-    """
+    """Format one box as a line of label_2. Its rectangle in the image is given."""
     *_, length, width, height, yaw = box
     x, y, z = transform(camera_SE3_lidar, box[None, :3])[0]
     ahead = camera_SE3_lidar[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]

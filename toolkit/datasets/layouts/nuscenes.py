@@ -154,10 +154,7 @@ def _kind(tables: dict[str, Table], row: dict[str, Any], instance: str) -> str:
 
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as a root with v1.0-coview/; return how many.
-
-    Each sensor is a channel in its own frame.
-    """
+    """Write frames as a root with v1.0-coview/; return how many. Each sensor is a channel in its own frame."""
     tables: dict[str, list[dict[str, Any]]] = {
         name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")
     }

@@ -46,10 +46,7 @@ _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "h
 
 
 def openlabel(path: Path) -> Listing:
-    """Frames of one label file, or of all below a folder.
-
-    Raises FileNotFoundError if there are none.
-    """
+    """Frames of one label file, or of all below a folder. Raises FileNotFoundError if there are none."""
     files = [path] if path.is_file() else sorted(path.rglob("*.json"))
     if not files:
         raise FileNotFoundError(f"{path} holds no OpenLABEL files (*.json)")
@@ -92,10 +89,7 @@ def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
 
 
 def _sensor(file: Path, properties: dict[str, Any], place: int) -> str:
-    """Sensor of a cloud.
-
-    It is the stream that the frame names in its place, else the cloud's folder.
-    """
+    """Sensor of a cloud. It is the stream that the frame names in its place, else the cloud's folder."""
     streams = list(properties.get("streams", {}))
     return streams[place] if place < len(streams) else file.parent.name
 
@@ -132,10 +126,7 @@ def _points(cuboid: dict[str, Any]) -> int:
 
 
 def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as label files and clouds; return how many.
-
-    Every sensor's cloud is in its own frame.
-    """
+    """Write frames as label files and clouds; return how many. Every sensor's cloud is in its own frame."""
     written = 0
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:06d}"

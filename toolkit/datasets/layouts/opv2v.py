@@ -49,10 +49,7 @@ _NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "h
 
 
 def opv2v(path: Path, *, left_handed: bool = True) -> Listing:
-    """Frames of all scenarios below a folder, all agents together.
-
-    Raises FileNotFoundError if there are none.
-    """
+    """Frames of all scenarios below a folder, all agents together. Raises FileNotFoundError if there are none."""
     names: dict[str, list[Path]] = {}
     for file in sorted(path.rglob("*.yaml")):
         if any(file.with_suffix(ending).is_file() for ending in ENDINGS):

@@ -27,10 +27,7 @@ SAME_OBJECT = 0.3  # BEV IoU; two agents' labels of one class above it are one o
 
 
 def rcooper(path: Path) -> Listing:
-    """Frames of the whole set, each of all agents.
-
-    Raises FileNotFoundError if the folder is not such a set.
-    """
+    """Frames of the whole set, each of all agents. Raises FileNotFoundError if the folder is not such a set."""
     names: dict[str, list[tuple[str, Path]]] = {}
     for scene in sorted((path / "data").glob("*")):
         agents = [name for name in scene.name.split("-") if (scene / name).is_dir()]
@@ -74,10 +71,7 @@ def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Frame:
 
 
 def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
-    """Merge several agents' objects into one list.
-
-    Returns the list and its rows among all of them.
-    """
+    """Merge several agents' objects into one list. Returns the list and its rows among all of them."""
     boxes = np.concatenate([np.zeros((0, 7)), *(part.boxes for part in parts)])
     labels = np.concatenate([np.zeros(0, np.int64), *(part.labels for part in parts)])
     ids = np.concatenate([np.zeros(0, np.int64), *(part.ids for part in parts)])

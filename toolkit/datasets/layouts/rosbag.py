@@ -44,10 +44,7 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 
 @dataclass(frozen=True)
 class Bag:
-    """Frames of a bag.
-
-    The bag is read from its beginning each time they are asked for.
-    """
+    """Frames of a bag. The bag is read from its beginning each time they are asked for."""
 
     path: Path
     rounds: int
@@ -59,10 +56,7 @@ class Bag:
         return self.rounds
 
     def __getitem__(self, index: int) -> Frame:
-        """Frame of this number.
-
-        The bag is read on from the last frame, or again from its beginning.
-        """
+        """Frame of this number. The bag is read on from the last frame, or again from its beginning."""
         if not 0 <= index < self.rounds:
             raise IndexError(f"there is no frame {index}: {self.path} has {self.rounds}, counted from 0")
         following, frames = self._reading.pop() if self._reading else (0, iter(self))
@@ -107,10 +101,7 @@ class Bag:
 
 @dataclass(frozen=True, eq=False)
 class _Moving:
-    """One coordinate frame's poses in its parent.
-
-    It has poses at some times (ns); a static frame has a single one.
-    """
+    """One coordinate frame's poses in its parent. It has poses at some times (ns); a static frame has a single one."""
 
     parent: str
     times: np.ndarray
@@ -125,10 +116,7 @@ class _Moving:
 
 
 def rosbag(path: Path) -> Bag:
-    """Frames of a bag.
-
-    Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2.
-    """
+    """Frames of a bag. Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
     last: set[str] = set()
     rounds = 0
     for topic in _topics(path, CLOUD):
@@ -161,10 +149,7 @@ def _frames(path: Path) -> dict[str, _Moving]:
 
 
 def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Float64[np.ndarray, "4 4"]:
-    """Pose of a frame in its tree's root.
-
-    time is in ns. Raises ValueError if tf runs in a circle.
-    """
+    """Pose of a frame in its tree's root. time is in ns. Raises ValueError if tf runs in a circle."""
     pose = np.eye(4)
     for _ in range(MOST_LINKS):
         if frame not in frames:
@@ -193,10 +178,7 @@ def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share:
 
 
 def parse_columns(message: Any) -> dict[str, np.ndarray]:
-    """Parse the fields of a PointCloud2, a row per point.
-
-    Raises ValueError if they do not fit its bytes.
-    """
+    """Parse the fields of a PointCloud2, a row per point. Raises ValueError if they do not fit its bytes."""
     order = ">" if message.is_bigendian else "<"
     count, step = int(message.width) * int(message.height), int(message.point_step)
     data = np.asarray(message.data, np.uint8)

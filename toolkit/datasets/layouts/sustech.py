@@ -39,10 +39,7 @@ _NAMES = {"vehicle": "Car", "cyclist": "Bicycle", "pedestrian": "Pedestrian", "h
 
 
 def sustech(path: Path) -> Listing:
-    """Frames of a scene's folder.
-
-    Raises FileNotFoundError if it is not a scene.
-    """
+    """Frames of a scene's folder. Raises FileNotFoundError if it is not a scene."""
     files = {file.stem: file for file in sorted((path / "lidar").glob("*")) if file.suffix.lower() in ENDINGS}
     if not files:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")

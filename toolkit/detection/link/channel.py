@@ -72,20 +72,14 @@ PERFECT = LinkChannel()
 
 
 class Line:
-    """Messages of one sensor through a channel.
-
-    In the order of sending. seed: of all random draws.
-    """
+    """Messages of one sensor through a channel. In the order of sending. seed: of all random draws."""
 
     def __init__(self, channel: LinkChannel, seed: int | list[int]) -> None:
         self.channel, self._rng, self._sent = channel, np.random.default_rng(seed), 0
         self._bad = bool(self._rng.random() < channel.loss)
 
     def arrival(self, time: float) -> float:
-        """Arrival of a message measured at a time (s).
-
-        Infinite if it is lost or not sent.
-        """
+        """Arrival of a message measured at a time (s). Infinite if it is lost or not sent."""
         channel, number = self.channel, self._sent
         self._sent += 1
         jitter, change = self._rng.standard_normal() * channel.jitter, self._rng.random()
@@ -161,10 +155,7 @@ def _newest(
     now: float,
     needed: Callable[[int], Sequence[int]] | None,
 ) -> int | None:
-    """Number of the newest readable frame.
-
-    Frames that are too old do not count.
-    """
+    """Number of the newest readable frame. Frames that are too old do not count."""
     for k in range(len(arrivals) - 1, -1, -1):
         if now - history[k].time > STALE + 1e-9:
             return None
@@ -176,10 +167,7 @@ def _newest(
 def _put_together(
     history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
 ) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
-    """Combine these instants into a frame.
-
-    The apparent age of each measurement is given too.
-    """
+    """Combine these instants into a frame. The apparent age of each measurement is given too."""
     now = history[-1]
     sensors, measurements, shifts, ages = [], [], [], []
     for sensor, k in enumerate(newest):

@@ -85,10 +85,7 @@ _REFERS = struct.Struct("<BBI")
 
 
 class MissedReference(ValueError):
-    """Difference from a message that the reader does not have.
-
-    The next whole image can be read again.
-    """
+    """Difference from a message that the reader does not have. The next whole image can be read again."""
 
 
 class _Difference(NamedTuple):
@@ -136,10 +133,7 @@ class DifferenceSender:
         return write_message(header, content + encode_missing(missing))
 
     def _difference(self, image: RangeImage, steps: np.ndarray, sent: np.ndarray) -> _Difference | None:
-        """Difference of an image.
-
-        None if it must be sent whole.
-        """
+        """Difference of an image. None if it must be sent whole."""
         reference = self._reference
         if reference is None or not reference.number < image.number < self._key + self.key_every:
             return None
@@ -152,10 +146,7 @@ class DifferenceSender:
 
 
 class DifferenceReader:
-    """Reader of a `DifferenceSender`'s messages.
-
-    It has the same empty scene.
-    """
+    """Reader of a `DifferenceSender`'s messages. It has the same empty scene."""
 
     def __init__(self, scene: EmptyScene) -> None:
         self.scene = scene
@@ -237,10 +228,7 @@ class Reference:
 
     @cached_property
     def checksum(self) -> int:
-        """CRC-32 of the state.
-
-        Equal if sender and reader share it.
-        """
+        """CRC-32 of the state. Equal if sender and reader share it."""
         pixels = np.flatnonzero(self.images)
         parts = (np.array([self.number, self.step_mm]), pixels, self.fine.ravel()[pixels], self.images.ravel()[pixels])
         return zlib.crc32(np.concatenate(parts).astype("<i8").tobytes())
@@ -258,10 +246,7 @@ class Reference:
     def after(
         self, number: int, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
     ) -> Reference:
-        """State after one more image.
-
-        Means continue where pixels stand still, and restart where they do not.
-        """
+        """State after one more image. Means continue where pixels stand still, and restart where they do not."""
         stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
         images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
         before = self.fine[sent]
@@ -284,10 +269,7 @@ class Reference:
 def still_squares(
     reference: Reference, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
 ) -> Bool[np.ndarray, "down across"]:
-    """Mark squares that the reference predicts best.
-
-    It predicts them better than neighbours do.
-    """
+    """Mark squares that the reference predicts best. It predicts them better than neighbours do."""
     stands = _count_pixels(reference.standing(steps, sent))
     return (stands > 0) & (stands > STILL_SHARE * _count_pixels(reference.known))
 
@@ -353,10 +335,7 @@ def _round_steps(fine: np.ndarray) -> np.ndarray:
 
 
 def _predictions(reference: Reference, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reference of pixels in whole steps, and rounding.
-
-    Rounding is 1 where it was rounded down, else -1.
-    """
+    """Reference of pixels in whole steps, and rounding. Rounding is 1 where it was rounded down, else -1."""
     fine = reference.fine[pixels]
     whole = _round_steps(fine)
     return whole, np.where(fine >= _FINE * whole, 1, -1)

@@ -44,10 +44,7 @@ from toolkit.sensors.sensor import Sensor, is_return
 
 
 class SendsForeground:
-    """Base of schemes that detect once in all foreground.
-
-    Sensors send the foreground.
-    """
+    """Base of schemes that detect once in all foreground. Sensors send the foreground."""
 
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
@@ -185,10 +182,7 @@ def read_foreground(
 def check_pixels(
     image: RangeImage, scene: EmptyScene, missing: Bool[np.ndarray, "rows columns"] | None
 ) -> tuple[Bool[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
-    """Masks of sent and missing pixels of an image.
-
-    Raises ValueError as `encode_foreground`.
-    """
+    """Masks of sent and missing pixels of an image. Raises ValueError as `encode_foreground`."""
     if (image.sensor.name, image.sensor.model) != (scene.name, scene.model):
         raise ValueError(f"the empty scene is of {scene.name!r}, {scene.model}, the image of {image.sensor.name!r}")
     sent = is_return(image.measurement, scene.model.max_range)
@@ -207,10 +201,7 @@ def scene_header(scene: EmptyScene) -> dict[str, int]:
 
 
 def encode_missing(missing: Bool[np.ndarray, "rows columns"]) -> bytes:
-    """Encode missing pixels as a mask.
-
-    Nothing is written if none is missing.
-    """
+    """Encode missing pixels as a mask. Nothing is written if none is missing."""
     return encode_mask(missing) if missing.any() else b""
 
 
@@ -237,10 +228,7 @@ def draw_scene_around(
     sent: Bool[np.ndarray, "rows columns"],
     missing: Bool[np.ndarray, "rows columns"],
 ) -> Restored:
-    """Draw the empty scene into all other pixels.
-
-    These are neither sent nor missing.
-    """
+    """Draw the empty scene into all other pixels. These are neither sent nor missing."""
     measured = from_steps(steps, sent, header.step, scene.model)
     return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing)
 
@@ -271,10 +259,7 @@ LEAST_COMPANY = 3  # missing pixels, counting the pixel itself, unless all are m
 
 
 class DrawnScene(NamedTuple):
-    """Points of an empty scene in the crop.
-
-    World frame; their pixels are counted row after row.
-    """
+    """Points of an empty scene in the crop. World frame; their pixels are counted row after row."""
 
     points: Float32[np.ndarray, "n 3"]
     pixels: Int64[np.ndarray, " n"]
@@ -303,10 +288,7 @@ def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) 
 
 
 def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
-    """Draw the points of a sensor that sends nothing.
-
-    captured: for sensor and crop.
-    """
+    """Draw the points of a sensor that sends nothing. captured: for sensor and crop."""
     return _draw(scene, captured.sensor, Crop.of(captured.area, captured.height), captured.lift)
 
 

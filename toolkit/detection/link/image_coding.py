@@ -34,10 +34,7 @@ _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
 
 
 def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
-    """Pack numbers as bytes.
-
-    Raises ValueError for a number below 0 or above 2^32 - 1.
-    """
+    """Pack numbers as bytes. Raises ValueError for a number below 0 or above 2^32 - 1."""
     if len(values) and not (values.min() >= 0 and values.max() <= LARGEST):
         raise ValueError(f"numbers from 0 to {LARGEST} are packed, got {values.min()} to {values.max()}")
     size = np.frexp(values.astype(np.float64))[1].astype(np.int64)
@@ -67,10 +64,7 @@ def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarra
 
 
 def write_fixed(values: Int64[np.ndarray, " n"], width: int) -> bytes:
-    """Write numbers of `width` bits each, highest first.
-
-    Zeros fill the last byte.
-    """
+    """Write numbers of `width` bits each, highest first. Zeros fill the last byte."""
     return _write_bits(values, np.full(len(values), width))
 
 
@@ -104,10 +98,7 @@ def _read_bits(data: bytes, start: int, width: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _places(width: np.ndarray) -> np.ndarray:
-    """Place of every bit in its number.
-
-    From the highest down.
-    """
+    """Place of every bit in its number. From the highest down."""
     ends = np.cumsum(width)
     return np.repeat(ends, width) - 1 - np.arange(int(width.sum()))
 
@@ -121,10 +112,7 @@ def _deflate(data: bytes) -> bytes:
 
 
 def _inflate(data: bytes, count: int) -> np.ndarray:
-    """Inflate `count` bytes.
-
-    Raises ValueError for any other number of bytes.
-    """
+    """Inflate `count` bytes. Raises ValueError for any other number of bytes."""
     opener = zlib.decompressobj(-15)
     try:
         content = opener.decompress(data, count + 1)
@@ -136,10 +124,7 @@ def _inflate(data: bytes, count: int) -> np.ndarray:
 
 
 def _variable(number: int) -> bytes:
-    """Write a number as 7 bits a byte, lowest first.
-
-    The highest bit says that more follow.
-    """
+    """Write a number as 7 bits a byte, lowest first. The highest bit says that more follow."""
     out = bytearray()
     while number > 127:
         out.append(number & 127 | 128)
@@ -164,10 +149,7 @@ _ALONG_ROWS, _LEFT_AND_UP = 0, 1
 
 
 def encode_pixels(steps: Int64[np.ndarray, "rows columns"], mask: Bool[np.ndarray, "rows columns"]) -> bytes:
-    """Encode the pixels of the mask.
-
-    Raises ValueError for steps below 0 or from 2^24 on.
-    """
+    """Encode the pixels of the mask. Raises ValueError for steps below 0 or from 2^24 on."""
     return encode_mask(mask) + encode_values(steps, mask)
 
 
@@ -287,10 +269,7 @@ def _distances(changes: np.ndarray) -> np.ndarray:
 
 
 def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
-    """Predict every pixel of the mask.
-
-    `_add_up` does the same one after another.
-    """
+    """Predict every pixel of the mask. `_add_up` does the same one after another."""
     at, wide = _pad_places(mask)
     known = np.full((mask.shape[0] + 1) * wide, -1, np.int64)
     if given is not None:

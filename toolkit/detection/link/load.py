@@ -85,10 +85,7 @@ def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoa
 
 
 def format_loads(loads: Iterable[SetLoad]) -> str:
-    """Format the load of schemes and sensor sets.
-
-    A line for each, a column with the share of each link's capacity.
-    """
+    """Format the load of schemes and sensor sets. A line for each, a column with the share of each link's capacity."""
     table = [["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES]]
     for each in loads:
         load, named = each.load, [each.scheme, ",".join(map(str, each.sensors)) or "none"]

@@ -46,10 +46,7 @@ class MessageKind(IntEnum):
 
 @dataclass(frozen=True)
 class MessageHeader:
-    """Header of a message; fields as in the table above.
-
-    Raises ValueError for a number that does not fit its field.
-    """
+    """Header of a message; fields as in the table above. Raises ValueError for a number that does not fit its field."""
 
     kind: MessageKind
     sensor: int = 0
@@ -87,10 +84,7 @@ def sensor_number(name: str) -> int:
 
 
 def step_in_mm(step: float) -> int:
-    """Convert a step (m) for messages.
-
-    Raises ValueError unless it is a whole number of millimetres from 1 to 65535.
-    """
+    """Convert a step (m) for messages. Raises ValueError unless it is a whole number of millimetres from 1 to 65535."""
     mm = round(step * 1000) if 0 < step < 66 else 0
     if not (1 <= mm <= 65535 and abs(step * 1000 - mm) < 1e-6):
         raise ValueError(f"step must be a whole number of millimetres, 0.001 to 65.535 m, got {step}: such as 0.02")
@@ -98,10 +92,7 @@ def step_in_mm(step: float) -> int:
 
 
 def time_in_us(time: float) -> int:
-    """Convert seconds for messages.
-
-    Raises ValueError for a negative time or NaN.
-    """
+    """Convert seconds for messages. Raises ValueError for a negative time or NaN."""
     if not 0 <= time < 2**43:
         raise ValueError(f"time of a message must be seconds from 0 on, got {time}")
     return round(time * 1e6)
@@ -139,10 +130,7 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
 
 
 def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> None:
-    """Check the header of a message.
-
-    Raises ValueError for a message of another kind, sensor, shape, scene or step.
-    """
+    """Check the header of a message. Raises ValueError for a message of another kind, sensor, shape, scene or step."""
     if header.kind != kind:
         raise ValueError(f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}")
     for name, value in expected.items():
@@ -216,15 +204,9 @@ class Inbox:
 
     @property
     def lost(self) -> int:
-        """Number of lost messages.
-
-        They lie between the first and the last one taken and have not arrived.
-        """
+        """Number of lost messages. They lie between the first and the last one taken and have not arrived."""
         return self._missing
 
     def age(self, now: float) -> float:
-        """Seconds since the shown measurement.
-
-        Infinite before the first.
-        """
+        """Seconds since the shown measurement. Infinite before the first."""
         return float("inf") if self.latest is None else now - self.latest.time

@@ -73,10 +73,7 @@ def encode_boxes(detections: Detections) -> bytes:
 
 
 def decode_boxes(content: bytes) -> Detections:
-    """Decode the boxes of `encode_boxes`.
-
-    Raises ValueError for other bytes.
-    """
+    """Decode the boxes of `encode_boxes`. Raises ValueError for other bytes."""
     if len(content) < _COUNT.size:
         raise ValueError("the content of boxes begins with their count: it is cut off")
     (count,) = _COUNT.unpack_from(content)
@@ -114,10 +111,7 @@ STEPS = (0.02, 0.04, 0.08)  # m, the usual ones
 
 @dataclass(frozen=True)
 class RangeImages:
-    """Codec of range images in whole steps (m).
-
-    Raises ValueError for a step that messages cannot express.
-    """
+    """Codec of range images in whole steps (m). Raises ValueError for a step that messages cannot express."""
 
     step: float = 0.02
 
@@ -148,10 +142,7 @@ class RangeImages:
         return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Refuse points without their image.
-
-        Raises ValueError: points alone do not say which pixels they are.
-        """
+        """Refuse points without their image. Raises ValueError: points alone do not say which pixels they are."""
         raise ValueError(f"{self} sends images, got {len(points)} points alone: use PaperCodec without images")
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
@@ -166,19 +157,13 @@ class RangeImages:
         return Message(content, 8 * len(content))
 
     def decode_boxes(self, message: Message, /) -> Detections:
-        """Decode boxes.
-
-        Raises ValueError for a damaged message.
-        """
+        """Decode boxes. Raises ValueError for a damaged message."""
         header, content = read_message(message.content)
         check_header(header, MessageKind.BOXES, step_mm=step_in_mm(BOX_STEP))
         return decode_boxes(content)
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
-        """Estimate the bits.
-
-        The size of a message depends on its content.
-        """
+        """Estimate the bits. The size of a message depends on its content."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * OVERHEAD)
 
@@ -201,10 +186,7 @@ def image_header(kind: MessageKind, image: RangeImage, step: float, scene: int =
 def to_steps(
     measurement: Float32[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float
 ) -> Int64[np.ndarray, "rows columns"]:
-    """Convert measurements to whole steps.
-
-    0 for pixels that are not sent.
-    """
+    """Convert measurements to whole steps. 0 for pixels that are not sent."""
     steps = np.zeros(measurement.shape, np.int64)
     steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
     return steps
@@ -213,10 +195,7 @@ def to_steps(
 def from_steps(
     steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float, model: SensorModel
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Convert steps of sent pixels to measurements (m).
-
-    Never 0 and always below the model's range.
-    """
+    """Convert steps of sent pixels to measurements (m). Never 0 and always below the model's range."""
     last = np.nextafter(np.float32(model.max_range), np.float32(0))
     measured = np.zeros(steps.shape, np.float32)
     measured[sent] = np.clip(steps[sent] * step, step / 4, min(float(last), float(np.finfo(np.float32).max)))

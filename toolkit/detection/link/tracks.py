@@ -27,10 +27,7 @@ FORGOTTEN = 1.0  # s without a detection
 
 
 class Tracks:
-    """Tracks of detected objects, none at first.
-
-    Times are in s.
-    """
+    """Tracks of detected objects, none at first. Times are in s."""
 
     def __init__(self) -> None:
         self._time = 0.0
@@ -45,10 +42,7 @@ class Tracks:
         return len(self._state)
 
     def update(self, detections: Detections, time: float) -> None:
-        """Update with detections in measurements of a time.
-
-        Raises ValueError for a time before the last one.
-        """
+        """Update with detections in measurements of a time. Raises ValueError for a time before the last one."""
         if len(self) and time < self._time:
             raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
         again = bool(len(self)) and time == self._time
