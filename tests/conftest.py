@@ -1,4 +1,4 @@
-"""The browser that pages are opened in."""
+"""The browser that pages are opened in, and a Ray cluster of two nodes."""
 
 import shutil
 
@@ -19,3 +19,15 @@ def browser():
         chromium = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
         yield chromium
         chromium.close()
+
+
+@pytest.fixture(scope="module")
+def two_nodes():
+    ray = pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    node = {"num_cpus": 1, "object_store_memory": 100_000_000}
+    cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+    yield cluster, cluster.add_node(**node)
+    ray.shutdown()  # a cluster cannot end while this process is part of it
+    cluster.shutdown()

@@ -264,17 +264,6 @@ class Stuck:
         return x * x
 
 
-@pytest.fixture(scope="module")
-def two_nodes():
-    pytest.importorskip("ray")
-    from ray.cluster_utils import Cluster
-
-    node = {"num_cpus": 1, "object_store_memory": 100_000_000}
-    cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
-    yield cluster, cluster.add_node(**node)
-    cluster.shutdown()
-
-
 @pytest.mark.slow
 def test_ray_gives_what_a_loop_gives(two_nodes):
     cluster, _ = two_nodes
