@@ -249,7 +249,10 @@ def test_without_it_nothing_happens(monkeypatch, library):
 
 @dataclass
 class Stuck:
-    """Squares, noting in a file on which node and in which process each was begun; on one node it never ends."""
+    """Squares, noting in a file on which node and in which process each was begun.
+
+    On one node it never ends, and on others not before that one has begun.
+    """
 
     log: Path
     node: str
@@ -260,7 +263,10 @@ class Stuck:
         node = ray.get_runtime_context().get_node_id()
         with self.log.open("a") as file:
             file.write(f"{x} {node} {os.getpid()}\n")
-        time.sleep(3600 if node == self.node else 0.1)
+        if node == self.node:
+            time.sleep(3600)
+        while self.node not in self.log.read_text():
+            time.sleep(0.01)
         return x * x
 
 
