@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit import CoopDataset, draw_density_cdf, simulate_dataset, survey
+from toolkit import CoopDataset, Run, draw_density_cdf, simulate_dataset, survey
 
 SETS = ((4,), (3, 4), (0, 2, 5), (1, 3, 4, 5), (0, 1, 2, 3, 4, 5))
 
@@ -16,7 +16,7 @@ SETS = ((4,), (3, 4), (0, 2, 5), (1, 3, 4, 5), (0, 1, 2, 3, 4, 5))
 def main(frames: int = 40) -> None:
     """Record a few frames, count, and draw the distribution for each sensor set."""
     with tempfile.TemporaryDirectory() as folder:
-        simulate_dataset("tjunction", frames=frames, seed=0, out=Path(folder, "few.hdf5"), workers=1)
+        simulate_dataset("tjunction", Path(folder, "few.hdf5"), run=Run(frames=frames))
         with CoopDataset(Path(folder, "few.hdf5")) as recording:
             counts = survey(recording)
     for chosen in SETS:

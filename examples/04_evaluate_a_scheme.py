@@ -12,6 +12,7 @@ from toolkit import (
     ClusterDetector,
     Comparison,
     CoopDataset,
+    Run,
     empty_scene,
     evaluate_recording,
     format_table,
@@ -23,7 +24,7 @@ from toolkit import (
 def main(frames: int = 20) -> None:
     """Any function from points (n, 3) to `Detections` is a detector; the classical one needs no training."""
     with tempfile.TemporaryDirectory() as folder:
-        simulate_dataset("tjunction", frames=frames, seed=0, out=Path(folder, "few.hdf5"), workers=1)
+        simulate_dataset("tjunction", Path(folder, "few.hdf5"), run=Run(frames=frames))
         with CoopDataset(Path(folder, "few.hdf5")) as recording:
             detector = ClusterDetector.learn(
                 frame_points(empty_scene(recording), area=recording.site, rng=np.random.default_rng(0))

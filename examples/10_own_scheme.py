@@ -17,6 +17,7 @@ from toolkit import (
     CoopDataset,
     Detections,
     Fused,
+    Run,
     Scheme,
     View,
     evaluate_recording,
@@ -62,7 +63,7 @@ class Budgeted:
 def main(frames: int = 10) -> None:
     """An own scheme goes wherever a built-in one does."""
     with tempfile.TemporaryDirectory() as folder:
-        simulate_dataset("tjunction", frames=frames, seed=0, out=Path(folder, "few.hdf5"), workers=1)
+        simulate_dataset("tjunction", Path(folder, "few.hdf5"), run=Run(frames=frames))
         with CoopDataset(Path(folder, "few.hdf5")) as recording:
             schemes: list[Scheme | str] = ["late", Budgeted(), "foreground", "early"]
             detector = ClusterDetector.of(recording)

@@ -16,6 +16,7 @@ from toolkit.datasets.readings import read_frame
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.plots.canvas import blank_figure, house_style, write_figure
 from toolkit.points import frame_points
+from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import find_profile
 
 SENSOR = 1  # d1 looks at the middle of the T-junction
@@ -74,7 +75,7 @@ def main(folder: Path) -> None:
     """Record two minutes of the T-junction and draw every picture into the folder."""
     with TemporaryDirectory() as scratch:
         path = Path(scratch) / "tjunction.hdf5"
-        simulate_dataset("tjunction", frames=60, seed=992, out=path, workers=1)
+        simulate_dataset("tjunction", path, run=Run(frames=60, seed=992))
         with CoopDataset(path) as recording:
             draw_foreground(recording, folder / "foreground.png")
             draw_errors(recording, folder / "error-profiles.png")

@@ -10,6 +10,7 @@ from models.weight_files import load_weights
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.runtime.run import Run
 
 WEIGHTS = sorted(Path(SHIPPED).rglob("*.safetensors"))
 
@@ -70,7 +71,7 @@ def test_they_detect_what_they_detected(name):
 
 @pytest.mark.parametrize("site", ["tjunction", "roundabout"])
 def test_they_detect_at_their_site_and_the_general_ones_at_both(site, tmp_path):
-    simulate_dataset(site, frames=4, seed=31, out=tmp_path / "few.hdf5", workers=1)
+    simulate_dataset(site, tmp_path / "few.hdf5", run=Run(frames=4, seed=31))
     with CoopDataset(tmp_path / "few.hdf5") as recording:
         for name in (site, "general"):
             detector = load_detector(name, site=site, area=recording.site.area)

@@ -13,9 +13,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
-from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -26,59 +25,44 @@ from toolkit.frame import Frame
 from toolkit.objects import LABELS, Objects
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.resumable import ShardFolder, describe_differences, make_shards
+from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import INTERVAL, sumo_step
 
-if TYPE_CHECKING:
-    from toolkit.bodies.body import Body
-
-BLOCK = 50  # frames
+FRAMES, BLOCK = 1000, 50  # usual number of frames; frames with a seed of their own
 
 
 def simulate_dataset(
     site: Site | str | Path,
-    *,
-    frames: int | np.integer,
-    seed: int | np.integer,
     out: str | Path,
-    workers: int | None = None,
-    meshes: str | Path | None = None,
+    *,
+    run: Run = Run(workers=None),
     sensors: Sequence[Sensor] | None = None,
-    bodies: Sequence[Body] | None = None,
     fleet: Fleet | None = None,
-    progress: Callable[[int], None] | None = None,
-    overwrite: bool = False,
     interval: float = INTERVAL,
+    overwrite: bool = False,
 ) -> int:
     """Simulate frames at a site and write them to HDF5.
 
     `toolkit.datasets.dataset.CoopDataset` reads the file. A run that was killed continues with its block when called
-    again, and ends with the same bytes. With several workers, which are processes, a script must call it under `if
-    __name__ == "__main__":`.
+    again, and ends with the same bytes.
 
-    site: a site, the name of a built-in one, or the path of a saved one; workers: processes, None for one per core;
-    sensors: None for the site's own; meshes: folder of bodies; bodies: fixed ones; fleet: in place of both, its drawn
-    bodies are drawn afresh for every block of frames; by default all bodies are drawn; progress: called with the number
-    of frames done; overwrite: replace a file, or drop an unfinished simulation, with another plan; interval: seconds
-    between frames, 5 or e.g. 0.1; traffic begins anew every `BLOCK` frames.
+    site: a site, the name of a built-in one, or the path of a saved one; run: number of frames (`FRAMES` by default),
+    seed and processes, which change no byte; with several, a script must call it under `if __name__ == "__main__":`;
+    sensors: None for the site's own; fleet: all bodies drawn by default, afresh for every block of frames; interval:
+    seconds between frames, 5 or e.g. 0.1; traffic begins anew every `BLOCK` frames; overwrite: replace a file, or drop
+    an unfinished simulation, with another plan.
 
     Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError for arguments that do
     not fit; FileExistsError if `out`, or an unfinished run, has another plan; OSError, with the number of frames that
     are safe, if the disk is full.
     """
-    if not (isinstance(frames, Integral) and isinstance(seed, Integral)):
-        raise ValueError(f"frames and seed must be whole numbers, got {frames} and {seed}")
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
-    if fleet is None:
-        fleet = fleet_named(None, meshes) if bodies is None else Fleet(tuple(bodies))
-    elif bodies is not None or meshes is not None:
-        raise ValueError("a fleet has bodies of its own, but bodies or meshes were given too: give one of them")
-    job = Job(site, chosen, fleet, int(frames), int(seed), float(interval))
-    if workers is not None and (workers < 1 or not isinstance(workers, Integral)):
-        raise ValueError(f"workers must be at least 1 and whole, got {workers}: leave it out for one per core")
+    frames = int(run.frames_or(FRAMES))
+    job = Job(site, chosen, fleet_named() if fleet is None else fleet, frames, int(run.seed), float(interval))
     out = Path(os.path.realpath(out))  # the target of a link is written
     shards = ShardFolder(out.with_name(out.name + ".parts"), job.plan)
     if out.exists() and not overwrite:
@@ -92,12 +76,11 @@ def simulate_dataset(
         shards.open(overwrite)
         safe = shards.check_shards()
         todo = [block for block in range(job.blocks) if block not in safe]
-        made_before = job.count(safe)
-        count = os.cpu_count() or 1 if workers is None else workers
-        tell = (lambda done: None) if progress is None else (lambda done: progress(min(job.frames, made_before + done)))
-        make_shards(job, shards, todo, workers=count, progress=tell)
+        made_before, report = job.count(safe), run.stage("frames simulated", frames)
+        tell = (lambda done: None) if report is None else (lambda done: report(min(frames, made_before + done)))
+        make_shards(job, shards, todo, workers=run.count, ray=run.ray, progress=tell)
         shards.publish(out, lambda paths, target: join(job.header, paths, target))
-    return job.frames - made_before
+    return frames - made_before
 
 
 @dataclass(frozen=True)
@@ -113,8 +96,6 @@ class Job:
 
     def __post_init__(self) -> None:
         sumo_step(self.interval)
-        if self.frames < 1 or self.seed < 0:
-            raise ValueError(f"frames must be at least 1 and seed not negative, got {self.frames} and {self.seed}")
         if not self.sensors:
             remedy = (
                 "coview plan or coview search --out says which to build, coview site import --sensors N places some"

@@ -141,19 +141,33 @@ class ShardFolder:
 
 
 def make_shards(
-    work: Work, folder: ShardFolder, blocks: Sequence[int], *, workers: int, progress: Callable[[int], None]
+    work: Work,
+    folder: ShardFolder,
+    blocks: Sequence[int],
+    *,
+    workers: int,
+    ray: str | None = None,
+    progress: Callable[[int], None],
 ) -> None:
-    """Make the shards of `blocks` in `workers` processes. progress: called with the number of finished items."""
+    """Make the shards of `blocks` in `workers` processes, or on a Ray cluster, which sends their content back.
+
+    progress: called with the number of finished items.
+    """
     workers, done = min(workers, max(1, len(blocks))), 0
 
-    def count() -> None:
+    def count(items: int = 1) -> None:
         nonlocal done
-        done += 1
+        done += items
         progress(done)
 
-    job = _ShardJob(work, folder, (os.cpu_count() or 1) // max(1, workers) or 1, count if workers == 1 else tick)
-    for _ in spread(job, blocks, workers=workers, ticks=progress):
-        pass
+    threads = 1 if ray else (os.cpu_count() or 1) // max(1, workers) or 1
+    job = _ShardJob(work, None if ray else folder, threads, count if workers == 1 and not ray else tick)
+    for block, (items, content) in zip(
+        blocks, spread(job, blocks, workers=workers, ray=ray, ticks=progress), strict=True
+    ):
+        if content is not None:
+            folder.add(block, content)
+            count(items)
 
 
 def describe_differences(found: dict[str, Any], asked: dict[str, Any]) -> str:
@@ -171,21 +185,25 @@ class _ShardJob:
     """Job of making a block's shard; it prepares once per process."""
 
     work: Work
-    folder: ShardFolder
+    folder: ShardFolder | None  # None on a Ray cluster, whose machines need not see it
     threads: int
     count: Callable[[], None]
     make: Callable[[int], Iterator[Any]] | None = field(default=None, init=False)
 
-    def __call__(self, block: int) -> None:
+    def __call__(self, block: int) -> tuple[int, bytes | None]:
         self.make = self.make or self.work.start(self.threads)
         items = []
         for item in self.make(block):
             items.append(item)
             self.count()
+        content = self.work.encode(items)
+        if self.folder is None:
+            return len(items), content
         try:
-            self.folder.add(block, self.work.encode(items))
+            self.folder.add(block, content)
         except OSError as error:  # with the number in its arguments, so that it is not lost between processes
             raise OSError(error.errno, str(error)) from error
+        return len(items), None
 
 
 def _read_json(path: Path) -> dict[str, Any] | None:

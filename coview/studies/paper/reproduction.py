@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -40,8 +40,7 @@ from toolkit.detection.provenance import coview_version
 from toolkit.objects import Detector
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
-from toolkit.runtime.run import Processes
-from toolkit.sites.files import load_site
+from toolkit.runtime.run import Processes, Run
 
 SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
 NOISE_SEED = 0
@@ -138,16 +137,9 @@ def check_paper_site(site: str) -> None:
 def open_test_recording(site: str, out: Path, frames: int, processes: Processes) -> Iterator[CoopDataset]:
     """Open the test recording; simulate it if it is missing."""
     path = out / f"recording_{frames}.hdf5"
+    run = Run(frames=frames, seed=SEEDS[site], workers=processes.workers, progress=processes.progress)
     try:
-        simulate_dataset(
-            load_site(site),
-            frames=frames,
-            seed=SEEDS[site],
-            out=path,
-            workers=processes.count,
-            progress=processes.stage("frames simulated", frames),
-            fleet=fleet_named("catalogue"),
-        )
+        simulate_dataset(site, path, run=replace(run, ray=processes.ray), fleet=fleet_named("catalogue"))
     except FileExistsError:
         raise FileExistsError(
             f"{path} is damaged or not the test recording: remove it, or give another --out"

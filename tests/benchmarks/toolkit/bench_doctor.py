@@ -75,12 +75,13 @@ def remembered(find: Callable[..., Ground]) -> Callable[..., Ground]:
 def simulated(folder: Path, frames: int) -> Iterator[Path]:
     """Recordings of the built-in sites and of a random one, at 10 Hz."""
     from toolkit.datasets.simulation import simulate_dataset
+    from toolkit.runtime.run import Run
     from toolkit.sites.files import load_site
     from toolkit.sites.random import random_site
 
     for name, seed in SEEDS.items():
         site, out = random_site(int(name)) if name.isdigit() else load_site(name), folder / f"{name}.hdf5"
-        simulate_dataset(site, frames=frames, seed=seed, out=out, workers=1, interval=0.1)
+        simulate_dataset(site, out, run=Run(frames=frames, seed=seed), interval=0.1)
         yield out
 
 

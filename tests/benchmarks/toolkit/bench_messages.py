@@ -54,10 +54,11 @@ def recorded(folder: Path, site: str, apart: float, frames: int, seed: int = SEE
     """A recording, simulated if it is not there yet."""
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.datasets.simulation import simulate_dataset
+    from toolkit.runtime.run import Run
 
     path = folder / f"{site}-{apart:g}-{seed}-{frames}.hdf5"
     if not path.exists():
-        simulate_dataset(site, frames=frames, seed=seed, out=path, workers=1, interval=apart)
+        simulate_dataset(site, path, run=Run(frames=frames, seed=seed), interval=apart)
     return CoopDataset(path)
 
 

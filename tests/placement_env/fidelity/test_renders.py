@@ -16,6 +16,7 @@ from toolkit.geometry import pose
 from toolkit.points import frame_points, is_beyond
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.cache import Cache
+from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL, ErrorProfile
 from toolkit.sensors.error_terms import ClockOffset, rain
 from toolkit.sites.files import load_site
@@ -118,7 +119,7 @@ def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, m
 def recording(tmp_path_factory, small_traffic):
     path = tmp_path_factory.mktemp("recording") / "two.hdf5"
     site = load_site("tjunction")
-    simulate_dataset(site, frames=2, seed=1, out=path, workers=1, sensors=site.sensors[:2])
+    simulate_dataset(site, path, run=Run(frames=2, seed=1), sensors=site.sensors[:2])
     with CoopDataset(path) as dataset:
         yield dataset
 

@@ -11,6 +11,7 @@ from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
+from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -77,7 +78,7 @@ def test_a_corrected_recording_is_not_taken_for_the_simulated_one(recording, tmp
     out = tmp_path / "corrected.hdf5"
     copy_corrected(recording, MOVED, out)
     with pytest.raises(FileExistsError, match="calibrated"):
-        simulate_dataset(PLACE, frames=2, seed=3, out=out, workers=1)
+        simulate_dataset(PLACE, out, run=Run(frames=2, seed=3))
 
 
 def test_unknown_sensors_and_poses_that_are_none_are_refused(recording, tmp_path):

@@ -272,7 +272,7 @@ def test_recordings_and_packed_files_give_it_back(model, tmp_path):
     site = load_site("tjunction")
     x, y, _ = site.sensors[0].position
     sensors = tuple(hung(model, f"s{i}", (x, y, 5.0 + i), np.arctan2(-y, -x), 0.3) for i in range(2))
-    simulate_dataset(site, out=tmp_path / "r.hdf5", frames=2, seed=1, sensors=sensors, workers=1)
+    simulate_dataset(site, tmp_path / "r.hdf5", run=Run(frames=2, seed=1), sensors=sensors)
     with CoopDataset(tmp_path / "r.hdf5") as dataset:
         assert dataset.sensors == sensors
         frames = list(dataset)

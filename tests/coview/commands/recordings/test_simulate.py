@@ -15,8 +15,8 @@ def test_it_says_what_it_made_and_does_nothing_twice(recording, run):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--frames", 2, "--workers", 0), "--workers must be at least 1, got 0: leave it out"),
-        (("--frames", 0), "--frames must be at least 1, got 0"),
+        (("--frames", 2, "--workers", 0), "workers must be a whole number of at least 1, got 0"),
+        (("--frames", 0), "frames must be a whole number of at least 1, got 0"),
         (("--frames", 2, "--every", 0.05), "whole number of SUMO's steps of 1.0 or 0.1 s, got 0.05"),
         (("--frames", 2, "--every", 0), "whole number of SUMO's steps"),
     ],

@@ -15,13 +15,13 @@ from toolkit.frame import Frame, ImageWedge, OtherObjects, Rectangle, SensorClou
 from toolkit.geometry import pose
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.sites.files import load_site
+from toolkit.runtime.run import Run
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "r.hdf5"
-    simulate_dataset(load_site("tjunction"), frames=1, seed=1, out=path, workers=1)
+    simulate_dataset("tjunction", path, run=Run(frames=1, seed=1))
     return path
 
 
