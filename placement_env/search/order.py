@@ -174,7 +174,7 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
     if order.curve:
         return _run_curve(order, objective, checkpoint)
-    own: dict[str, Any] = {} if order.demand is None else asdict(order.demand)
+    own: dict[str, object] = {} if order.demand is None else {"demand": order.demand}
     if order.method == PORTFOLIO:
         own["judging"] = _judging(order)
     if METHODS[order.method].resumes:

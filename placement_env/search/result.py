@@ -18,6 +18,7 @@ from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 
 VERSION = 1  # of result files
+Measure = Literal["reward", "coverage", "price", "hits"]  # what a certificate's figures are of
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +54,16 @@ class Certificate:
     bound: float = np.inf
     ratio: float = 0.0
     note: str = ""
-    measure: Literal["reward", "coverage", "price", "hits"] = "reward"
+    measure: Measure = "reward"
+
+    @staticmethod
+    def from_bound(value: float, bound: float, note: str, measure: Measure = "reward") -> Certificate:
+        """Certificate of an answer that is optimal where it equals its bound."""
+        return Certificate("optimal" if value == bound else "bound", value, bound, float(value == bound), note, measure)
 
     @property
     def gap(self) -> float:
-        """Most by which the optimum may be better.
-
-        It is in `measure`, and 0 when the answer is proven optimal. Lower prices are better; `bound` is then the least
-        that any such set costs.
-        """
+        """Most by which the optimum may be better, in `measure`; 0 where the answer is optimal. Prices fall."""
         return max(0.0, self.value - self.bound if self.measure == "price" else self.bound - self.value)
 
 

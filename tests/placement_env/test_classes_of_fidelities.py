@@ -334,7 +334,8 @@ def test_worth_of_objects_in_parts():
     assert worth.tolist() == [[166666667, 166666667, 166666667, 500000000]]
     worst, whole = compute_worth(labels, Classes(("vehicle", "cyclist", "pedestrian"), combine="worst"))
     assert worst.tolist() == [[333333333] * 3 + [0], [0, 0, 0, 10**9]]
-    assert compute_worth(labels[:3], VEHICLES) == (None, 3)
+    worth, whole = compute_worth(labels[:3], VEHICLES)
+    assert (worth.tolist(), whole) == ([[1, 1, 1]], 3)
 
 
 def test_an_objective_says_what_each_class_gets():

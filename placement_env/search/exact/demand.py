@@ -1,8 +1,7 @@
-"""`Demand` on the cheapest set.
+"""`Demand` on the cheapest set: an AP to reach, whichever sensor fails, and in each share of the traffic by itself.
 
-The set must reach an AP, whichever sensor fails, and in each share of the traffic by itself. Shares are consecutive
-parts of the frames, or levels of traffic by the number of road users present. The reach of a set is the least over its
-failures and the shares, as the fidelity itself scores the remaining sensors.
+Shares are consecutive parts of the frames, or levels of traffic by the number of road users present. The reach of a set
+is the least over its failures and the shares, as the fidelity itself scores the remaining sensors.
 """
 
 from __future__ import annotations
@@ -22,11 +21,10 @@ from toolkit.arrays import Bool, Float64, Int64
 
 @dataclass(frozen=True)
 class Demand:
-    """Conditions that the cheapest set must meet.
+    """Conditions that the cheapest set must meet. Raises ValueError where these do not fit.
 
     at_least: AP, or share covered; failing: sensors that may fail, 0 or 1; parts: consecutive parts of the traffic that
-    must each reach it; levels: traffic levels that must each reach it, instead of parts. Raises ValueError where these
-    do not fit.
+    must each reach it; levels: traffic levels that must each reach it, instead of parts.
     """
 
     at_least: float = 0.9
@@ -45,16 +43,14 @@ class Demand:
             raise ValueError("an AP is asked for in parts of the traffic or at levels of it: leave one of them out")
 
     @property
-    def plain(self) -> bool:
-        """True where nothing fails and traffic is undivided."""
-        return not self.failing and self.parts == 1 and self.levels == 1
+    def divided(self) -> bool:
+        """True where each of several shares of the traffic must reach the AP."""
+        return self.parts > 1 or self.levels > 1
 
-    def described(self, shares: int) -> str:
-        """The conditions in words.
+    def describe(self, shares: int) -> str:
+        """The conditions in words. shares: their number.
 
-        The argument is the number of shares of the traffic.
-
-        >>> Demand(0.9, 1, levels=3).described(3), Demand(0.9).described(1)
+        >>> Demand(0.9, 1, levels=3).describe(3), Demand(0.9).describe(1)
         (' at each of 3 levels of traffic, whichever sensor fails', '')
         """
         what = f" in each of {shares} parts of the traffic" if self.parts > 1 else ""
@@ -62,26 +58,23 @@ class Demand:
         return what + (", whichever sensor fails" if self.failing else "")
 
     def shares(self, objective: Objective, seen: Visibility) -> list[Int64[np.ndarray, " _"]]:
-        """Frames of each share of the traffic.
+        """Frames of each share of the traffic, where they hold a counted object.
 
-        Only frames with a counted object are included. seen: the counted objects. The traffic level of a frame comes
-        from the objective's traffic, else from these objects.
+        seen: the counted objects. The traffic level of a frame comes from the objective's traffic, else from these.
         """
         there = np.bincount(seen.frame, minlength=seen.frames)
+        found: Sequence[Int64[np.ndarray, " _"]]
         if self.levels == 1:
             part = np.arange(seen.frames) * self.parts // max(1, seen.frames)
             found = [np.flatnonzero(part == k) for k in range(self.parts)]
         elif objective.preparation is not None:
-            found = list(objective.preparation.split(self.levels))
+            found = objective.preparation.split(self.levels)
         else:
-            found = list(Cases(levels=self.levels).split(there))
+            found = Cases(levels=self.levels).split(there)
         return [frames for frames in found if there[frames].any()]
 
     def reach(self, by: Sequence[Fidelity], sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Least AP of each set over failures and shares.
-
-        A failure that leaves nothing gives 0. by: fidelity of each share.
-        """
+        """Least AP of each set over failures and shares; 0 if a failure leaves nothing. by: fidelity of each share."""
         if not len(sets):
             return np.zeros(0)
         cases = Cases(failing=self.failing)
@@ -89,10 +82,13 @@ class Demand:
         return cases.over_failures(np.min([each(rows).ap for each in by], axis=0), owners, tie=0)
 
 
-class DemandFidelity:
-    """Score sets by the least AP of a demand.
+USUAL_DEMAND = Demand()
 
-    Recall and kbit are those of the intact set in all traffic. whole, by: fidelity of all frames, and of each share.
+
+class DemandFidelity:
+    """Score sets by the least AP of a demand; recall and kbit are those of the intact set in all traffic.
+
+    whole, by: fidelity of all frames, and of each share.
     """
 
     def __init__(self, whole: Fidelity, by: Sequence[Fidelity], demand: Demand) -> None:

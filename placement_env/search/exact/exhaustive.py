@@ -7,7 +7,8 @@ import numpy as np
 from placement_env.objective import Objective, Score
 from placement_env.search.progress import Figures, Progress
 from placement_env.search.result import Certificate, Result
-from toolkit.arrays import Bool, Float, Float64
+from placement_env.subsets import all_subsets
+from toolkit.arrays import Bool, Float
 
 LARGEST = 16  # candidates, 65 536 sets
 
@@ -32,53 +33,39 @@ def search(
     subsets = every_set(size, progress.budget)
     subsets = subsets[objective.feasible(subsets)]
     figures = progress.figures(subsets)
-    complete = bool(np.isfinite(figures.reward).all())
-    certificate = (
-        Certificate("optimal", progress.reward, progress.reward, 1.0, f"all {len(subsets)} feasible sets were scored")
-        if complete
-        else progress.unknown(f"stopped after {progress.limits.count} of {len(subsets)} feasible sets")
-    )
     scored = np.flatnonzero(np.isfinite(figures.reward))
+    if len(scored) == len(subsets):
+        note = f"all {len(subsets)} feasible sets were scored"
+        certificate = Certificate.from_bound(progress.reward, progress.reward, note)
+    else:
+        certificate = progress.unknown(f"stopped after {progress.limits.count} of {len(subsets)} feasible sets")
     figures, subsets = Figures(*(column[scored] for column in figures)), subsets[scored]
-    return progress.result(
-        "exhaustive", certificate, front(objective, subsets, figures), _by_size(objective, subsets, figures)
-    )
+    front = find_front(np.stack([-figures.ap, figures.kbit, figures.price], axis=1))
+    front = front[np.lexsort((figures.kbit[front], figures.price[front]))]
+    count = subsets.sum(axis=1)
+    of_size = [np.flatnonzero(count == members) for members in np.unique(count)]
+    best = [rows[figures.reward[rows].argmax()] for rows in of_size]
+
+    def scores(rows: np.ndarray | list[np.intp]) -> tuple[Score, ...]:
+        return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in rows)
+
+    return progress.result("exhaustive", certificate, scores(front), scores(best))
 
 
 def every_set(size: int, budget: int) -> Bool[np.ndarray, "n C"]:
-    """All sets of 1 to `budget` candidates.
-
-    The sets are drawn from `size` candidates, small ones first.
+    """All sets of 1 to `budget` of `size` candidates, small ones first.
 
     >>> every_set(2, 2).astype(int).tolist()
     [[1, 0], [0, 1], [1, 1]]
     """
-    codes = np.arange(1, 1 << size)
-    sets = (codes[:, None] >> np.arange(size)) & 1 == 1
+    sets = all_subsets(size)[1:]
     count = sets.sum(axis=1)
     order = np.argsort(count, kind="stable")
     return sets[order[count[order] <= budget]]
 
 
-def front(objective: Objective, subsets: Bool[np.ndarray, "n C"], figures: Figures) -> tuple[Score, ...]:
-    """Sets that no other beats.
-
-    A set is beaten in AP, kbit and price at once. The sets are ordered by price, then kbit.
-    """
-    keep = find_front(costs(figures))
-    keep = keep[np.lexsort((figures.kbit[keep], figures.price[keep]))]
-    return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in keep)
-
-
-def costs(figures: Figures) -> Float64[np.ndarray, "n 3"]:
-    """Costs of a front, lower is better. The costs are -AP, kbit of the whole set, and price."""
-    return np.stack([-figures.ap, figures.kbit, figures.price], axis=1)
-
-
 def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
-    """Rows that no other row beats.
-
-    A row beats another if it is no higher in any column and lower in one. Of equal rows the first is kept.
+    """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the first is kept.
 
     >>> find_front(np.array([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]))
     array([0, 1])
@@ -89,9 +76,3 @@ def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
         kept.append(order[0])
         order = order[(points[order] < points[order[0]]).any(axis=1)]
     return np.sort(np.array(kept, np.int64))
-
-
-def _by_size(objective: Objective, subsets: np.ndarray, figures: Figures) -> tuple[Score, ...]:
-    count = subsets.sum(axis=1)
-    best = [np.flatnonzero(count == size)[np.argmax(figures.reward[count == size])] for size in np.unique(count)]
-    return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in best)

@@ -1,13 +1,11 @@
-"""The most expected hits, with a proven bound.
+"""The most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by CP-SAT.
 
-The surrogate's probabilities are taken in steps and solved by CP-SAT. Coverage counts an object as seen or not; here it
-counts by the surrogate's hit probability, in steps that cut the curve in the middle
-(`placement_env.search.exact.programme`). The bound is of this programme. The objective decides among equal sets.
+Coverage counts an object as seen or not; here it counts by the surrogate's hit probability, in steps that cut the curve
+in the middle (`placement_env.search.exact.programme`). The bound is of this programme. The objective decides among
+equal sets.
 """
 
 from __future__ import annotations
-
-from typing import Literal
 
 import numpy as np
 
@@ -15,9 +13,8 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.search import greedy
 from placement_env.search.exact.cheapest import build_levels
-from placement_env.search.exact.cpsat import SECONDS
-from placement_env.search.exact.poles import Poles, Prices
-from placement_env.search.exact.programme import GAINS, solve
+from placement_env.search.exact.programme import GAINS, Programme, solve
+from placement_env.search.exact.solver import SECONDS, SolverLimits
 from placement_env.search.exact.ties import best_of_equals
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
@@ -25,19 +22,12 @@ from toolkit.arrays import Bool, Int64
 
 
 def search(
-    objective: Objective,
-    budget: int,
-    *,
-    seed: int = 0,
-    seconds: float | None = None,
-    evaluations: int | None = None,
-    workers: int = 1,
+    objective: Objective, budget: int, *, seed: int = 0, seconds: float | None = None, evaluations: int | None = None
 ) -> Result:
-    """The set of most expected hits, and its score.
+    """The set of most expected hits, and its score by the objective; the certificate is of the share of hits in steps.
 
-    The score is the objective's; the certificate is of the share of hits in steps. The search starts at greedy's set;
-    seconds: 60 if None; evaluations: of greedy and of the choice among equals. Raises ValueError for fidelities other
-    than the surrogate, or hybrid fusion; ImportError without OR-Tools.
+    The search starts at greedy's set; seconds: 60 if None; evaluations: of greedy and of the choice among equals.
+    Raises ValueError for fidelities other than the surrogate, or hybrid fusion; ImportError without OR-Tools.
     """
     surrogate = objective.scored_by
     if not isinstance(surrogate, Surrogate):
@@ -46,21 +36,15 @@ def search(
     progress = Progress(objective, budget, seconds, evaluations)
     start, _ = greedy.grow(progress)
     left = max(0.1, min(SECONDS, progress.limits.seconds - progress.limits.elapsed))
-    found = solve(
-        levels, objective.candidates.mount, budget, may_stand=objective.allowed([]), poles=Poles.of(objective),
-        money=Prices.of(objective),
-        start=start, seconds=left, workers=workers, seed=seed,
-    )  # fmt: skip
-    chosen = start if found.chosen is None or levels.worth(found.chosen) < levels.worth(start) else found.chosen
+    found = solve(Programme.of(objective, budget, levels), SolverLimits(left, seed), start=start)
+    chosen = start if found.chosen is None else max(found.chosen, start, key=levels.worth)
+    value = levels.worth(chosen)
+    bound = max(value, found.bound) if found.chosen is not None else levels.whole
 
     def worth(sets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, " n"]:
         return np.array([levels.worth(np.flatnonzero(row).tolist()) for row in sets], np.int64)
 
-    value = levels.worth(chosen)
-    bound = max(value, found.bound) if found.chosen is not None else levels.whole
     progress.settle(best_of_equals(progress, chosen, worth))
-    most = bound / GAINS
-    note = f"{value / GAINS:.4f} of the objects are expected to be hit, in steps, and no set has more than {most:.4f}"
-    kind: Literal["optimal", "bound"] = "optimal" if bound == value else "bound"
-    ratio = 1.0 if bound == value else 0.0
-    return progress.result("hits", Certificate(kind, value / GAINS, bound / GAINS, ratio, note, "hits"))
+    share, most = value / GAINS, bound / GAINS
+    note = f"{share:.4f} of the objects are expected to be hit, in steps, and no set has more than {most:.4f}"
+    return progress.result("hits", Certificate.from_bound(share, most, note, "hits"))

@@ -1,6 +1,4 @@
-"""Shared constraints of sensors on poles.
-
-An integer programme takes from here places, links, and the price of the pole.
+"""Shared constraints of sensors on poles: places, links, and the price of the pole, for integer programmes.
 
     Σ_{c on m} x_c <= places_m,   Σ_{c on m} load_c x_c <= 1 link
     Σ_c price_c x_c + Σ_m shared_m z_m <= money,   z_m >= x_c
@@ -11,33 +9,33 @@ Where every pole has one place, that is at most one sensor on each, and its pric
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from placement_env.objective import ROUNDING, Objective
 from placement_env.search.exact.solver import cp_model
-from toolkit.arrays import Bool, Int64
+from toolkit.arrays import Int64
 
 if TYPE_CHECKING:
-    from ortools.sat.python.cp_model import IntVar
+    from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
 
 FINEST = 1 << 40  # whole units of the highest price
 LINK = 1 << 40  # whole units of a link
 
 
 class Prices(NamedTuple):
-    """Prices in exact whole units.
+    """Prices in exact whole units, rounded down; the limit is rounded up, so no set within the money is excluded.
 
     each: of the candidates, with their mounts where these have one place; shared: of a mount with more places, which is
-    paid once; mount: of each candidate; most: limit on the total. Prices are rounded down, the limit up, so that no set
-    within the money is excluded.
+    paid once; mount: of each candidate; most: limit on the total; unit: price of one.
     """
 
     each: Int64[np.ndarray, " C"]
     shared: Int64[np.ndarray, " C"]
     mount: Int64[np.ndarray, " C"]
     most: int
+    unit: float = 1.0
 
     @staticmethod
     def in_units(objective: Objective, unit: float) -> Prices:
@@ -48,7 +46,7 @@ class Prices(NamedTuple):
         shared = np.where(several, candidates.mount_prices[candidates.mount], 0.0)
         money = objective.most_price * (1 + ROUNDING) / unit
         most = -1 if math.isinf(money) else math.floor(money)
-        return Prices(_whole(each, unit), _whole(shared, unit), candidates.mount, most)
+        return Prices(_whole(each, unit), _whole(shared, unit), candidates.mount, most, unit)
 
     @staticmethod
     def of(objective: Objective) -> Prices | None:
@@ -58,22 +56,17 @@ class Prices(NamedTuple):
         highest = float(objective.candidates.prices.max(initial=0.0))
         return Prices.in_units(objective, max(highest, objective.most_price, 1e-300) / FINEST)
 
-    @property
-    def alone(self) -> Int64[np.ndarray, " C"]:
-        """Price of each candidate if alone on its mount."""
-        return self.each + self.shared
-
     def select(self, kept: Int64[np.ndarray, " k"]) -> Prices:
         """Prices of some candidates."""
-        return Prices(self.each[kept], self.shared[kept], self.mount[kept], self.most)
+        return self._replace(each=self.each[kept], shared=self.shared[kept], mount=self.mount[kept])
 
     def total(self, chosen: list[int]) -> int:
         """Price of a set."""
         _, first = np.unique(self.mount[chosen], return_index=True)
         return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
 
-    def expression(self, model: Any, built: list[IntVar], *, times: int = 1, plus: int = 0) -> Any:
-        """Price of the built sensors, scaled. The price is multiplied by a number; another is added for each sensor."""
+    def expression(self, model: CpModel, built: list[IntVar], *, times: int = 1, plus: int = 0) -> LinearExpr:
+        """Price of the built sensors, multiplied by `times`. `plus` is added for each sensor."""
         linear = cp_model().LinearExpr
         parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
         for here in np.unique(self.mount[self.shared > 0]):
@@ -86,10 +79,7 @@ class Prices(NamedTuple):
 
 
 class Poles(NamedTuple):
-    """Places and links of the mounts.
-
-    mount: of each candidate; places: on it; load: of its link by the candidate, in parts of `LINK`.
-    """
+    """Places and links of the mounts. load: of the link by each candidate, in parts of `LINK`."""
 
     mount: Int64[np.ndarray, " C"]
     places: Int64[np.ndarray, " C"]
@@ -98,41 +88,29 @@ class Poles(NamedTuple):
     @staticmethod
     def of(objective: Objective) -> Poles:
         """Poles of an objective's candidates."""
-        candidates = objective.candidates
-        sent = objective.shared_links
+        candidates, sent = objective.candidates, objective.shared_links
         load = np.zeros(len(candidates)) if sent is None else np.minimum(sent / candidates.capacity, 2.0)
         return Poles(candidates.mount, candidates.places[candidates.mount], _whole(load, 1 / LINK))
 
     @staticmethod
     def single(mount: Int64[np.ndarray, " C"]) -> Poles:
         """Poles of mounts that have one place each."""
-        return Poles(mount, np.ones(len(mount), np.int64), np.zeros(len(mount), np.int64))
+        return Poles(mount, np.ones_like(mount), np.zeros_like(mount))
 
     @property
     def apart(self) -> Int64[np.ndarray, " C"]:
-        """Mount of each candidate, for bounds.
+        """Mount of each candidate, for bounds: one of its own where its mount has several places.
 
-        Mounts with one place stay as they are; otherwise every candidate gets a mount of its own. A bound that holds
-        with one place on each of these holds for every set.
+        A bound that holds with one place on each of these holds for every set.
         """
         count = int(self.mount.max(initial=-1)) + 1
         return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
 
     def select(self, kept: Int64[np.ndarray, " k"]) -> Poles:
         """Poles of some candidates."""
-        return Poles(self.mount[kept], self.places[kept], self.load[kept])
+        return Poles(*(column[kept] for column in self))
 
-    def beside(self, chosen: list[int]) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that may join a set."""
-        last = int(self.mount.max(initial=-1)) + 1
-        count = np.bincount(self.mount[chosen], minlength=last)[self.mount]
-        load = np.zeros(last, np.int64)
-        np.add.at(load, self.mount[chosen], self.load[chosen])
-        room = (count < self.places) & ((count == 0) | (load[self.mount] + self.load <= LINK))
-        room[chosen] = False
-        return room
-
-    def constrain(self, model: Any, built: list[IntVar]) -> None:
+    def constrain(self, model: CpModel, built: list[IntVar]) -> None:
         """Add the constraints of places and links."""
         linear = cp_model().LinearExpr
         for here in np.unique(self.mount):

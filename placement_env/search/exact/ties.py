@@ -1,8 +1,8 @@
-"""Ties: choose among sets that a programme finds equal.
+"""Ties: choose among sets that a programme finds equal, by the objective.
 
-The objective decides. Coverage has many optima (a set of coverage 1.000 may have AP 0.918 while its neighbour has
-0.98), and a solver may answer with any of them. Starting from its answer, one sensor after another is changed where the
-count stays and the reward grows.
+Coverage has many optima (a set of coverage 1.000 may have AP 0.918 while its neighbour has 0.98), and a solver may
+answer with any of them. Starting from its answer, one sensor after another is changed where the count stays and the
+reward grows.
 """
 
 from __future__ import annotations
@@ -15,15 +15,13 @@ from placement_env.search.progress import Progress, as_rows
 from placement_env.search.verification import neighbours
 from toolkit.arrays import Bool, Shaped
 
-Count = Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]]  # count of a programme, for sets
 
-
-def best_of_equals(progress: Progress, chosen: Sequence[int], count: Count) -> list[int]:
-    """Best set reachable by changes that keep the count.
-
-    Each change replaces one sensor; the objective decides which set is best, as far as the limits go.
-    """
-    objective = progress.objective
+def best_of_equals(
+    progress: Progress,
+    chosen: Sequence[int],
+    count: Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]],
+) -> list[int]:
+    """Best set by the objective that changes of one sensor reach within the limits while they keep the count."""
     best = sorted(int(c) for c in chosen)
     if not best:
         return best
@@ -31,7 +29,7 @@ def best_of_equals(progress: Progress, chosen: Sequence[int], count: Count) -> l
     least, reward = count(row)[0], float(progress.rewards(row)[0])
     while not progress.spent:
         sets = neighbours(np.array(best), progress.size)[1:]
-        sets = sets[objective.feasible(sets)]
+        sets = sets[progress.objective.feasible(sets)]
         sets = sets[count(sets) >= least]
         rewards = progress.rewards(sets)
         if not len(sets) or not rewards.max() > reward:

@@ -114,12 +114,11 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     covered = [int((seen[row].sum(axis=0) >= views).sum()) for row in sets]
     found = cpsat.cover_most(
         seen,
-        objective.candidates.mount,
+        Poles.of(objective),
         4,
         views=views,
         may_stand=objective.allowed([]),
         prices=Prices.of(objective),
-        poles=Poles.of(objective),
     )
     assert (found.covered, found.bound, found.optimal) == (max(covered), max(covered), True)
     assert objective.feasible(objective.row(found.chosen)[None])[0]
@@ -128,25 +127,17 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
 @pytest.mark.parametrize("capacity", [2000.0, 1200.0])
 def test_the_cheapest_set_pays_a_shared_mount_once(make, capacity):
     pytest.importorskip("ortools")
-    from placement_env.search.exact.poles import Poles, Prices
-    from placement_env.search.exact.programme import levels_of_coverage, solve
+    from placement_env.search.exact.poles import Prices
+    from placement_env.search.exact.programme import Levels, Programme, solve
 
     objective = carrying(make(3, 4, objects=40, seed=5, most=0.4), (2, 1, 3), capacity)
     seen, sets = objective.scored_by.seen, exhaustive.every_set(12, 4)
     sets = sets[objective.feasible(sets)]
     need = 24
     able = sets[np.array([seen[row].any(axis=0).sum() >= need for row in sets])]
-    prices = Prices.in_units(objective, 1e-6)
-    found = solve(
-        levels_of_coverage(seen),
-        objective.candidates.mount,
-        4,
-        may_stand=objective.allowed([]),
-        at_least=need,
-        prices=prices.alone,
-        shared=prices.shared,
-        poles=Poles.of(objective),
-    )
+    ones = np.ones((1, seen.shape[1]), np.int64)
+    programme = Programme.of(objective, 4, Levels(seen.astype(np.int64), ones, ones, ones > 0))
+    found = solve(programme, at_least=need, cost=Prices.in_units(objective, 1e-6))
     least = objective.price(able).min()
     assert found.optimal
     assert objective.price(objective.row(found.chosen)[None])[0] == pytest.approx(least)

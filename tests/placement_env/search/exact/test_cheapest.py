@@ -11,6 +11,7 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.objective import Objective
 from placement_env.search.exact import cheapest
+from placement_env.search.exact.demand import Demand
 from placement_env.search.exact.programme import GAINS
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
@@ -50,7 +51,7 @@ def test_the_cheapest_coverage_is_proven(junction, seed):
     best = objective.scores(all_subsets(10)[1:]).ap
     for share in (0.4, 0.7):
         least = cheapest_of_all(objective, 4, lambda row, s=share: objective.scores(row[None]).ap[0] >= s)
-        found = cheapest.search(objective, 4, at_least=share)
+        found = cheapest.search(objective, 4, demand=Demand(at_least=share))
         if least is None:
             assert found.best.subset == ()
             assert found.certificate.note.startswith("no set within the budget covers")
@@ -79,7 +80,7 @@ def test_whichever_sensor_fails_and_in_every_part_of_the_traffic(junction, seed)
 
     for option, reaches in (({"failing": 1}, left), ({"parts": 2}, worst_part)):
         least = cheapest_of_all(objective, 5, lambda row, reaches=reaches: reaches(row) >= 0.5)
-        found = cheapest.search(objective, 5, at_least=0.5, **option)
+        found = cheapest.search(objective, 5, demand=Demand(at_least=0.5, **option))
         if least is None:
             assert found.best.subset == ()
         else:
@@ -93,7 +94,7 @@ def test_by_a_surrogate_the_answer_reaches_it_and_no_set_is_cheaper_than_the_bou
     objective = junction("surrogate", seed)
     for ap in (0.3, 0.6):
         least = cheapest_of_all(objective, 4, lambda row, ap=ap: objective.scores(row[None]).ap[0] >= ap)
-        found = cheapest.search(objective, 4, at_least=ap)
+        found = cheapest.search(objective, 4, demand=Demand(at_least=ap))
         if least is None:
             assert found.best.subset == ()
             continue
@@ -126,20 +127,20 @@ def test_by_a_surrogate_whichever_sensor_fails_and_at_each_level(junction, asked
     worst = max(reached(row) for row in all_subsets(10)[1:] if row.sum() <= 4 and objective.feasible(row[None])[0])
     for ap in (0.6 * worst, 0.9 * worst):
         least = cheapest_of_all(objective, 4, lambda row, ap=ap: reached(row) >= ap)
-        found = cheapest.search(objective, 4, at_least=ap, **asked)
+        found = cheapest.search(objective, 4, demand=Demand(at_least=ap, **asked))
         known = found.certificate
         assert reached(objective.row(found.best.subset)) >= ap - 1e-6
         assert 0 < known.bound <= least + 1e-9 <= found.best.price + 2e-9
         assert found.best.price <= 1.3 * least
         assert f"AP {reached(objective.row(found.best.subset)):.4f} in the worst case" in known.note
-    none = cheapest.search(objective, 4, at_least=min(1.0, worst + 0.2), **asked)
+    none = cheapest.search(objective, 4, demand=Demand(at_least=min(1.0, worst + 0.2), **asked))
     assert none.best.subset == ()
     assert ("whichever sensor fails" in none.certificate.note) == ("failing" in asked)
 
 
 def test_a_bound_under_failures_is_no_less_than_without(junction):
     objective = junction("surrogate", 5)
-    plain, failing = (cheapest.search(objective, 4, at_least=0.3, failing=each) for each in (0, 1))
+    plain, failing = (cheapest.search(objective, 4, demand=Demand(at_least=0.3, failing=each)) for each in (0, 1))
     assert len(failing.best.subset) >= 2
     assert plain.certificate.bound < failing.certificate.bound
 
@@ -147,7 +148,7 @@ def test_a_bound_under_failures_is_no_less_than_without(junction):
 def test_steps_of_several_shares_have_parties_of_their_own(junction):
     surrogate = junction("surrogate", 1).scored_by
     halves = [surrogate.in_frames(np.arange(4)), surrogate.in_frames(np.arange(4, 8))]
-    both = cheapest.levels_of_shares(halves, above=True)
+    both = cheapest.join_levels([cheapest.build_levels(half, above=True) for half in halves])
     each = [cheapest.build_levels(half, above=True) for half in halves]
     assert both.parties.shape == (2, 64)
     assert (both.parties.sum(axis=0) == 1).all()
@@ -171,17 +172,17 @@ def test_steps_of_bulky_objects_are_worth_less_and_no_less_than_the_truth(juncti
 
 def test_money_and_impossible_demands(junction):
     objective = junction("coverage", 1, most_price=1.0)
-    found = cheapest.search(objective, 4, at_least=0.99)
+    found = cheapest.search(objective, 4, demand=Demand(at_least=0.99))
     assert found.best.subset == ()
     assert found.certificate.note == "no set within the budget covers 99% of the objects"
     best = junction("surrogate", 1, most_price=1.0)
-    assert cheapest.search(best, 4, at_least=0.99).best.subset == ()
+    assert cheapest.search(best, 4, demand=Demand(at_least=0.99)).best.subset == ()
 
 
 def test_it_refuses_what_it_cannot_prove(junction, make):
     with pytest.raises(ValueError, match="must lie above 0 and up to 1, got 90"):
-        cheapest.search(junction("coverage"), 2, at_least=90.0)
+        cheapest.search(junction("coverage"), 2, demand=Demand(at_least=90.0))
     with pytest.raises(ValueError, match="0 or 1 sensor may fail here, got failing=2"):
-        cheapest.search(junction("coverage"), 2, failing=2)
+        cheapest.search(junction("coverage"), 2, demand=Demand(failing=2))
     with pytest.raises(ValueError, match="known by --fidelity coverage or surrogate, got coverage"):
         cheapest.search(make(), 2)

@@ -10,6 +10,8 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search import greedy
 from placement_env.search.exact import cpsat
+from placement_env.search.exact.poles import Poles
+from placement_env.search.exact.solver import SolverLimits
 from placement_env.setting import Setting
 
 pytest.importorskip("ortools")
@@ -34,7 +36,7 @@ def test_equals_trying_all(seed, mounts, poses, budget, views, density):
     rng = np.random.default_rng(seed)
     mount = np.repeat(np.arange(mounts), poses)
     seen = rng.random((len(mount), 25)) < density
-    cover = cpsat.cover_most(seen, mount, budget, views=views)
+    cover = cpsat.cover_most(seen, Poles.single(mount), budget, views=views)
     assert cover.optimal
     assert cover.covered == cover.bound == most(seen, mount, budget, views)
     assert len(set(mount[cover.chosen])) == len(cover.chosen) <= budget
@@ -42,7 +44,7 @@ def test_equals_trying_all(seed, mounts, poses, budget, views, density):
 
 def test_what_may_not_stand_does_not(make):
     seen = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
-    cover = cpsat.cover_most(seen, np.arange(3), 1, may_stand=np.array([False, True, True]))
+    cover = cpsat.cover_most(seen, Poles.single(np.arange(3)), 1, may_stand=np.array([False, True, True]))
     assert cover.covered == 1
     assert 0 not in cover.chosen
 
@@ -51,7 +53,7 @@ def test_stopped_early_it_still_has_the_start_and_a_bound():
     rng = np.random.default_rng(0)
     seen, mount = rng.random((300, 400)) < 0.1, np.repeat(np.arange(30), 10)
     start = cpsat.greedy_cover(seen, np.ones(400, np.int64), mount, 5, 1)
-    cover = cpsat.cover_most(seen, mount, 5, seconds=1e-3)
+    cover = cpsat.cover_most(seen, Poles.single(mount), 5, limits=SolverLimits(seconds=1e-3))
     assert (seen[cover.chosen].sum(axis=0) > 0).sum() == cover.covered >= (seen[start].sum(axis=0) > 0).sum()
     assert cover.covered <= cover.bound <= 400
     assert not cover.optimal
@@ -69,13 +71,14 @@ def test_bound_holds_wherever_it_is_taken(seed, views):
 
 def test_merging_keeps_every_object():
     seen = np.array([[1, 1, 0, 0, 1], [0, 0, 1, 0, 1]], bool)
-    objects, weight = cpsat.merged(seen, np.arange(2), views=1)
-    assert sorted(zip(objects.T.tolist(), weight.tolist(), strict=True)) == [
+    ones = np.ones((1, 5), np.int64)
+    objects, weight = cpsat.merge_objects(seen, np.arange(2), 1, ones)
+    assert sorted(zip(objects.T.tolist(), weight[0].tolist(), strict=True)) == [
         ([False, True], 1),
         ([True, False], 2),
         ([True, True], 1),
     ]
-    assert cpsat.merged(seen, np.zeros(2, np.int64), views=2)[1].size == 0
+    assert cpsat.merge_objects(seen, np.zeros(2, np.int64), 2, ones)[1].size == 0
 
 
 def visible(objective, seed=0, objects=80):

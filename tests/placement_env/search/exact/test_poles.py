@@ -12,20 +12,13 @@ def test_a_shared_pole_is_paid_once():
     assert PRICES.total([0, 1, 2]) == 42
     assert PRICES.total([1]) == 17
     assert PRICES.total([]) == 0
-    assert PRICES.alone.tolist() == [15, 17, 20]
     some = PRICES.select(np.array([1, 2]))
-    assert (some.alone.tolist(), some.most, some.total([0, 1])) == ([17, 20], 40, 37)
+    assert (some.total([0]), some.most, some.total([0, 1])) == (17, 40, 37)
 
 
-def test_who_may_join():
-    assert POLES.beside([]).tolist() == [True] * 4
-    assert POLES.beside([0]).tolist() == [False, True, False, True]
-    assert POLES.beside([0, 1]).tolist() == [False, False, False, True]
-    assert POLES.beside([2, 3]).tolist() == [False] * 4
+def test_places_of_a_pole_are_apart_for_bounds():
     assert POLES.apart.tolist() == [2, 3, 4, 1]
-    single = Poles.single(np.array([0, 0, 1]))
-    assert single.beside([1]).tolist() == [False, False, True]
-    assert single.apart.tolist() == [0, 0, 1]
+    assert Poles.single(np.array([0, 0, 1])).apart.tolist() == [0, 0, 1]
 
 
 def test_rounding_excludes_nothing_that_may_be_paid(make):

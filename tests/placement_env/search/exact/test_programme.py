@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from placement_env.fidelity.hits.hit_model import HitModel
-from placement_env.search.exact.programme import GAINS, Levels, levels_of_coverage, levels_of_hits, solve
+from placement_env.search.exact.poles import Poles, Prices
+from placement_env.search.exact.programme import GAINS, Levels, Programme, levels_of_hits, solve
+from placement_env.search.exact.solver import SolverLimits
 
 pytest.importorskip("ortools")
 
@@ -19,6 +21,15 @@ def every(mount, budget):
         for chosen in combinations(range(len(mount)), size):
             if len(set(mount[list(chosen)])) == size:
                 yield list(chosen)
+
+
+def levels_of_coverage(seen):
+    ones = np.ones((1, seen.shape[1]), np.int64)
+    return Levels(seen.astype(np.int64), ones, ones, ones > 0)
+
+
+def priced(prices, mount):
+    return Prices(prices, np.zeros_like(prices), mount, -1)
 
 
 def some(seed, *, objects=12, levels=2, parties=2):
@@ -39,12 +50,13 @@ def test_equals_trying_all(seed, budget, failing):
     stands = rng.random(6) < 0.8
     sets = [chosen for chosen in every(mount, budget) if stands[chosen].all()]
     best = max((worth(chosen) for chosen in sets), default=0)
-    found = solve(levels, mount, budget, may_stand=stands, failing=failing)
+    programme = Programme(levels, budget, Poles.single(mount), stands, failing=failing)
+    found = solve(programme)
     assert (found.figure, found.bound, found.optimal) == (best, best, True)
     assert not found.chosen or worth(found.chosen) == best
     prices, need = rng.integers(1, 9, 6), max(1, best // 2)
     able = [chosen for chosen in sets if worth(chosen) >= need]
-    cheapest = solve(levels, mount, budget, may_stand=stands, at_least=need, prices=prices, failing=failing)
+    cheapest = solve(programme, at_least=need, cost=priced(prices, mount))
     if not able:
         assert (cheapest.chosen, cheapest.optimal) == (None, True)
         return
@@ -67,14 +79,15 @@ def test_what_is_left_without_some_equals_trying_all(seed):
 
     sets = list(every(mount, 3))
     need = max(1, max(map(left, sets)) // 2)
-    found = solve(levels, mount, 3, may_stand=np.ones(6, bool), at_least=need, prices=prices, lost=lost)
+    programme = Programme(levels, 3, Poles.single(mount), np.ones(6, bool), lost=lost)
+    found = solve(programme, at_least=need, cost=priced(prices, mount))
     able = [int(prices[chosen].sum()) for chosen in sets if left(chosen) >= need]
     if not able:
         assert (found.chosen, found.optimal) == (None, True)
         return
     assert left(found.chosen) >= need
     assert (found.figure, found.bound, found.optimal) == (min(able), min(able), True)
-    most = solve(levels, mount, 3, may_stand=np.ones(6, bool), lost=lost)
+    most = solve(programme)
     assert (most.figure, most.optimal) == (max(map(left, sets)), True)
 
 
@@ -115,5 +128,7 @@ def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
 def test_out_of_time_nothing_is_proven():
     rng = np.random.default_rng(0)
     levels = levels_of_coverage(rng.random((200, 300)) < 0.05)
-    found = solve(levels, np.arange(200), 20, may_stand=np.ones(200, bool), at_least=290, seconds=0.01)
+    mount = np.arange(200)
+    programme = Programme(levels, 20, Poles.single(mount), np.ones(200, bool))
+    found = solve(programme, SolverLimits(seconds=0.01), at_least=290, cost=priced(np.ones(200, np.int64), mount))
     assert (found.chosen, found.optimal) == (None, False)
