@@ -3,33 +3,35 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
-from itertools import combinations
 
 import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES
 from placement_env.analysis.worth import estimate_worth, exact_worth
 from placement_env.candidates.candidates import Candidates
+from placement_env.cases import Cases
 from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import Ground, ground_shares
 from placement_env.handover.mounted import bill_of_materials, link_loads, mounted_sensors, unused_mounts
 from placement_env.objective import Objective
-from placement_env.report.content import BuildStep, FailureCase, Plan, PlanOption, SchemeFigures, SensorWorth
+from placement_env.report.content import BuildStep, FailureCase, Judgement, Plan, SchemeFigures, SensorWorth
 from placement_env.report.planning import breakdown, sentences
 from placement_env.report.planning.choosing import Choice, find_front_options, near_optimal
-from placement_env.report.planning.judging import Judge, Report
+from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.subsets import all_subsets
-from toolkit.arrays import Bool
+from toolkit.arrays import Bool, Float64
 from toolkit.detection.provenance import coview_version, detector_origin
-from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
+from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.objects import Detector
+from toolkit.runtime.run import Run
 from toolkit.sites.files import format_site
 
 ALL_SUBSETS = 6  # sensors up to which every subset is judged by the detector
@@ -40,9 +42,8 @@ PACKAGES = ("numpy", "torch", "open3d-cpu", "open3d", "eclipse-sumo", "libsumo",
 class Findings:
     """Everything that led to the chosen set.
 
-    found, choice: entrants and the answer among them; objective: of the searches; network: shipped one that detects if
-    the question has no detector; excluded: sentences on what excludes candidates; traffic: of searches, comparison and
-    judgement.
+    objective: of the searches; network: shipped one that detects if the question has no detector; excluded: sentences
+    on what excludes candidates; traffic: of searches, comparison and judgement.
     """
 
     question: Question
@@ -53,28 +54,25 @@ class Findings:
     excluded: tuple[str, ...]
     traffic: Sequence[Traffic]
 
-    @property
-    def fidelity(self) -> str:
-        """Fidelity of the searches."""
-        return self.objective.fidelity
-
 
 def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
     """Put the plan together. final: the detector on the final traffic; ground: that the chosen sensors see."""
-    question, choice = findings.question, findings.choice
-    candidates, site, seed = findings.objective.candidates, question.site, question.run.seed
+    question, choice, objective = findings.question, findings.choice, findings.objective
+    candidates, site, seed = objective.candidates, question.site, question.run.seed
     members = choice.members
-    chosen = ChosenSet(members, choice.option.sensors, final, findings.objective, question)
-    row = choice.sets[choice.chosen][None]
-    (judged,) = final.judge_cases(row, chosen.report)
+    chosen = ChosenSet(members, choice.option.sensors, final, objective, question.run)
+    (judged,) = final.judge_cases(choice.sets[choice.chosen][None], chosen.stage)
     outcomes = final.outcomes(members)
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
     option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=kbit / len(members))
-    counted = option.counted or judged.judged
     scored = breakdown.score_boxes(final, members)
-    near = near_optimal(choice.options, choice.chosen)
     sensors = mounted_sensors(site, candidates, members, [each.bits for each in outcomes], question.stock.catalogue)
-    detector = name_detector(final.detected.detector, findings.network if question.setting.detector is None else None)
+    detector: str = detector_origin(final.detected.detector)["detector"]
+    if question.setting.detector is None:
+        detector = f"{detector} (shipped network {findings.network!r})"
+    considered = sorted(
+        choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
+    )
     plan = Plan(
         question=question.as_dict(),
         site=site.name,
@@ -85,8 +83,8 @@ def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
         verdict=sentences.build_verdict(question, choice.option, option, findings.excluded),
         chosen=option,
         sensors=sensors,
-        considered=best_first(choice.options),
-        near_optimal=near,
+        considered=tuple(considered),
+        near_optimal=near_optimal(choice.options, choice.chosen),
         front=find_front_options(choice.options),
         schemes=chosen.schemes(),
         by_zone=breakdown.by_zone(scored, site, seed),
@@ -103,34 +101,18 @@ def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
         order=chosen.order(),
         ground=ground_shares(ground, [sensor.name for sensor in sensors]),
         poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
-        assumptions=sentences.list_assumptions(question, findings.fidelity, detector, sampled=not chosen.small),
-        unknown=sentences.list_unknowns(counted),
+        assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
+        unknown=sentences.list_unknowns(option.counted or judged.judged),
         provenance=trace_plan(findings, candidates, final.detected.detector),
     )
-    why = sentences.explain_choice(
-        question, plan, choice.option, choice.rule, considered=findings.found.considered, fidelity=findings.fidelity
-    )
+    count, fidelity = findings.found.considered, objective.fidelity
+    why = sentences.explain_choice(question, plan, choice.option, choice.rule, considered=count, fidelity=fidelity)
     return replace(plan, why=why)
-
-
-def best_first(options: Sequence[PlanOption]) -> tuple[PlanOption, ...]:
-    """Sort judged sets by AP, then others by predicted AP."""
-    return tuple(
-        sorted(options, key=lambda each: (each.counted is None, -(each.counted.ap if each.counted else each.predicted)))
-    )
-
-
-def name_detector(detector: Detector, network: str | None) -> str:
-    """Name the kind of detector. The name of a shipped network is added."""
-    kind: str = detector_origin(detector)["detector"]
-    return kind if network is None else f"{kind} (shipped network {network!r})"
 
 
 @dataclass(frozen=True, eq=False)
 class ChosenSet:
-    """Figures of the chosen set.
-
-    They are schemes, worth of each sensor, failures, and order of building.
+    """Schemes, worth of each sensor, failures and order of building of the chosen set.
 
     members: indices of its candidates, ascending; names: of these; judge: on the final traffic; objective: of the
     searches, which scores subsets of large sets.
@@ -140,16 +122,16 @@ class ChosenSet:
     names: tuple[str, ...]
     judge: Judge
     objective: Objective
-    question: Question | None = None
+    run: Run = Run()
 
     @property
     def small(self) -> bool:
         """True if every subset is judged by the detector."""
         return len(self.members) <= ALL_SUBSETS
 
-    def report(self, stage: str) -> Report | None:
+    def stage(self, name: str) -> Callable[[int], None] | None:
         """Callback that counts the frames of a stage."""
-        return None if self.question is None else self.question.run.stage(stage, self.judge.frames)
+        return self.run.stage(name, self.judge.frames)
 
     def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n C"]:
         """Expand subsets of the set to rows over all candidates."""
@@ -157,98 +139,86 @@ class ChosenSet:
         rows[:, list(self.members)] = subsets
         return rows
 
+    def _judge(self, subsets: Bool[np.ndarray, "n k"], stage: str, cases: Cases | None = None) -> list[Judgement]:
+        return self.judge.judge(self.rows(subsets), cases, progress=self.stage(stage))
+
+    def _aps(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> Float64[np.ndarray, " n"]:
+        """AP of subsets, by the detector for small sets, else by the objective."""
+        if self.small:
+            return np.array([each.ap for each in self._judge(subsets, stage)])
+        return self.objective.scores(self.rows(subsets)).ap
+
     def schemes(self) -> tuple[SchemeFigures, ...]:
         """The set under every scheme at every IoU. Detections are reused."""
-        detected, judge, rows = self.judge.detected, self.judge, []
-        whole = self.rows(np.ones((1, len(self.members)), np.bool_))
-        ious = judge.cases.ious
+        known, intact, figures = self.judge.detected, self.judge.intact, []
+        whole, ious = np.ones((1, len(self.members)), np.bool_), intact.ious
         for name in PAPER_SCHEMES:
             other = Detected(
-                detected.renders,
-                detected.detector,
-                find_scheme(name),
-                codec=detected.codec,
-                iou=ious[0],
-                memo=detected.memo,
-                processes=detected.processes,
-                classes=detected.classes,
-            ).at(ious[0], detected.ious)
-            at = replace(judge, profiles=(other,), cases=replace(judge.cases, errors=judge.cases.profiles[0]))
-            (own,) = at.judge(whole, progress=self.report("fusion schemes"))
-            kbit = float(np.mean([outcome.bits.mean() for outcome in at.outcomes(self.members)])) / 1000
-            for iou in sorted({*IOUS, *ious[:1]} if len(ious) == 1 else IOUS):
-                judged = own if ious == (iou,) else at.judge(whole, iou=iou)[0]
-                rows.append(SchemeFigures(name, iou, judged, kbit))
-            if len(ious) > 1:
-                rows.append(SchemeFigures(name, judge.cases.threshold, own, kbit))
-        return tuple(rows)
+                known.renders,
+                known.detector,
+                name,
+                codec=known.codec,
+                memo=known.memo,
+                processes=known.processes,
+                classes=known.classes,
+            ).at(ious[0], ious)
+            at = replace(self, judge=replace(self.judge, profiles=(other,)))
+            kbit = float(np.mean([outcome.bits.mean() for outcome in at.judge.outcomes(self.members)])) / 1000
+            for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
+                (judged,) = at._judge(whole, "fusion schemes", replace(intact, iou=iou))
+                figures.append(SchemeFigures(name, iou, judged, kbit))
+        return tuple(figures)
 
     def worth(self) -> tuple[SensorWorth, ...]:
-        """Shapley values and interactions.
-
-        They are exact by the detector for small sets, else sampled by the objective.
-        """
+        """Shapley values and interactions. They are exact by the detector for small sets, else sampled."""
         count = len(self.members)
         if self.small:
-            judged = self.judge.judge(self.rows(all_subsets(count)), progress=self.report("subsets"))
-            aps = np.array([each.ap for each in judged])
+            aps = self._aps(all_subsets(count), "subsets")
             worth = exact_worth(lambda _: aps, count)
         else:
-            worth = estimate_worth(lambda sets: self.objective.scores(self.rows(sets)).ap, count, rounds=64)
+            worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
         return tuple(
             SensorWorth(
                 name,
-                float(worth.shapley[i]),
-                {other: float(worth.synergy[i, j]) for j, other in enumerate(self.names) if j != i},
+                float(shapley),
+                {other: float(s) for other, s in zip(self.names, pairs, strict=True) if other != name},
             )
-            for i, name in enumerate(self.names)
+            for name, shapley, pairs in zip(self.names, worth.shapley, worth.synergy, strict=True)
         )
 
     def failures(self) -> tuple[FailureCase, ...]:
-        """Judge the remaining sensors after one or two failures.
-
-        The list may be empty; the worst comes first for each number.
-        """
-        count = len(self.members)
+        """Judge the remaining sensors after one or two failures, the worst first for each number."""
+        count, names = len(self.members), np.array(self.names)
         cases: list[FailureCase] = []
-        for failing in (1, 2):
-            lost = list(combinations(range(count), failing)) if failing < count else []
-            left = np.array([~np.isin(np.arange(count), each) for each in lost], np.bool_).reshape(len(lost), count)
-            judged = self.judge.judge(self.rows(left), progress=self.report("failures"))
-            found = [FailureCase(tuple(self.names[i] for i in each), ap) for each, ap in zip(lost, judged, strict=True)]
+        for failing in range(1, min(3, count)):
+            left = Cases(failing=failing).expand(np.ones((1, count), np.bool_))[0][1:]
+            judged = zip(left, self._judge(left, "failures"), strict=True)
+            found = [FailureCase(tuple(names[~row].tolist()), each) for row, each in judged]
             cases += sorted(found, key=lambda case: case.judged.ap)
         return tuple(cases)
 
     def order(self) -> tuple[BuildStep, ...]:
-        """Order of building, each sensor adding most AP.
-
-        The steps are judged by the detector. For small sets the detector chooses, for larger ones the objective.
-        """
-        built, order, prefixes = np.zeros(len(self.members), np.bool_), [], []
-        while not built.all():
-            options = np.flatnonzero(~built)
-            rows = np.repeat(built[None], len(options), axis=0)
-            rows[np.arange(len(options)), options] = True
-            best = int(np.argmax(self._aps(rows)))
-            built = rows[best]
-            order.append(int(options[best]))
-            prefixes.append(built)
-        sets = self.rows(np.array(prefixes))
-        judged = self.judge.judge(sets, progress=self.report("order of building"))
-        steps = zip(order, self.objective.price(sets).tolist(), judged, strict=True)
-        return tuple(BuildStep(self.names[i], price, ap) for i, price, ap in steps)
-
-    def _aps(self, subsets: Bool[np.ndarray, "n k"]) -> Sequence[float]:
-        rows = self.rows(subsets)
-        if not self.small:
-            return self.objective.scores(rows).ap.tolist()
-        return [each.ap for each in self.judge.judge(rows, progress=self.report("order of building"))]
+        """Order of building, each sensor adding most AP. All steps are judged by the detector."""
+        built = np.zeros((1, len(self.members)), np.bool_)
+        while not built[-1].all():
+            options = built[-1] | np.eye(len(self.members), dtype=np.bool_)[~built[-1]]
+            best = int(np.argmax(self._aps(options, "order of building")))
+            built = np.concatenate([built, options[best : best + 1]])
+        added = np.diff(built, axis=0).argmax(axis=1)
+        prices = self.objective.price(self.rows(built[1:])).tolist()
+        judged = self._judge(built[1:], "order of building")
+        steps = zip(added.tolist(), prices, judged, strict=True)
+        return tuple(BuildStep(self.names[i], price, each) for i, price, each in steps)
 
 
 def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
     """Provenance of a plan. It has digests of all inputs, seeds and versions; nothing depends on the clock."""
     question = findings.question
     setting, stock, seed = question.setting, question.stock, question.run.seed
+    versions = {"coview": coview_version(), "python": platform.python_version()}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
     return {
         "site": question.site.name,
         "site_sha256": sha256(format_site(question.site).encode()).hexdigest(),
@@ -258,7 +228,7 @@ def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -
         "candidates": candidates.digest(),
         **detector_origin(detector),
         "network": findings.network,
-        "search_fidelity": findings.fidelity,
+        "search_fidelity": findings.objective.fidelity,
         "classes": setting.counted.origin,
         "codec": setting.codec.digest,
         "errors": question.cases.errors_origin,
@@ -267,15 +237,5 @@ def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -
             for i, (name, each) in enumerate(zip(PART_FRAMES, findings.traffic, strict=True))
         },
         "bootstrap": {"draws": RESAMPLES, "block_frames": BLOCK_FRAMES, "seed": seed},
-        "versions": {"coview": coview_version(), "python": platform.python_version(), **_package_versions()},
+        "versions": versions,
     }
-
-
-def _package_versions() -> dict[str, str]:
-    found = {}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found

@@ -1,6 +1,4 @@
-"""Breakdown of the chosen set's results.
-
-It has AP by zone, distance, approach, level and error profile, coverage by class, and moments.
+"""Breakdown of the chosen set's results: AP by group, coverage by class, and moments for pictures.
 
 Vehicles and false alarms belong to the group of their box's centre; a hit belongs to the group of the vehicle it hit.
 """
@@ -8,7 +6,7 @@ Vehicles and false alarms belong to the group of their box's centre; a hit belon
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +15,7 @@ from placement_env.analysis.intervals import Tally
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Detected
-from placement_env.report.content import BreakdownRow, ClassSeen, Moment
+from placement_env.report.content import BreakdownRow, ClassSeen, Judgement, Moment
 from placement_env.report.planning.judging import Judge, judge_tallies
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.objects import LABELS, label_index
@@ -37,9 +35,8 @@ GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 class Scored:
     """Detections of one set, box by box.
 
-    truths: scored objects of all frames, in order; truth_frame, truth_label: of each; points: of the set on each;
-    boxes, scores, frame, label: of the detections that count; truth: that each hit, FALSE_ALARM for none; frames: their
-    number; classes: that count; others: the same at the other IoU thresholds whose mean counts.
+    truths: scored objects of all frames, in order; points: of the set on each; boxes: of the detections; hits: the
+    truth that each hit at each IoU threshold, or FALSE_ALARM or IGNORED; frames: their number; classes: that count.
     """
 
     truths: Float64[np.ndarray, "t 7"]
@@ -48,63 +45,49 @@ class Scored:
     points: Int64[np.ndarray, " t"]
     boxes: Float64[np.ndarray, "n 7"]
     scores: Float64[np.ndarray, " n"]
-    truth: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
     label: Int64[np.ndarray, " n"]
+    hits: Int64[np.ndarray, "ious n"]
     frames: int
     classes: Classes
-    others: tuple[Scored, ...] = ()
 
-    def part(self, truths: Bool[np.ndarray, " t"], detections: Bool[np.ndarray, " n"]) -> list[Tally]:
-        """Tally of some truths and detections, for each class."""
-        tallies = []
-        for label in self.classes.labels:
-            there, found = truths & (self.truth_label == label), detections & (self.label == label)
-            count = np.bincount(self.truth_frame[there], minlength=self.frames)
-            tallies.append(Tally(self.scores[found], self.truth[found] >= 0, self.frame[found], count))
-        return tallies
+    def tally(self, label: int, truths: Bool[np.ndarray, " t"], chosen: Bool[np.ndarray, " n"], at: int) -> Tally:
+        """Tally some truths and detections of one class at one IoU threshold."""
+        there, found = truths & (self.truth_label == label), chosen & (self.label == label)
+        count = np.bincount(self.truth_frame[there], minlength=self.frames)
+        return Tally(self.scores[found], self.hits[at, found] >= 0, self.frame[found], count)
 
 
 def score_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
-    """Collect detections of the chosen set. They cover all frames of a judge."""
+    """Collect detections of the chosen set in all frames of a judge."""
     detected, outcomes = judge.detected, judge.outcomes(chosen)
     objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
     found = [detected.detections(chosen, k) for k in range(judge.frames)]
-    firsts = np.cumsum([0, *map(len, objects)])
     frame = np.repeat(np.arange(judge.frames), [len(outcome.scores) for outcome in outcomes])
-    boxes, labels = (np.concatenate([getattr(each, name) for each in found]) for name in ("boxes", "labels"))
-    scores = np.concatenate([outcome.scores for outcome in outcomes])
-    at_thresholds = []
-    for iou in judge.cases.ious:
-        rows = [outcome.truth[detected.ious.index(iou)].astype(np.int64) for outcome in outcomes]
-        truth = np.concatenate([np.where(row >= 0, first + row, row) for first, row in zip(firsts, rows, strict=False)])
-        counts = truth >= FALSE_ALARM
-        at_thresholds.append(
-            Scored(
-                truths=np.concatenate([each.boxes for each in objects]),
-                truth_frame=np.repeat(np.arange(judge.frames), [len(each) for each in objects]),
-                truth_label=np.concatenate([each.labels for each in objects]),
-                points=_count_points(detected, chosen),
-                boxes=boxes[counts],
-                scores=scores[counts],
-                truth=truth[counts],
-                frame=frame[counts],
-                label=labels[counts],
-                frames=judge.frames,
-                classes=detected.classes,
-            )
-        )
-    return replace(at_thresholds[0], others=tuple(at_thresholds[1:]))
+    first = np.cumsum([0, *map(len, objects)])[frame]
+    truth = np.concatenate([each.truth for each in outcomes], axis=1)[[*map(detected.ious.index, judge.cases.ious)]]
+    return Scored(
+        truths=np.concatenate([each.boxes for each in objects]),
+        truth_frame=np.repeat(np.arange(judge.frames), [len(each) for each in objects]),
+        truth_label=np.concatenate([each.labels for each in objects]),
+        points=_count_points(detected, chosen),
+        boxes=np.concatenate([each.boxes for each in found]),
+        scores=np.concatenate([outcome.scores for outcome in outcomes]),
+        frame=frame,
+        label=np.concatenate([each.labels for each in found]),
+        hits=np.where(truth >= 0, first + truth, truth).astype(np.int64),
+        frames=judge.frames,
+        classes=detected.classes,
+    )
 
 
 def fuse_clouds(detected: Detected, chosen: Sequence[int], k: int) -> Float32[np.ndarray, "n 3"]:
-    """Join the points of all sensors in frame k. The sensors are those of a set."""
-    clouds = [detected.renders.clouds(k, c) for c in chosen]
-    return np.concatenate([np.zeros((0, 3), np.float32), *clouds])
+    """Join the points of a set's sensors in frame k."""
+    return np.concatenate([np.zeros((0, 3), np.float32), *(detected.renders.clouds(k, c) for c in chosen)])
 
 
 def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray, " t"]:
-    """Points of a set on each scored object. They come frame after frame."""
+    """Points of a set on each scored object, frame after frame."""
     counts = [np.zeros(0, np.int64)]
     for k in range(detected.frames):
         boxes = detected.renders.objects(k).boxes[detected.scored(k)]
@@ -112,24 +95,24 @@ def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray
     return np.concatenate(counts)
 
 
-def _mean_points(points: Int64[np.ndarray, " t"]) -> float | None:
-    return float(points.mean()) if len(points) else None
+def _row(name: str, judged: Judgement | None, points: Int64[np.ndarray, " t"]) -> BreakdownRow:
+    return BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
 
 
 def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[BreakdownRow, ...]:
     """Judge each group. group_of: index of the group of each box."""
-    of_truth = group_of(scored.truths)
-    groups = []
-    for each in (scored, *scored.others):
-        hits, of_detection = each.truth >= 0, group_of(each.boxes)
-        of_detection[hits] = of_truth[each.truth[hits]]
-        groups.append((each, of_detection))
+    of_truth, groups = group_of(scored.truths), np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
+    hit = scored.hits >= 0
+    groups[hit] = of_truth[scored.hits[hit]]
     rows = []
     for number, name in enumerate(names):
         here = of_truth == number
-        parts = [each.part(here, of_detection == number) for each, of_detection in groups]
+        parts = [
+            [scored.tally(label, here, group == number, at) for label in scored.classes.labels]
+            for at, group in enumerate(groups)
+        ]
         judged = judge_tallies(parts, scored.classes, seed) if here.any() else None
-        rows.append(BreakdownRow(name, judged, _mean_points(scored.points[here])))
+        rows.append(_row(name, judged, scored.points[here]))
     return tuple(rows)
 
 
@@ -149,7 +132,7 @@ def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
 
 
 def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge by horizontal distance to the nearest sensor. The sensors are those of the set."""
+    """Judge by horizontal distance to the nearest sensor of the set."""
     places = np.array([sensor.position[:2] for sensor in sensors])
     edges = (0.0, *RANGE_ENDS)
     names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)), f"beyond {RANGE_ENDS[-1]:g} m"]
@@ -170,62 +153,45 @@ def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ..
 
 def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
     """Judge each level of traffic. No row if it is undivided."""
-    if not judge.levels:
-        return ()
-    each = zip(judge.cases.level_names, judge.levels, judge.by_level(chosen), strict=False)
-    points = scored.points
-    return tuple(
-        BreakdownRow(name, judged, _mean_points(points[np.isin(scored.truth_frame, part)]))
-        for name, part, judged in each
-    )
+    each = zip(judge.cases.level_names, judge.by_level(chosen), judge.levels, strict=False)
+    frame, points = scored.truth_frame, scored.points
+    return tuple(_row(name, judged, points[np.isin(frame, part)]) for name, judged, part in each)
 
 
 def by_errors(judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
     """Judge each error profile. Failures and levels are included if they count; no row for one profile."""
     rows = zip(judge.by_errors(chosen).items(), judge.profiles, strict=False)
-    return tuple(BreakdownRow(name, judged, _mean_points(_count_points(at, chosen))) for (name, judged), at in rows)
+    return tuple(_row(*row, _count_points(at, chosen)) for row, at in rows)
 
 
 def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS) -> tuple[ClassSeen, ...]:
-    """Coverage of each class. It is the share of its road users in the area with `LEAST` points or more."""
-    detected = judge.detected
-    points: dict[str, list[np.ndarray]] = {label: [np.zeros(0, np.int64)] for label in labels}
+    """Coverage of each class: share of its road users in the area with `LEAST` points or more."""
+    detected, site = judge.detected, judge.detected.renders.site
+    inside, seen = [], []
     for k in range(judge.frames):
-        objects, cloud = detected.renders.objects(k), fuse_clouds(detected, chosen, k)
-        inside = has_centre_inside(objects.boxes, detected.renders.site.area)
-        for label in labels:
-            boxes = objects.boxes[inside & (objects.labels == label_index(label))]
-            points[label].append(count_on_ground(cloud, boxes, detected.renders.site))
-    rows = {label: np.concatenate(counts) for label, counts in points.items()}
+        objects = detected.renders.objects(k)
+        objects = objects[has_centre_inside(objects.boxes, site.area)]
+        inside.append(objects.labels)
+        seen.append(count_on_ground(fuse_clouds(detected, chosen, k), objects.boxes, site) >= LEAST)
+    of_class, all_seen = np.concatenate(inside), np.concatenate(seen)
+    rows = {label: all_seen[of_class == label_index(label)] for label in labels}
     return tuple(
-        ClassSeen(label, len(row), int(LEAST), float((row >= LEAST).mean()) if len(row) else None)
-        for label, row in rows.items()
+        ClassSeen(label, len(row), int(LEAST), float(row.mean()) if len(row) else None) for label, row in rows.items()
     )
 
 
 def pick_moments(
-    detected: Detected,
-    chosen: tuple[int, ...],
-    *,
-    count: int = MOMENTS,
-    points: int = MOMENT_POINTS,
-    seed: int = 0,
+    detected: Detected, chosen: tuple[int, ...], *, count: int = MOMENTS, points: int = MOMENT_POINTS, seed: int = 0
 ) -> tuple[Moment, ...]:
-    """Pick the run of frames with most vehicles.
-
-    It has `count` consecutive frames; the first of equal runs is taken. points: kept of each cloud, drawn from the
-    seed.
-    """
+    """Pick the first run of `count` frames with most vehicles. points: kept of each cloud, drawn from the seed."""
     found = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
     count = min(count, detected.frames)
-    sums = np.convolve(found, np.ones(count, np.int64), mode="valid")
-    first = int(sums.argmax())
+    first = int(np.convolve(found, np.ones(count, np.int64), mode="valid").argmax())
     return tuple(_moment(detected, chosen, k, points, seed) for k in range(first, first + count))
 
 
 def _moment(detected: Detected, chosen: tuple[int, ...], k: int, points: int, seed: int) -> Moment:
-    outcome = detected.outcomes([chosen], [k])[chosen][0]
-    truth = outcome.truth[detected.ious.index(detected.iou)]
+    truth = detected.outcomes([chosen], [k])[chosen][0].truth[detected.ious.index(detected.iou)]
     objects, scored = detected.renders.objects(k), detected.scored(k)
     hit = np.zeros(len(objects), np.bool_)
     hit[np.flatnonzero(scored)[truth[truth > FALSE_ALARM]]] = True

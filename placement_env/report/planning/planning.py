@@ -1,6 +1,4 @@
-"""`plan`: from a question to a plan.
-
-The cache keeps its stages, so an interrupted plan resumes.
+"""`plan`: from a question to a plan. The cache keeps its stages, so an interrupted plan resumes.
 
 There are three parts of traffic, each with its own seed: searches see the first, the detector compares the entrants on
 the second, and the plan's figures for the chosen set are from the third.
@@ -41,15 +39,12 @@ PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)
 
 
 def plan(question: Question) -> Planned:
-    """Answer a question with a plan.
-
-    If nothing may be built or nothing reaches the requirement, it says why.
+    """Answer a question with a plan. If nothing may be built or nothing reaches the requirement, it says why.
 
     The same question has the same plan, byte for byte, whatever the cache and the processes. Raises ValueError and
     OSError for damaged inputs, ImportError without SUMO.
     """
-    reasons = sentences.refuse_question(question)
-    if reasons:
+    if reasons := sentences.refuse_question(question):
         return _refuse(question, reasons)
     try:
         pool = question.setting.pool
@@ -58,19 +53,19 @@ def plan(question: Question) -> Planned:
     check_scorable(question.judged(pool), "detector")
     first = question.part("search")
     prepared = Preparation(question.searched, first)
-    seen = prepared.visibility
+    seen, traffic = prepared.visibility, prepared.traffic
     missing = [LABELS[label] for label in question.setting.counted.labels if not (seen.labels == label).any()]
     if missing:
         return _refuse(question, sentences.refuse_traffic(question, missing, prepared.frames, "simulated"), pool)
     everything = Objective.of_moved(prepared, pool, seen, AP_ONLY)
     excluded = describe_exclusions(everything, question.max_kbit, question.currency)
-    kept = np.flatnonzero(sentences.select_buildable(everything, question.max_kbit))
+    most_kbit = np.inf if question.max_kbit is None else question.max_kbit
+    kept = np.flatnonzero(everything.allowed([]) & (everything.sent <= most_kbit))
     if not len(kept):
         return _refuse(question, excluded, pool)
     candidates = pool.select(kept)
     objective = Objective.of_moved(prepared, candidates, seen.select(kept), AP_ONLY)
     sizes = tuple(range(1, _most_sensors(question, candidates) + 1))
-    traffic = prepared.traffic
     found = keep_entrants(objective, Effort(sizes), first.memo, depends_on=traffic.digest(), seed=first.seed)
     judging = [Preparation(question.judged(candidates), question.part(name)) for name in ("comparison", "judgement")]
     judge, final = (Judge.of(each, question.run.seed) for each in judging)
@@ -80,9 +75,8 @@ def plan(question: Question) -> Planned:
     choice = choose_set(
         objective, found, judge, min_ap=question.min_ap, confidence=question.confidence, run=question.run
     )
-    findings = Findings(
-        question, found, choice, objective, prepared.network, excluded, [traffic, *(each.traffic for each in judging)]
-    )
+    parts = [traffic, *(each.traffic for each in judging)]
+    findings = Findings(question, found, choice, objective, prepared.network, excluded, parts)
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     answer = build_plan(findings, final, ground)
     moments = pick_moments(final.detected, choice.members, seed=question.run.seed)
@@ -90,18 +84,12 @@ def plan(question: Question) -> Planned:
 
 
 def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates | None = None) -> Planned:
-    """The plan if nothing may be built."""
-    plan = Plan(
-        question=question.as_dict(),
-        site=question.site.name,
-        detector="",
-        iou=question.cases.threshold,
-        scheme=question.setting.fusion.name,
-        currency=question.currency,
-        verdict=Verdict(False, "No set of sensors can be planned.", reasons),
-        chosen=None,
+    """Plan where nothing may be built."""
+    verdict = Verdict(False, "No set of sensors can be planned.", reasons)
+    names = question.site.name, "", question.cases.threshold, question.setting.fusion.name, question.currency
+    return Planned(
+        Plan(question.as_dict(), *names, verdict, chosen=None), replace(question.site, sensors=()), candidates
     )
-    return Planned(plan, replace(question.site, sensors=()), candidates)
 
 
 def _most_sensors(question: Question, candidates: Candidates) -> int:
@@ -118,12 +106,10 @@ def _most_sensors(question: Question, candidates: Candidates) -> int:
 
 
 def write_plan(planned: Planned, out: Path) -> list[Path]:
-    """Write a plan's files into a folder, made if missing.
+    """Write a plan's files into a folder, made if missing, all or none; return their paths.
 
-    Writes all or none; returns their paths.
-
-    Files of `PLAN_FILES` that an earlier plan left there and this one lacks are removed.
-    Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written.
+    Files of `PLAN_FILES` that an earlier plan left there and this one lacks are removed. Raises ImportError without
+    the packages of `coview[report]`, OSError if the folder cannot be written.
     """
     plan = planned.plan
     with writing_together(out) as folder:

@@ -1,7 +1,4 @@
-"""`Question` and `Stock`, the inputs of a plan.
-
-A question is checked before any work begins. A stock lists what may be mounted, at what price.
-"""
+"""`Question` and `Stock`, the inputs of a plan, checked before any work begins."""
 
 from __future__ import annotations
 
@@ -19,7 +16,6 @@ from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.cases import Cases
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import check_scorable
-from placement_env.protocol import FidelityName
 from placement_env.setting import Setting
 from toolkit.detection.provenance import detector_origin
 from toolkit.runtime.run import Run
@@ -31,9 +27,7 @@ USUAL_SENSORS = 4
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stock:
-    """Sensors that may be mounted at a site.
-
-    Call it with the site to get the candidates.
+    """Sensors that may be mounted at a site, and their prices. Call it with the site to get the candidates.
 
     candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and
     prices, None for the paper's camera at no price; keep_out: areas where no sensor may stand; capacity_kbit: of the
@@ -57,31 +51,19 @@ class Stock:
     def __call__(self, site: Site) -> Candidates:
         """Candidates with prices and links.
 
-        Prices are in the requested currency, links as requested.
-
         Raises `placement_env.candidates.pool.NoCandidates` if no pole or pose is left, ValueError and OSError for a
         damaged file.
         """
-        models = () if self.catalogue is None else self.catalogue.models
-        found = choose_candidates(
-            site,
-            self.candidates,
-            [each.model for each in models],
-            prices=[each.price for each in models],
-            keep_out=self.keep_out,
-        )
-        return with_terms(found, self.pole_price, self.capacity_kbit)
+        sold = () if self.catalogue is None else self.catalogue.models
+        models, prices = [each.model for each in sold], [each.price for each in sold]
+        found = choose_candidates(site, self.candidates, models, prices=prices, keep_out=self.keep_out)
+        price = None if self.catalogue is None else self.catalogue.pole_price
+        return with_terms(found, 1.0 if price is None else price, self.capacity_kbit)
 
     @property
     def currency(self) -> str:
-        """Currency of all prices. It is "" for prices of one ordinary pole."""
+        """Currency of all prices, "" for prices of one ordinary pole."""
         return "" if self.catalogue is None else self.catalogue.currency
-
-    @property
-    def pole_price(self) -> float:
-        """Price of one ordinary mount."""
-        given = None if self.catalogue is None else self.catalogue.pole_price
-        return 1.0 if given is None else given
 
     @property
     def poles_digest(self) -> str | None:
@@ -157,7 +139,7 @@ class Question:
 
     @property
     def currency(self) -> str:
-        """Currency of all prices. It is "" for prices of one ordinary pole."""
+        """Currency of all prices, "" for prices of one ordinary pole."""
         return self.stock.currency
 
     @cached_property
@@ -166,12 +148,11 @@ class Question:
         plain = replace(
             self.setting, cases=replace(self.cases, errors=("paper",)), candidates=self.setting.pool, detector=None
         )
-        by: FidelityName = "surrogate"
         try:
-            check_scorable(plain, by)
+            check_scorable(plain, "surrogate")
         except ValueError:
-            by = "coverage"
-        return replace(plain, fidelity=by)
+            return replace(plain, fidelity="coverage")
+        return replace(plain, fidelity="surrogate")
 
     def judged(self, candidates: Candidates) -> Setting:
         """Setting of the judges, for candidates of the stock."""
@@ -179,13 +160,12 @@ class Question:
 
     def part(self, name: str) -> Run:
         """Run of one of the three parts of traffic."""
-        number = list(PART_FRAMES).index(name)
-        return replace(self.run, seed=self.run.seed + number, frames=self.run.frames_or(PART_FRAMES[name]))
+        seed = self.run.seed + list(PART_FRAMES).index(name)
+        return replace(self.run, seed=seed, frames=self.run.frames_or(PART_FRAMES[name]))
 
     def as_dict(self) -> dict[str, object]:
         """Return every option, for plan.json."""
-        setting, cases, stock = self.setting, self.cases, self.stock
-        detector = "shipped" if setting.detector is None else detector_origin(setting.detector)["detector"]
+        setting, cases, stock, counted = self.setting, self.cases, self.stock, self.setting.counted
         named = stock.candidates in ("pool", "paper")
         return {
             "site": self.site.name,
@@ -195,10 +175,10 @@ class Question:
             "min_ap": self.min_ap,
             "max_kbit": self.max_kbit,
             "capacity_kbit": stock.capacity_kbit,
-            "classes": list(setting.counted.names),
-            "class_weights": list(setting.counted.weights),
-            "combine": setting.counted.combine,
-            "class_ious": [cases.class_ious(setting.counted, name) for name in setting.counted.names],
+            "classes": list(counted.names),
+            "class_weights": list(counted.weights),
+            "combine": counted.combine,
+            "class_ious": [cases.class_ious(counted, name) for name in counted.names],
             "scheme": setting.fusion.name,
             "codec": setting.codec.digest,
             "iou": cases.ious[0] if len(cases.ious) == 1 else list(cases.ious),
@@ -211,7 +191,7 @@ class Question:
             "candidates": str(stock.candidates) if named else Path(stock.candidates).name,
             "catalogue": None if stock.catalogue is None else [each.name for each in stock.catalogue.models],
             "keep_out_areas": len(stock.keep_out),
-            "detector": detector,
+            "detector": "shipped" if setting.detector is None else detector_origin(setting.detector)["detector"],
             "frames": [self.part(name).frames for name in PART_FRAMES],
             "seed": self.run.seed,
             "confidence": self.confidence,

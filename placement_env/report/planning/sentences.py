@@ -1,61 +1,43 @@
-"""Sentences of a plan. They are verdict and refusals, why this set, assumptions and unknowns."""
+"""Sentences of a plan: verdict and refusals, why this set, assumptions and unknowns."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES
 from placement_env.fidelity.coverage import LEAST
-from placement_env.objective import Objective
 from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
+from placement_env.report.pages.wording import count_text
 from placement_env.report.planning.choosing import Rule
 from placement_env.report.planning.question import Question
 from placement_env.search.description import describe_money
-from toolkit.arrays import Bool
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.objects import LABELS
-
-
-def plural(count: int, noun: str) -> str:
-    """Number of things, in words.
-
-    >>> plural(1, "sensor"), plural(3, "vehicle")
-    ('1 sensor', '3 vehicles')
-    """
-    return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
 def refuse_question(question: Question) -> tuple[str, ...]:
     """Reasons against any plan that need no simulation."""
     if question.sensors == 0:
         return ("The budget is 0 sensors, so there is nothing to build: allow 1 or more.",)
-    if not question.site.network:
-        return (
-            f"Site {question.site.name!r} has no road network, so there is no traffic to plan for: "
-            "import one from a map, or build one with toolkit.sites.network.",
-        )
-    return ()
+    why = (
+        f"Site {question.site.name!r} has no road network, so there is no traffic to plan for: "
+        "import one from a map, or build one with toolkit.sites.network.",
+    )
+    return () if question.site.network else why
 
 
 def refuse_traffic(question: Question, missing: Sequence[str], frames: int, part: str) -> tuple[str, ...]:
-    """Reason that traffic lacks counted classes. It concerns one part of the traffic."""
+    """Reason that one part of the traffic lacks counted classes."""
     return (
         f"No {' and no '.join(missing)} enters the detection area of site {question.site.name!r} in "
-        f"{plural(frames, 'frame')} of {part} traffic: increase --frames, change --seed, or enlarge the area.",
+        f"{count_text(frames, 'frame')} of {part} traffic: increase --frames, change --seed, or enlarge the area.",
     )
 
 
-def select_buildable(objective: Objective, max_kbit: float | None) -> Bool[np.ndarray, " C"]:
-    """Select candidates that may be built alone. They send no more than allowed in the average frame."""
-    return np.asarray(objective.allowed([]) & (objective.sent <= (np.inf if max_kbit is None else max_kbit)))
-
-
 def describe_cases(question: Question) -> str:
-    """Cases of the AP by which sets are compared. It is "" for the intact set in all traffic at one error profile."""
+    """Cases of the AP by which sets are compared, "" for the intact set in all traffic at one error profile."""
     cases = question.cases
     words = [cases.describe_failures()] if cases.failing else []
     words += [cases.describe_levels()] if cases.levels > 1 else []
@@ -68,20 +50,18 @@ def build_verdict(question: Question, compared: PlanOption, final: PlanOption, e
     judged = final.counted
     if judged is None:
         raise ValueError("the chosen set is not judged: judge it first")
-    count, price = plural(len(final.sensors), "sensor"), describe_money(final.price, question.currency)
-    vehicles, frames = plural(judged.vehicles, judged.kind), plural(judged.frames, "frame")
-    figure = f"AP {judged.ap:.3f} (95 % interval {judged.low:.3f} to {judged.high:.3f}, {vehicles} in {frames})"
-    at = f"at IoU {iou_text(question.cases.threshold)}"
-    result = f"{figure}{describe_cases(question)} {at} with {count} for {price}"
+    count, price = count_text(len(final.sensors), "sensor"), describe_money(final.price, question.currency)
+    vehicles, frames = count_text(judged.vehicles, judged.kind), count_text(judged.frames, "frame")
+    result = (
+        f"AP {judged.ap:.3f} (95 % interval {judged.low:.3f} to {judged.high:.3f}, {vehicles} in {frames})"
+        f"{describe_cases(question)} at IoU {iou_text(question.cases.threshold)} with {count} for {price}"
+    )
     least = question.min_ap
     if least is None:
         return Verdict(None, f"The best set found within the budget has {result}.")
     if judged.ap >= least:
-        sure = (
-            "the whole interval lies above it"
-            if judged.low >= least
-            else "the interval reaches below it, so more traffic may say otherwise"
-        )
+        unsure = "the interval reaches below it, so more traffic may say otherwise"
+        sure = "the whole interval lies above it" if judged.low >= least else unsure
         return Verdict(True, f"The requirement of AP {least:g} is met: {result}; {sure}.")
     reasons = explain_shortfall(question, compared, judged, excluded)
     return Verdict(False, f"The requirement of AP {least:g} is not met: the best set found has {result}.", reasons)
@@ -94,12 +74,12 @@ def explain_shortfall(
     price = describe_money(best.price, question.currency)
     before = f" and {best.counted.ap:.3f} in the traffic it was chosen on" if best.counted else ""
     reasons = [
-        f"The best set found, {plural(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
-        f"({final.low:.3f} to {final.high:.3f}){describe_cases(question)} on {plural(final.vehicles, final.kind)} in "
-        f"the final traffic{before}; {question.min_ap:g} is required at IoU {iou_text(question.cases.threshold)}."
+        f"The best set found, {count_text(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
+        f"({final.low:.3f} to {final.high:.3f}){describe_cases(question)} on {count_text(final.vehicles, final.kind)} "
+        f"in the final traffic{before}; {question.min_ap:g} is required at IoU {iou_text(question.cases.threshold)}."
     ]
     if question.sensors is not None and len(best.sensors) >= question.sensors:
-        reasons.append(f"The budget of {plural(question.sensors, 'sensor')} is used up: more might reach it.")
+        reasons.append(f"The budget of {count_text(question.sensors, 'sensor')} is used up: more might reach it.")
     if question.money is not None:
         left = describe_money(question.money - best.price, question.currency)
         reasons.append(f"Of {describe_money(question.money, question.currency)} it leaves {left}.")
@@ -121,8 +101,6 @@ def explain_choice(
 ) -> tuple[str, ...]:
     """Explain why this set, with figures. chosen: as it was when sets were compared; considered: sets scored."""
     judged = sum(option.judged is not None for option in plan.considered)
-    cases = describe_cases(question).strip(", ")
-    which = "" if question.cases.failing else "that "
     searches = " and ".join(chosen.searches) or "a neighbour of a search's answer"
     second, near = chosen.counted, len(plan.near_optimal)
     lines = [
@@ -130,18 +108,16 @@ def explain_choice(
         f"traffic that no search saw, and {judged} were judged on all of it.",
         RULES[rule],
     ]
-    if cases:
-        lines.append(f"The AP by which sets are compared is {which}{cases}.")
-    if second is None:
-        lines.append(f"It comes from {searches}.")
-    else:
-        lines.append(
-            f"It comes from {searches}; its predicted AP is {chosen.predicted:.3f}, its AP among the judged sets "
-            f"{second.ap:.3f} ({second.low:.3f} to {second.high:.3f})."
-        )
+    if cases := describe_cases(question).strip(", "):
+        lines.append(f"The AP by which sets are compared is {'' if question.cases.failing else 'that '}{cases}.")
+    figures = second and (
+        f"; its predicted AP is {chosen.predicted:.3f}, its AP among the judged sets {second.ap:.3f} "
+        f"({second.low:.3f} to {second.high:.3f})"
+    )
+    lines.append(f"It comes from {searches}{figures or ''}.")
     lines.append(
-        f"{plural(near, 'other judged set')} {'has' if near == 1 else 'have'} an interval that overlaps its own: the "
-        "detector cannot tell them apart on this traffic."
+        f"{count_text(near, 'other judged set')} {'has' if near == 1 else 'have'} an interval that overlaps its own: "
+        "the detector cannot tell them apart on this traffic."
         if near
         else "No other judged set has an interval that overlaps its own."
     )
@@ -167,13 +143,8 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
     setting, cases, seed = question.setting, question.cases, question.run.seed
     classes, stock = setting.counted, question.stock
     others = [label for label in LABELS if label not in classes.names]
-    objects = (
-        "of vehicles alone, heavy ones not counted,"
-        if classes.names == VEHICLES.names
-        else f"of {classes.names[0]} alone,"
-        if len(classes) == 1
-        else f"the {classes.described(cases.threshold)},"
-    )
+    one = "vehicles alone, heavy ones not counted," if classes.names == VEHICLES.names else f"{classes.names[0]} alone,"
+    objects = f"of {one}" if len(classes) == 1 else f"the {classes.described(cases.threshold)},"
     lines = [
         "Traffic is simulated (SUMO) and measurements are ray-cast with the noise of the sensors' models; nothing was "
         "measured at the place itself.",
@@ -199,15 +170,13 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
     if stock.catalogue is None:
         lines.append("No catalogue was given: sensors cost nothing besides their poles, prices are in ordinary poles.")
     elif stock.catalogue.pole_price is None:
-        unit = question.currency or "its unit"
-        lines.append(f"The catalogue names no pole_price: the prices of poles are taken to be in {unit}.")
+        taken = f"the prices of poles are taken to be in {question.currency or 'its unit'}"
+        lines.append(f"The catalogue names no pole_price: {taken}.")
     if fidelity == "coverage":
         lines.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
     if sampled:
-        lines.append(
-            "For a set this large, the worth of each sensor and the order of building go by the fidelity of the "
-            "searches."
-        )
+        go = "the worth of each sensor and the order of building go by the fidelity of the searches"
+        lines.append(f"For a set this large, {go}.")
     return tuple(lines)
 
 
@@ -243,7 +212,6 @@ def list_unknowns(final: Judgement) -> tuple[str, ...]:
         "Power, permits, and what it costs to run the sensors.",
     ]
     if final.low == final.high:
-        lines.append(
-            f"How far AP {final.ap:.3f} may be off: all samples of this traffic agree, but more traffic might not."
-        )
+        agree = "all samples of this traffic agree, but more traffic might not"
+        lines.append(f"How far AP {final.ap:.3f} may be off: {agree}.")
     return tuple(lines)

@@ -9,7 +9,7 @@ import shapely
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import visible_ground
-from placement_env.report.planning.answer import ChosenSet, Findings, best_first, build_plan, name_detector, trace_plan
+from placement_env.report.planning.answer import ChosenSet, Findings, build_plan, trace_plan
 from placement_env.report.planning.choosing import Choice, choose_set
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.objects import Detections, Objects
@@ -56,12 +56,6 @@ def test_a_requirement_that_is_not_met_says_why(answered):
     assert plan.verdict.reasons[-1] == "The links exclude 1 of 5 candidates."
     assert answered(min_ap=0.5).chosen.sensors == ("post0_eye",)
     assert answered(min_ap=0.5).verdict.met is True
-
-
-def test_detectors_in_words(street):
-    assert name_detector(street.detected.detector, None) == "Reader"
-    assert name_detector(street.detected.detector, "general") == "Reader (shipped network 'general')"
-    assert best_first(()) == ()
 
 
 @pytest.fixture

@@ -32,9 +32,10 @@ def scored(street):
 def test_boxes_of_all_frames(scored):
     assert scored.truths.shape == (32, 7)
     assert scored.boxes.shape == (32, 7)  # three cars and the ghost in each frame
-    assert (scored.truth >= 0).sum() == 24
-    hit = scored.truth >= 0
-    assert np.array_equal(scored.boxes[hit], scored.truths[scored.truth[hit]])
+    (truth,) = scored.hits
+    hit = truth >= 0
+    assert hit.sum() == 24
+    assert np.array_equal(scored.boxes[hit], scored.truths[truth[hit]])
     assert scored.points.tolist() == [25, 25, 0, 25] * 8
     assert scored.frame.tolist() == np.repeat(np.arange(8), 4).tolist()
 
@@ -103,12 +104,11 @@ def test_groups_at_several_thresholds_are_means(street):
     """Boxes of the reader are exact in footprint, so both thresholds hit alike; the second is counted by itself."""
     cases = Cases(iou=(0.7, 0.9))
     scored = score_boxes(Judge((street.detected.at(0.7, cases.ious),), cases), (0, 2))
-    (other,) = scored.others
-    for name in ("truth", "boxes", "scores", "frame", "label"):
-        assert np.array_equal(getattr(scored, name), getattr(other, name)), name
-    blind = replace(scored, others=(replace(other, truth=np.full_like(other.truth, -1)),))
+    loose, strict = scored.hits
+    assert np.array_equal(loose, strict)
+    blind = replace(scored, hits=np.stack([loose, np.full_like(strict, -1)]))
     everything = [lambda boxes: np.zeros(len(boxes), np.int64)]
-    (whole,) = by_group(replace(scored, others=()), ["all"], everything[0], 0)
+    (whole,) = by_group(replace(scored, hits=loose[None]), ["all"], everything[0], 0)
     (half,) = by_group(blind, ["all"], everything[0], 0)
     assert half.judged.ap == pytest.approx(whole.judged.ap / 2)
 

@@ -25,7 +25,7 @@ def test_a_set_is_judged_as_the_detector_scores_it(street):
 
 
 def test_at_another_iou(street):
-    (at,) = street.judge.judge(np.array([[1, 0, 0, 0]], bool), iou=0.9)
+    (at,) = street.judge.judge(np.array([[1, 0, 0, 0]], bool), Cases(iou=0.9))
     assert at.ap == 0.5
     assert street.judge.to_find[0].tolist() == [4] * 8
 
@@ -140,17 +140,18 @@ def test_a_mean_over_thresholds_is_of_ap_and_of_every_resample():
 def test_what_is_left_when_one_fails(street, combine, ap):
     """Post 0 finds two of four cars, post 3 one of these two; a set of one has nothing left."""
     judge = Judge((street.detected,), Cases(failing=1, failures=combine))
-    pair, alone = judge.left(np.array([[1, 0, 0, 1], [1, 0, 0, 0]], bool)) or []
+    pair, alone = (each.left for each in judge.judge_cases(np.array([[1, 0, 0, 1], [1, 0, 0, 0]], bool)))
     assert (pair.ap, pair.recall, pair.low, pair.high) == (ap, ap, ap, ap)
     assert (alone.ap, alone.recall, alone.precision, alone.vehicles) == (0.0, 0.0, None, 32)
     (intact,) = judge.judge(np.array([[1, 0, 0, 1]], bool))
     assert intact.ap == 0.5
-    raced = judge.evaluator().evaluate(np.array([[1, 0, 0, 1]], bool), np.arange(8))
+    raced = judge.evaluator.evaluate(np.array([[1, 0, 0, 1]], bool), np.arange(8))
     assert raced.ap == pytest.approx([ap], abs=1e-5)
 
 
 def test_without_failures_nothing_is_said_of_them(street):
-    assert street.judge.left(np.array([[1, 0, 0, 1]], bool)) is None
+    (judged,) = street.judge.judge_cases(np.array([[1, 0, 0, 1]], bool))
+    assert judged[1:] == (None, None, None)
 
 
 @pytest.fixture
@@ -183,22 +184,22 @@ def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over,
     judge = rush(Cases(failing=failing, levels=2, levels_by=levels))
     sets = np.array([[1, 1, 0, 0], [0, 1, 0, 0]], bool)
     assert [each.ap for each in judge.judge(sets)] == [0.625, 0.5]
-    both, alone = judge.over_levels(sets)
+    found = judge.judge_cases(sets)
+    both, alone = (each.over_levels for each in found)
     assert (both.ap, both.low, both.high, both.recall) == (over, over, over, over)
     assert alone.ap == 0.5
     assert (both.vehicles, both.frames) == ((16, 4) if levels == "worst" else (32, 8))
     thin, dense = judge.by_level((0, 1))
     assert (thin.ap, dense.ap, dense.vehicles, dense.frames) == (0.75, 0.5, 16, 4)
-    found = judge.left(sets)
-    assert (found and [each.ap for each in found]) == (None if left is None else [left, 0.0])
-    raced = judge.evaluator().evaluate(sets[:1], np.arange(8))
+    assert [each.left and each.left.ap for each in found] == ([None] * 2 if left is None else [left, 0.0])
+    raced = judge.evaluator.evaluate(sets[:1], np.arange(8))
     assert raced.ap == pytest.approx([over if left is None else left], abs=1e-5)
     assert np.quantile(raced.resamples, [0.025, 0.975]) == pytest.approx([raced.ap[0]] * 2)
 
 
 def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street):
     mixed = rush(Cases(levels=2), (np.array([0, 1, 4, 5]), np.array([2, 3, 6, 7])))
-    (both,) = mixed.over_levels(np.array([[1, 1, 0, 0]], bool))  # type: ignore[misc]
+    (both,) = mixed.judge(np.array([[1, 1, 0, 0]], bool), mixed.cases)
     first, second = mixed.by_level((0, 1))
     assert (first.ap, second.ap, both.ap) == (0.625, 0.625, 0.625)
     assert both.low == min(first.low, second.low) == 0.5
@@ -221,9 +222,8 @@ def test_a_level_with_nothing_to_find_says_nothing(street):
     judge = Judge((detected,), Cases(levels=2), levels=LEVELS)
     first, second = judge.by_level((1,))
     assert first is None
-    (over,) = judge.over_levels(np.array([[0, 1, 0, 0]], bool))  # type: ignore[misc]
+    (over,) = judge.judge(np.array([[0, 1, 0, 0]], bool), judge.cases)
     assert over.ap == second.ap == 0.5
-    assert Judge((detected,)).over_levels(np.array([[0, 1, 0, 0]], bool)) is None
 
 
 @pytest.fixture
@@ -263,28 +263,28 @@ def test_error_profiles_are_judged_by_themselves(hazy, failing, levels, combine,
     """Of four cars 0 and 1 find three; in the haze two in the last four frames, and without 0 none there."""
     judge = hazy(LEVELS if levels == 2 else (), failing=failing, levels=levels, errors_by=combine)
     assert [each.ap for each in judge.judge(SETS)] == [0.75, 0.25]  # at the first profile
-    both, alone = judge.over_errors(SETS)
+    both, alone = (each.over_errors for each in judge.judge_cases(SETS))
     assert both.ap == pytest.approx(over)
     assert alone.ap == (0.0 if failing or combine == "worst" else 0.125)
     each = judge.by_errors((0, 1))
     assert {name: judged.ap for name, judged in each.items()} == pytest.approx({"paper": paper, "poor": poor})
     assert both.recall == pytest.approx(over)
     assert both.low <= both.ap <= both.high
-    raced = judge.evaluator().evaluate(SETS, np.arange(8))
+    raced = judge.evaluator.evaluate(SETS, np.arange(8))
     assert raced.ap == pytest.approx([both.ap, alone.ap], abs=1e-5)
 
 
 def test_the_interval_over_profiles_is_of_the_worst_in_each_resample(hazy):
     judge = hazy()
-    (both,) = judge.over_errors(SETS[:1])
+    (both,) = judge.judge(SETS[:1], judge.cases)
     exact, rough = judge.by_errors((0, 1)).values()
     assert (exact.low, exact.high) == (0.75, 0.75)
     assert (rough.low, rough.ap, rough.high) == (both.low, both.ap, both.high) == (0.5, 0.625, 0.75)
-    (mean,) = hazy(errors_by="mean").over_errors(SETS[:1])
+    average = hazy(errors_by="mean")
+    (mean,) = average.judge(SETS[:1], average.cases)
     assert (mean.low, mean.ap, mean.high) == (0.625, 0.6875, 0.75)
     assert (mean.precision, mean.vehicles, mean.frames) == (1.0, 32, 8)
 
 
 def test_one_profile_is_not_combined(street):
-    assert street.judge.over_errors(SETS) is None
     assert street.judge.by_errors((0, 1)) == {}

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from placement_env.classes import Classes
-from placement_env.objective import Objective
 from placement_env.report.content import FailureCase, Judgement, Plan, PlanOption, SchemeFigures, Verdict
 from placement_env.report.planning.sentences import (
     build_verdict,
@@ -17,7 +16,6 @@ from placement_env.report.planning.sentences import (
     list_unknowns,
     refuse_question,
     refuse_traffic,
-    select_buildable,
 )
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.sites.site import Site
@@ -124,15 +122,6 @@ def test_how_bits_are_counted_is_said(ask):
 def test_an_interval_without_width_is_named():
     assert len(list_unknowns(FINAL)) == 4
     assert "How far AP 1.000 may be off" in list_unknowns(Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 3, 4))[-1]
-
-
-def test_what_may_be_built_alone(street):
-    mounts = tuple(replace(mount, capacity=250.0) for mount in street.candidates.mounts)
-    narrow = replace(street.objective.setting, candidates=replace(street.candidates, mounts=mounts), scheme="early")
-    poor = Objective(replace(narrow, most_price=10.8))
-    assert select_buildable(street.objective, None).all()
-    assert select_buildable(poor, 150.0).tolist() == [False, False, True, False]
-    assert not select_buildable(poor, 50.0).any()
 
 
 def test_refusals(ask, street):
