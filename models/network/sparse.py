@@ -1,15 +1,15 @@
 """Sparse inference: the same maps in less time.
 
-It takes a fraction of the time, on CPU and CUDA. Points touch a few percent of the voxels, and an empty grid's response
-is a constant of the weights. So voxel features exist for occupied voxels only, 3D convolutions run on reached cells
-(`SparseMiddle`), and the light network's first convolution on occupied columns (`SparseColumns`). BatchNorm is folded
-into the layer before it, and so are the linear layers before the published head.
+Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights. So voxel features
+exist for occupied voxels only, 3D convolutions run on reached cells (`SparseMiddle`), and the light network's first
+convolution on occupied columns (`SparseColumns`). BatchNorm and the linear layers before the published head are folded.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import torch
@@ -28,13 +28,11 @@ from models.network.voxelnet import (
     fold_columns,
 )
 from models.network.voxels import Voxels
-from toolkit.arrays import Bool, Float32, Int32, Int64
+from toolkit.arrays import Bool, Float32, Int64
 
 
 class SparseVoxelNet(nn.Module):
-    """Trained network for inference.
-
-    Its weights are a folded copy: train the original.
+    """Trained network for inference, with a folded copy of its weights: train the original.
 
     >>> from models.config import VoxelNetConfig
     >>> from models.network.voxels import voxelise
@@ -60,19 +58,11 @@ class SparseVoxelNet(nn.Module):
 
     @torch.inference_mode()
     def forward(self, voxels: Voxels) -> Prediction:
-        """Return raw maps of a batch of clouds. They are what `network.eval()(voxels)` would return."""
+        """Return what `network.eval()(voxels)` would return."""
         return self.rpn(self.middle(self.features(voxels), voxels))
 
 
 ONES = 8  # channels that carry the biases; a multiple of the convolution kernels' width
-
-
-def fold_norm(layer: nn.Module, norm: nn.Module) -> tuple[Tensor, Tensor]:
-    """Fold a trained BatchNorm into the layer before it. Returns weight and bias."""
-    assert isinstance(layer, nn.Linear | nn.Conv2d | nn.Conv3d)
-    scale, shift = scale_and_shift(norm)
-    bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
-    return layer.weight.detach() * scale.view(-1, *(1,) * (layer.weight.ndim - 1)), bias
 
 
 def scale_and_shift(norm: nn.Module) -> tuple[Tensor, Tensor]:
@@ -84,6 +74,13 @@ def scale_and_shift(norm: nn.Module) -> tuple[Tensor, Tensor]:
     return scale, norm.bias.detach() - norm.running_mean * scale
 
 
+def fold_norm(layer: nn.Linear | nn.Conv2d | nn.Conv3d, norm: nn.Module) -> tuple[Tensor, Tensor]:
+    """Weight and bias of a layer with the BatchNorm after it."""
+    scale, shift = scale_and_shift(norm)
+    bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
+    return layer.weight.detach() * scale.view(-1, *(1,) * (layer.weight.ndim - 1)), bias
+
+
 def fold_point_layer(layer: PointLayer) -> nn.Sequential:
     """Return a `PointLayer` without BatchNorm."""
     weight, bias = fold_norm(layer.linear, layer.norm)
@@ -93,21 +90,17 @@ def fold_point_layer(layer: PointLayer) -> nn.Sequential:
 
 
 class FoldedRegionProposal(nn.Module):
-    """`RegionProposal` and `Head`, folded for inference.
-
-    Channels are last in memory. input_order: place of each input channel in the original.
-    """
+    """`RegionProposal` and `Head`, folded; channels last in memory. input_order: original place of each input."""
 
     def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
         super().__init__()
         self.order = rpn.order
         originals: Any = rpn.blocks
-        blocks = [[_fold_convolution(*layer[:2]) for layer in block] for block in originals]
+        blocks = [[_conv(*fold_norm(*layer[:2]), layer[0].stride[0], 1) for layer in block] for block in originals]
         if input_order is not None:
             blocks[0][0].weight.data = blocks[0][0].weight.data[:, input_order]
         self.blocks: Any = nn.ModuleList(nn.ModuleList(block) for block in blocks)
-        linear = not rpn.add and head.conv3x3 is not None
-        self.join = LinearHead(rpn, head) if linear else PlainJoin(rpn, head)
+        self.join = PlainJoin(rpn, head) if rpn.add or head.conv3x3 is None else LinearHead(rpn, head)
         maps = [layer for layer in (head.classes, head.residuals, head.direction, head.quality) if layer is not None]
         self.channels = [layer.out_channels for layer in maps]
         self.outputs = _conv(torch.cat([layer.weight for layer in maps]), torch.cat([_bias(layer) for layer in maps]))
@@ -133,7 +126,7 @@ class PlainJoin(nn.Module):
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
             self.upsample = nn.ModuleList(
-                _compose_transposed(layer.weight * scale[:, None, None], bias, layer.stride[0], layer.padding[0])
+                _conv(layer.weight * scale[:, None, None], bias, layer.stride[0], layer.padding[0], transposed=True)
                 for layer, bias in zip(layers, (shift, None, None), strict=True)
             )
 
@@ -150,10 +143,9 @@ class PlainJoin(nn.Module):
 class LinearHead(nn.Module):
     """Join of the three maps by a 3x3 convolution, folded.
 
-    This convolution takes most of the published network's time. Everything before it is linear, so a transposed
-    convolution (kernel and stride k) and the 3x3 convolution are together one transposed convolution of kernel k + 2,
-    stride k and padding 1, on a map with a quarter or a sixteenth of the cells. Their biases, which the 3x3 convolution
-    misses beyond the border, enter through channels of ones.
+    Everything before that convolution is linear, so a transposed one (kernel and stride k) and the 3x3 one are together
+    one transposed convolution of kernel k + 2, stride k and padding 1, on a map with a quarter or a sixteenth of the
+    cells. Their biases, which the 3x3 convolution misses beyond the border, enter through channels of ones.
     """
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
@@ -163,11 +155,11 @@ class LinearHead(nn.Module):
         self.fine, middle, coarse = layers
         at_coarse, at_middle, at_fine = head.conv3x3.weight.chunk(3, 1)  # in the order of their concatenation
         self.conv3x3 = _conv(at_fine, _bias(head.conv3x3), padding=1)
-        self.middle = _compose_transposed(_compose(middle.weight, at_middle), None, 2, 1)
+        self.middle = _conv(_compose(middle.weight, at_middle), None, 2, 1, transposed=True)
         biases = torch.cat((at_coarse, at_middle), 1) * torch.cat((coarse.bias, middle.bias))[:, None, None]
         ones = _compose(biases.new_ones(1, 1, 4, 4), biases.sum(1, keepdim=True))
         weight = torch.cat((_compose(coarse.weight, at_coarse), ones, ones.new_zeros(ONES - 1, *ones.shape[1:])))
-        self.coarse = _compose_transposed(weight, None, 4, 1)
+        self.coarse = _conv(weight, None, 4, 1, transposed=True)
 
     def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
         """Return the feature map of the head."""
@@ -177,19 +169,14 @@ class LinearHead(nn.Module):
         return x.add_(self.middle(middle)).add_(self.coarse(coarse)).relu_()
 
 
-def cell_by_cell(conv: nn.Conv2d, x: Float32[Tensor, "B C H W"]) -> Float32[Tensor, "B K H W"]:
-    """Compute a 1x1 convolution for inference.
+def cell_by_cell(conv: nn.Module, x: Float32[Tensor, "B C H W"]) -> Float32[Tensor, "B K H W"]:
+    """Compute a 1x1 convolution by the convolution library.
 
-    On one CPU thread torch uses a plain matrix product, which takes about twice as long as the convolution library. So
-    that library is called by name.
+    On one CPU thread torch would choose a plain matrix product, which takes about twice as long.
     """
     if x.device.type != "cpu" or not torch.backends.mkldnn.is_available():  # type: ignore[no-untyped-call]
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
-    return torch.mkldnn_convolution(x, conv.weight, conv.bias, (0, 0), (1, 1), (1, 1), 1)
-
-
-def _fold_convolution(conv: nn.Conv2d, norm: nn.BatchNorm2d) -> nn.Conv2d:
-    return _conv(*fold_norm(conv, norm), stride=conv.stride[0], padding=1)
+    return torch.mkldnn_convolution(x, conv.weight, conv.bias, (0, 0), (1, 1), (1, 1), 1)  # type: ignore[arg-type]
 
 
 def _bias(layer: nn.Conv2d) -> Tensor:
@@ -198,33 +185,25 @@ def _bias(layer: nn.Conv2d) -> Tensor:
 
 
 def _compose(transposed: Tensor, conv3x3: Tensor) -> Tensor:
-    """Compose the kernels of two convolutions.
-
-    The result is (I, O, k + 2, k + 2), of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3, 3).
-    """
+    """Kernel (I, O, k + 2, k + 2) of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3, 3)."""
     return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
 
 
-def _conv(weight: Tensor, bias: Tensor | None, *, stride: int = 1, padding: int = 0) -> nn.Conv2d:
-    outputs, inputs, kernel, _ = weight.shape
-    conv = nn.Conv2d(inputs, outputs, kernel, stride, padding, bias=bias is not None)
-    _fill(conv, weight, bias)
+def _conv(
+    weight: Tensor, bias: Tensor | None, stride: int = 1, padding: int = 0, *, transposed: bool = False
+) -> nn.Conv2d | nn.ConvTranspose2d:
+    if transposed and weight.shape[2] == stride == 1:
+        weight, transposed = weight.transpose(0, 1), False
+    inputs, outputs = weight.shape[:2] if transposed else (weight.shape[1], weight.shape[0])
+    kind = nn.ConvTranspose2d if transposed else nn.Conv2d
+    conv = kind(inputs, outputs, weight.shape[2], stride, padding, bias=bias is not None)
+    conv.weight.data = weight.detach().clone()
+    if conv.bias is not None and bias is not None:
+        conv.bias.data = bias.detach().clone()
     return conv
 
 
-def _compose_transposed(weight: Tensor, bias: Tensor | None, stride: int, padding: int) -> nn.Module:
-    inputs, outputs, kernel, _ = weight.shape
-    if kernel == stride == 1:
-        return _conv(weight.transpose(0, 1), bias)
-    conv = nn.ConvTranspose2d(inputs, outputs, kernel, stride, padding, bias=bias is not None)
-    _fill(conv, weight, bias)
-    return conv
-
-
-def _fill(layer: nn.Conv2d | nn.ConvTranspose2d, weight: Tensor, bias: Tensor | None) -> None:
-    layer.weight.data = weight.detach().clone()
-    if layer.bias is not None and bias is not None:
-        layer.bias.data = bias.detach().clone()
+_TAPS = (((1, 0),), ((0, 1), (2, 0)))  # kernel taps along one axis that see an even or odd place, and their offsets
 
 
 class SparseColumns(nn.Module):
@@ -237,50 +216,35 @@ class SparseColumns(nn.Module):
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
         super().__init__()
-        assert first.bias is not None
         scale, shift = scale_and_shift(fold.norm)
         self.shape = fold.shape
         self.levels = nn.Parameter(fold.weight.detach() * scale)
         self.shift = nn.Parameter(shift)
         self.taps = nn.Parameter(first.weight.detach().permute(2, 3, 1, 0).contiguous())  # 3, 3, inputs, outputs
-        self.bias = nn.Parameter(first.bias.detach().clone())
+        self.bias = nn.Parameter(_bias(first).detach().clone())
 
     def forward(
         self, features: Float32[Tensor, "v C"], voxels: Voxels, shape: tuple[int, int, int] | None = None
     ) -> Float32[Tensor, "B K h w"]:
         """Return the map after the ReLU, channels last in memory. shape: of the grid, if not the network's own."""
-        shape = shape or self.shape
+        nx, ny, _ = shape = shape or self.shape
         column, key = columns(voxels, shape)
         start = self.shift.expand(len(key), -1)
         x = torch.relu_(fold_columns(features, voxels.cells[:, 3], column, self.levels, start))
-        return self._spread(x, key, voxels.items, shape[:2])
-
-    def _spread(
-        self, x: Float32[Tensor, "n I"], key: Int64[Tensor, " n"], items: int, shape: tuple[int, int]
-    ) -> Float32[Tensor, "B K h w"]:
-        """Convolve columns at places `key` of the flat map."""
-        nx, ny = shape
         rows, cells = nx // 2, ny // 2
         ix, iy = key // ny % nx, key % ny
         place = ((key // (nx * ny)) * rows + ix // 2) * cells + iy // 2
-        out = self.bias.expand(items * rows * cells, -1).clone()
-        for odd_x in (0, 1):
-            for odd_y in (0, 1):
-                some = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
-                columns_there, at, row, cell = x[some], place[some], ix[some] // 2, iy[some] // 2
-                for kx, dx in _taps(odd_x):
-                    for ky, dy in _taps(odd_y):
-                        product, there = columns_there @ self.taps[kx, ky], at + dx * cells + dy
-                        if dx or dy:
-                            inside = (row + dx < rows) & (cell + dy < cells)
-                            product, there = product[inside], there[inside]
-                        out.index_add_(0, there, product)
-        return F.relu_(out).view(items, rows, cells, -1).permute(0, 3, 1, 2)
-
-
-def _taps(odd: int) -> tuple[tuple[int, int], ...]:
-    """Kernel taps and their offsets along one axis. They are the taps that see an even or odd place."""
-    return ((0, 1), (2, 0)) if odd else ((1, 0),)
+        out = self.bias.expand(voxels.items * rows * cells, -1).clone()
+        for odd_x, odd_y in product((0, 1), (0, 1)):
+            some = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
+            columns_there, at, row, cell = x[some], place[some], ix[some] // 2, iy[some] // 2
+            for (kx, dx), (ky, dy) in product(_TAPS[odd_x], _TAPS[odd_y]):
+                values, there = columns_there @ self.taps[kx, ky], at + dx * cells + dy
+                if dx or dy:
+                    inside = (row + dx < rows) & (cell + dy < cells)
+                    values, there = values[inside], there[inside]
+                out.index_add_(0, there, values)
+        return F.relu_(out).view(voxels.items, rows, cells, -1).permute(0, 3, 1, 2)
 
 
 BORDER = 2  # cells from a border within which an empty grid's response varies, after three convolutions
@@ -288,10 +252,9 @@ SMALL = 2 * BORDER + 1  # cells along x and y of the small empty grid
 
 
 class Plane(NamedTuple):
-    """Cells of B maps (H x W cells) with margins.
+    """Cells of B maps (H x W cells) in one plane.
 
-    All lie in one plane. A margin of one cell around each map makes every neighbour a fixed step away; a neighbour
-    beyond the border is a cell that is never reached.
+    A margin of one cell around each map makes every neighbour a fixed step away; beyond the border is no reached cell.
     """
 
     items: int
@@ -308,14 +271,9 @@ class Plane(NamedTuple):
         return (item * (self.nx + 2) + ix + 1) * (self.ny + 2) + iy + 1
 
     def cell(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Batch item and indices of a place. Indices run along x and y."""
+        """Batch item of a place, and its indices along x and y."""
         row = place // (self.ny + 2)
         return row // (self.nx + 2), row % (self.nx + 2) - 1, place % (self.ny + 2) - 1
-
-    def neighbours(self, device: torch.device) -> Int32[Tensor, " 9"]:
-        """Steps to the 3x3 cells around a place."""
-        step = torch.arange(-1, 2, dtype=torch.int32, device=device)
-        return (step[:, None] * (self.ny + 2) + step).view(-1)
 
 
 class Reached(NamedTuple):
@@ -328,10 +286,10 @@ class Reached(NamedTuple):
 class SparseMiddle(nn.Module):
     """Three 3D convolutions on reached cells.
 
-    Everywhere else the result is a constant. A convolution is linear: its output is that of an empty grid plus that of
-    the difference between its input and an empty grid's. The difference is zero wherever no point reaches, so only rows
-    of reached cells are kept and multiplied. An empty grid's response varies only at its borders, so a small empty grid
-    tells all of it. Channels are last in memory, ordered level by level.
+    A convolution is linear: its output is that of an empty grid plus that of the difference between its input and an
+    empty grid's. The difference is zero wherever no point reaches, so only rows of reached cells are kept and
+    multiplied. An empty grid's response varies only at its borders, so a small empty grid tells all of it. Channels are
+    last in memory, level by level (`channel_order`).
     """
 
     def __init__(self, middle: MiddleLayers) -> None:
@@ -350,7 +308,7 @@ class SparseMiddle(nn.Module):
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
     def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K H W"]:
-        """Return the map seen from above. Its channels are in `channel_order`."""
+        """Return the map seen from above."""
         plane = Plane(voxels.items, *self.shape[:2])
         item, ix, iy, iz = voxels.cells.unbind(1)
         place = plane.place(item, ix, iy)
@@ -360,24 +318,22 @@ class SparseMiddle(nn.Module):
         for layer in self.layers:
             reached, values = layer(reached, plane)
         level, place = torch.nonzero(reached.mask, as_tuple=True)
-        item, ix, iy = plane.cell(place)
         everywhere = self.layers[-1].everywhere(plane)
-        everywhere[item, ix, iy, level] = values
+        everywhere[(*plane.cell(place), level)] = values
         return everywhere.flatten(3).permute(0, 3, 1, 2)
 
 
 class SparseConvolution(nn.Module):
     """3x3x3 convolution and its ReLU on reached cells."""
 
+    weight: Tensor  # level, input, 9 · output
+    empty: Tensor  # before the ReLU
+
     def __init__(self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int) -> None:
         super().__init__()
         self.first = [level * stride - padding for level in range(empty.shape[1])]  # the lowest input level of each
-        self.weight: Tensor
-        self.empty: Tensor
-        self.register_buffer(
-            "weight", weight.permute(2, 1, 3, 4, 0).flatten(2).contiguous()
-        )  # level, input, 9 · output
-        self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())  # before the ReLU
+        self.register_buffer("weight", weight.permute(2, 1, 3, 4, 0).flatten(2).contiguous())
+        self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())
 
     def forward(self, reached: Reached, plane: Plane) -> tuple[Reached, Float32[Tensor, "m K"]]:
         """Return the cells reached afterwards, and their values."""
@@ -387,15 +343,20 @@ class SparseConvolution(nn.Module):
         _, ix, iy = plane.cell(place)
         empty = self.empty[level, _kind(ix, plane.nx), _kind(iy, plane.ny)]
         sums = empty.clone()
-        neighbours = place.int()[:, None] + plane.neighbours(place.device)
-        inputs = torch.split(reached.differences, reached.mask.sum(1).tolist())
-        rows = mask.sum(1).tolist()
-        for z_first, here, around in zip(
-            self.first, torch.split(sums, rows), torch.split(neighbours, rows), strict=True
-        ):
+        step = torch.arange(-1, 2, dtype=torch.int32, device=place.device)
+        neighbours = place.int()[:, None] + (step[:, None] * (plane.ny + 2) + step).view(-1)
+        inputs, rows = torch.split(reached.differences, reached.mask.sum(1).tolist()), mask.sum(1).tolist()
+        parts = zip(self.first, torch.split(sums, rows), torch.split(neighbours, rows), strict=True)
+        for z_first, here, around in parts:
             for z in range(max(z_first, 0), min(z_first + 3, levels)):
-                if len(inputs[z]):
-                    here += _sum_neighbours(inputs[z], self.weight[z - z_first], reached.mask[z], around)
+                if n := len(inputs[z]):
+                    weight = self.weight[z - z_first]
+                    products = sums.new_empty(n + 1, weight.shape[1])
+                    torch.mm(inputs[z], weight, out=products[:-1])
+                    products[-1] = 0
+                    chosen = torch.where(reached.mask[z], 9 * numbers(reached.mask[z]), 9 * n).int()[around]
+                    chosen += torch.arange(9, dtype=torch.int32, device=sums.device)
+                    here += F.embedding_bag(chosen, products.view(9 * (n + 1), -1), mode="sum")
         values = sums.relu_()
         return Reached(mask, values - empty.relu_()), values
 
@@ -420,22 +381,6 @@ def grown(mask: Bool[Tensor, "D P"], plane: Plane) -> Bool[Tensor, "D P"]:
     return wide.view(mask.shape)
 
 
-def _sum_neighbours(
-    rows: Float32[Tensor, "n C"],
-    weight: Float32[Tensor, "C K9"],
-    mask: Bool[Tensor, " P"],
-    around: Int32[Tensor, "m 9"],
-) -> Float32[Tensor, "m K"]:
-    """Sum weighted rows over set neighbours. For each output cell: row times weight of that neighbour."""
-    products = rows.new_empty(len(rows) + 1, weight.shape[1])
-    torch.mm(rows, weight, out=products[:-1])
-    products[-1] = 0
-    taps = torch.arange(9, dtype=torch.int32, device=rows.device)
-    first = torch.where(mask, 9 * numbers(mask), 9 * len(rows)).int()
-    chosen = first[around.view(-1)].view(-1, 9) + taps
-    return F.embedding_bag(chosen, products.view(9 * len(products), -1), mode="sum")
-
-
 def _kind(index: Tensor, n: int) -> Tensor:
-    """Place of a cell in the small empty grid. Its distance from a border, or the middle."""
+    """Place in the small empty grid: a cell's distance from a border, or the middle."""
     return torch.where(index < n - BORDER, index.clamp(max=BORDER), index - n + SMALL)

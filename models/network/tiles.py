@@ -1,6 +1,4 @@
-"""`TiledVoxelNet`: the light network on many unions at once.
-
-All are unions of the same clouds.
+"""`TiledVoxelNet`: the light network on many unions of the same clouds at once.
 
 Every set of a site's sensors is such a union. A cell of a map depends on the points within some metres of it, and few
 sensors see anything there. So the maps are cut into tiles, and the part that several unions share is computed once: for
@@ -16,7 +14,8 @@ the rounding of float32.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,17 +42,13 @@ class Crowded(NamedTuple):
 
 
 class PlacedClouds(NamedTuple):
-    """Points of all clouds in one grid.
-
-    Unions need no new voxels. Cloud after cloud: the cloud of each point, its voxel (indices along x, y and z), the
-    voxel's number, and the points of all clouds in that voxel.
-    """
+    """Points of all clouds in one grid, cloud after cloud, so that unions need no new voxels."""
 
     points: Float32[Tensor, "n 3"]
     cloud: Int64[Tensor, " n"]
-    cells: Int64[Tensor, "n 3"]
-    voxel: Int64[Tensor, " n"]
-    crowd: Int64[Tensor, " n"]
+    cells: Int64[Tensor, "n 3"]  # voxel indices along x, y and z
+    voxel: Int64[Tensor, " n"]  # its number
+    crowd: Int64[Tensor, " n"]  # points of all clouds in it
     clouds: int
 
     @staticmethod
@@ -73,10 +68,7 @@ class PlacedClouds(NamedTuple):
         return torch.bincount(self.cloud, minlength=self.clouds)
 
     def find_crowded(self, unions: Bool[np.ndarray, "U C"], most: int) -> Crowded:
-        """Find voxels of unions with more points than `most`.
-
-        Left out are the points that `voxelise` leaves out of each union.
-        """
+        """Find voxels of unions with more than `most` points, and the points that `voxelise` leaves out of each."""
         rows = torch.nonzero(self.crowd > most)[:, 0]
         concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
         alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
@@ -94,13 +86,11 @@ class PlacedClouds(NamedTuple):
         """Sort points by tile. A tile has `size` columns along x and y, and `before` columns of the tiles before it."""
         (tx, ty), (from_x, from_y) = (self.cells[:, :2] // size).T, (self.cells[:, :2] % size).T
         rows, keys = [], []
-        for dx in (0, 1):
-            for dy in (0, 1):
-                there = ((from_x >= size - before) | (dx == 0)) & ((from_y >= size - before) | (dy == 0))
-                there &= (tx + dx < grid[0]) & (ty + dy < grid[1])
-                some = torch.nonzero(there)[:, 0]
-                rows.append(some)
-                keys.append(((tx[some] + dx) * grid[1] + ty[some] + dy) * self.clouds + self.cloud[some])
+        for dx, dy in product((0, 1), (0, 1)):
+            there = ((from_x >= size - before) | (dx == 0)) & ((from_y >= size - before) | (dy == 0))
+            some = torch.nonzero(there & (tx + dx < grid[0]) & (ty + dy < grid[1]))[:, 0]
+            rows.append(some)
+            keys.append(((tx[some] + dx) * grid[1] + ty[some] + dy) * self.clouds + self.cloud[some])
         row, key = torch.cat(rows), torch.cat(keys)
         order = torch.argsort(key * max(len(self.points), 1) + row)
         count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
@@ -108,34 +98,29 @@ class PlacedClouds(NamedTuple):
         return PointsByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
 
     def batch(self, rows: Int64[Tensor, " n"], item: Int64[Tensor, " n"], items: int, config: VoxelNetConfig) -> Voxels:
-        """Return the voxels of a batch. Points, and the item of each."""
+        """Return the voxels of a batch of points, given the item of each."""
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
         occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
-        plane = occupied % (nx * ny)
-        level = occupied // (nx * ny)
+        plane, level = occupied % (nx * ny), occupied // (nx * ny)
         cells = torch.stack((level // nz, plane // ny, plane % ny, level % nz), 1)
         return Voxels(self.points[rows], voxel, cells, items)
 
 
 class PointsByTile(NamedTuple):
-    """Points in order of their tile and cloud.
-
-    row: of each point; begin, points: first place and number for each tile and cloud.
-    """
+    """Rows of points in order of tile and cloud. begin, points: first place and number for each tile and cloud."""
 
     row: Int64[Tensor, " k"]
     begin: Int64[np.ndarray, "tiles clouds"]
     points: Int64[np.ndarray, "tiles clouds"]
 
     def rows(self, tiles: np.ndarray, union: np.ndarray) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
-        """Points of some tiles in unions. The number of the tile is given for each."""
-        clouds = self.begin.shape[1]
-        count = np.where(union, self.points[tiles], 0).ravel()
-        total = int(count.sum())
-        place = np.arange(total) + np.repeat(self.begin[tiles].ravel() - np.cumsum(count) + count, count)
-        item = np.repeat(np.repeat(np.arange(len(tiles)), clouds), count)
-        return self.row[torch.from_numpy(place).to(self.row.device)], torch.from_numpy(item).to(self.row.device)
+        """Points of some tiles in unions, and for each the place of its tile in `tiles`."""
+        count = np.where(union, self.points[tiles], 0)
+        flat = count.ravel()
+        place = np.arange(flat.sum()) + np.repeat(self.begin[tiles].ravel() - np.cumsum(flat) + flat, flat)
+        item = torch.from_numpy(np.repeat(np.arange(len(tiles)), count.sum(1))).to(self.row.device)
+        return self.row[torch.from_numpy(place).to(self.row.device)], item
 
 
 TILE = 24  # cells of the head's map; a multiple of the two following strides together
@@ -145,21 +130,25 @@ MOST_OWN = 0.5  # share of unshared tiles above which one union after another is
 
 
 class Entries(NamedTuple):
-    """Distinct values of a layer's tiles, n in all.
-
-    tile, union: one example of each; of: the entry of each tile in each union.
-    """
+    """Distinct values of a layer's tiles. tile, union: one example of each; of: the entry of each tile in a union."""
 
     tile: Int64[np.ndarray, " n"]
     union: Int64[np.ndarray, " n"]
     of: Int64[np.ndarray, "tiles unions"]
 
+    def parts(self) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
+        """Yield groups: number of the first entry, tiles and unions."""
+        for first in range(0, len(self.tile), AT_ONCE):
+            yield first, self.tile[first : first + AT_ONCE], self.union[first : first + AT_ONCE]
 
-class Seen(NamedTuple):
-    """Clouds and crowded voxels within reach of each tile. Layer by layer."""
-
-    clouds: list[Bool[np.ndarray, "tiles C"]]
-    crowd: list[Bool[np.ndarray, " tiles"]]
+    def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> Float32[Tensor, "n t t K"]:
+        """Collect the values of all entries, by a function of tiles and unions."""
+        bank = torch.empty(0)
+        for first, tiles, union in self.parts():
+            part = values(tiles, union)
+            bank = bank if first else part.new_empty(len(self.tile), *part.shape[1:])
+            bank[first : first + len(part)] = part
+        return bank
 
 
 class TilePredictions(NamedTuple):
@@ -170,8 +159,37 @@ class TilePredictions(NamedTuple):
     maps: Prediction
 
 
+class UnionPlan(NamedTuple):
+    """Unions of clouds, and layer by layer the clouds (and crowded voxels) within reach of each tile."""
+
+    placed: PlacedClouds
+    seen: list[Bool[np.ndarray, "tiles C+1"]]
+    unions: Bool[np.ndarray, "U C"]
+    crowded: Crowded
+
+    def part(self, some: slice) -> UnionPlan:
+        """Select some of the unions."""
+        crowded = self.crowded._replace(thinning=self.crowded.thinning[some])
+        return self._replace(unions=self.unions[some], crowded=crowded)
+
+    def entries(self, layer: int) -> Entries:
+        """Find the values that unions share in each tile of a layer."""
+        seen, unions = self.seen[layer], self.unions
+        tiles, count = len(seen), len(unions)
+        code = np.repeat(np.arange(tiles), count)
+        parts = [seen[:, -1:] * self.crowded.thinning]
+        for first in range(0, unions.shape[1], 31):
+            some = unions[:, first : first + 31]
+            bits = 1 << np.arange(some.shape[1])
+            parts.append((seen[:, None, first : first + len(bits)] & some) @ bits)
+        for part in parts:
+            code = np.unique(code << 31 | part.ravel(), return_inverse=True)[1]
+        _, one, of = np.unique(code, return_index=True, return_inverse=True)
+        return Entries(one // count, one % count, of.reshape(tiles, count))
+
+
 def tileable(network: SparseVoxelNet) -> bool:
-    """True for networks that this module computes. Columns folded, blocks added, a head of single cells."""
+    """True for networks that this module computes: columns folded, blocks added, a head of single cells."""
     join = network.rpn.join
     plain = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
     return plain and isinstance(network.middle, SparseColumns) and network.rpn.order[0].count(0) == 1
@@ -182,26 +200,36 @@ class TiledVoxelNet:
 
     def __init__(self, network: SparseVoxelNet) -> None:
         self._network, self.config = network, network.config
-        rows, columns = self.config.map_shape
-        self._map = rows, columns
+        self._map = rows, columns = self.config.map_shape
         self._grid = -(-rows // TILE), -(-columns // TILE)
-        blocks: Any = network.rpn.blocks
-        order = [[blocks[0][k] for k in network.rpn.order[0][1:]]]
-        order += [[block[k] for k in numbers] for block, numbers in zip(blocks[1:], network.rpn.order[1:], strict=True)]
-        self._blocks = order
+        first, *others = network.rpn.order
+        order = (first[1:], *others)
+        self._blocks: list[list[nn.Conv2d]] = [
+            [block[k] for k in numbers] for block, numbers in zip(network.rpn.blocks, order, strict=True)
+        ]
+        self._strides = [2, *(conv.stride[0] for block in self._blocks for conv in block)]
         join: Any = network.rpn.join
         self._finest, *raised = join.upsample
         self._raised = [_cell_by_cell(layer) for layer in raised]
 
     def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> UnionPlan:
         """Plan the work for unions of clouds. Points are in the frame of the grid, m."""
-        placed = PlacedClouds.of(clouds, self.config)
-        return UnionPlan(placed, self._seen(placed), unions, placed.find_crowded(unions, self.config.max_points))
+        placed, most = PlacedClouds.of(clouds, self.config), self.config.max_points
+        nx, ny, _ = self.config.grid_shape
+        reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)
+        column = placed.cells[:, 0] * ny + placed.cells[:, 1]
+        reach[placed.cloud, column] = 1
+        reach[-1, column[placed.crowd > most]] = 1
+        reach, size, seen = reach.view(-1, 1, nx, ny), 2 * TILE, []
+        for stride in self._strides:
+            reach, size = F.max_pool2d(reach, 3, stride, 1), size // stride
+            by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
+            seen.append(by_tile.flatten(1).T.cpu().numpy())
+        return UnionPlan(placed, seen, unions, placed.find_crowded(unions, most))
 
     def gains(self, plan: UnionPlan) -> bool:
         """Compare shared work with one union after another."""
-        distinct = len(_entries(plan, -1).tile)
-        return distinct <= MOST_OWN * len(plan.seen.clouds[-1]) * len(plan.unions)
+        return len(plan.entries(-1).tile) <= MOST_OWN * len(plan.seen[-1]) * len(plan.unions)
 
     def __call__(self, plan: UnionPlan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
         """Yield groups of unions, as large as memory allows.
@@ -209,49 +237,34 @@ class TiledVoxelNet:
         Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all of them.
         """
         count = len(plan.unions)
-        while count > 1 and len(_entries(plan.part(slice(count)), -1).tile) > MOST_ENTRIES:
+        while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MOST_ENTRIES:
             count = (count + 1) // 2
         for first in range(0, len(plan.unions), count):
             some = slice(first, first + count)
-            yield some, *self._maps(plan.part(some))
+            maps = self._maps(plan.part(some))
+            yield some, maps[-1][1], self._heads(maps)
 
     @torch.inference_mode()
-    def _maps(self, plan: UnionPlan) -> tuple[Entries, Iterator[TilePredictions]]:
-        strides, entries = self._strides(), _entries(plan, 0)
-        bank, size, layer, maps = _bank(self._first(plan, entries), entries), TILE, 0, []
+    def _maps(self, plan: UnionPlan) -> list[tuple[Tensor, Entries]]:
+        """Values and entries of each block's last layer."""
+        entries, size, layer, maps = plan.entries(0), TILE, 0, []
+        bank = self._first(plan, entries)
         for block in self._blocks:
             for conv in block:
                 layer += 1
-                after = _entries(plan, layer)
-                bank = _bank(self._convolve(conv, bank, entries, after, size), after)
-                size, entries = size // strides[layer], after
+                after = plan.entries(layer)
+                bank = self._convolve(conv, bank, entries, after, size)
+                size, entries = size // self._strides[layer], after
             maps.append((bank, entries))
-        return entries, self._heads(maps)
+        return maps
 
-    def _strides(self) -> list[int]:
-        return [2, *(conv.stride[0] for block in self._blocks for conv in block)]
-
-    def _seen(self, placed: PlacedClouds) -> Seen:
-        """Find clouds and crowded voxels within reach of the tiles."""
-        nx, ny, _ = self.config.grid_shape
-        full = placed.crowd > self.config.max_points
-        reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)
-        column = placed.cells[:, 0] * ny + placed.cells[:, 1]
-        reach[placed.cloud, column] = 1
-        reach[-1, column[full]] = 1
-        reach, size, found = reach.view(-1, 1, nx, ny), 2 * TILE, []
-        for stride in self._strides():
-            reach, size = F.max_pool2d(reach, 3, stride, 1), size // stride
-            by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
-            found.append(by_tile.flatten(1).T.cpu().numpy())
-        return Seen([each[:, :-1] for each in found], [each[:, -1] for each in found])
-
-    def _first(self, plan: UnionPlan, entries: Entries) -> Iterator[Float32[Tensor, "m t t K"]]:
-        """Run the first convolution on each entry's columns. They are the columns in and about its tile."""
+    def _first(self, plan: UnionPlan, entries: Entries) -> Float32[Tensor, "n t t K"]:
+        """Run the first convolution on each entry's columns, those in and about its tile."""
         wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
         placed, crowded = plan.placed, plan.crowded
-        by_tile = placed.by_tile(self._grid, 2 * TILE, 2)
-        for _, tiles, union in _parts(entries):
+        by_tile, middle = placed.by_tile(self._grid, 2 * TILE, 2), self._network.middle
+
+        def convolve(tiles: np.ndarray, union: np.ndarray) -> Float32[Tensor, "m t t K"]:
             rows, item = by_tile.rows(tiles, plan.unions[union])
             if len(crowded.dropped):
                 thinning = torch.from_numpy(crowded.thinning[union]).to(rows.device)[item]
@@ -259,129 +272,69 @@ class TiledVoxelNet:
                 rows, item = rows[keep], item[keep]
             corner = 2 * TILE * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
             voxels = placed.batch(rows, item, len(tiles), self.config)
-            features = self._network.features(voxels)
             local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
-            middle: Any = self._network.middle
-            x = middle(features, local, (wide, wide, self.config.grid_shape[2]))
-            yield self._within(x.permute(0, 2, 3, 1)[:, 1:, 1:], tiles)
+            x: Tensor = middle(self._network.features(voxels), local, (wide, wide, self.config.grid_shape[2]))
+            return self._within(x.permute(0, 2, 3, 1)[:, 1:, 1:], tiles)
+
+        return entries.bank(convolve)
 
     def _convolve(
         self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int
-    ) -> Iterator[Float32[Tensor, "m t t K"]]:
+    ) -> Float32[Tensor, "n t t K"]:
         """Entries after a 3x3 convolution and its ReLU."""
-        for _, tiles, union in _parts(after):
-            patches = self._patches(bank, before, tiles, union, size)
-            x = torch.relu_(F.conv2d(patches.permute(0, 3, 1, 2), conv.weight, conv.bias, conv.stride))
-            yield self._within(x.permute(0, 2, 3, 1), tiles)
+        sides = ((-1, slice(0, 1), slice(-1, None)), (0, slice(1, -1), slice(None)), (1, slice(-1, None), slice(0, 1)))
 
-    def _patches(
-        self, bank: Tensor, before: Entries, tiles: np.ndarray, union: np.ndarray, size: int
-    ) -> Float32[Tensor, "m p p K"]:
-        """Tiles of unions with a border of one cell. Zeros beyond the map."""
-        patches = bank.new_zeros(len(tiles), size + 2, size + 2, bank.shape[3])
-        at = self._corners(tiles)
-        sides = {-1: (slice(0, 1), slice(-1, None)), 0: (slice(1, -1), slice(None)), 1: (slice(-1, None), slice(0, 1))}
-        for dx, (to_x, from_x) in sides.items():
-            for dy, (to_y, from_y) in sides.items():
+        def convolve(tiles: np.ndarray, union: np.ndarray) -> Float32[Tensor, "m t t K"]:
+            patches, at = bank.new_zeros(len(tiles), size + 2, size + 2, bank.shape[3]), self._corners(tiles)
+            for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):
                 x, y = at[:, 0] + dx, at[:, 1] + dy
                 there = (x >= 0) & (x < self._grid[0]) & (y >= 0) & (y < self._grid[1])
                 rows = before.of[x[there] * self._grid[1] + y[there], union[there]]
                 part = bank[:, from_x, from_y][torch.from_numpy(rows).to(bank.device)]
                 patches[torch.from_numpy(there).to(bank.device), to_x, to_y] = part
-        return patches
+            values = torch.relu_(F.conv2d(patches.permute(0, 3, 1, 2), conv.weight, conv.bias, conv.stride))
+            return self._within(values.permute(0, 2, 3, 1), tiles)
 
-    def _heads(self, maps: list[tuple[Tensor, Entries]]) -> Iterator[TilePredictions]:
-        for first, tiles, union in _parts(maps[-1][1]):
-            yield self._head(maps, first, tiles, union)
+        return after.bank(convolve)
 
     @torch.inference_mode()
-    def _head(
-        self, maps: list[tuple[Tensor, Entries]], first: int, tiles: np.ndarray, union: np.ndarray
-    ) -> TilePredictions:
-        fine, *coarser = (bank[torch.from_numpy(of.of[tiles, union]).to(bank.device)] for bank, of in maps)
-        x = _cells(self._finest, fine)
-        for conv, y in zip(self._raised, coarser, strict=True):
-            side, k, width = y.shape[1], TILE // y.shape[1], x.shape[3]
-            raised = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
-            x.view(-1, side, k, side, k, width).add_(raised)
+    def _heads(self, maps: list[tuple[Tensor, Entries]]) -> Iterator[TilePredictions]:
         rpn = self._network.rpn
-        x = _cells(rpn.outputs, torch.relu_(x)).permute(0, 3, 1, 2)
-        corner = torch.from_numpy(TILE * self._corners(tiles)).to(x.device)
-        return TilePredictions(first, corner, Prediction(*torch.split(x, rpn.channels, 1)))
+        for first, tiles, union in maps[-1][1].parts():
+            fine, *coarser = (bank[torch.from_numpy(of.of[tiles, union]).to(bank.device)] for bank, of in maps)
+            x = _cells(self._finest, fine)
+            for conv, y in zip(self._raised, coarser, strict=True):
+                side, k, width = y.shape[1], TILE // y.shape[1], x.shape[3]
+                raised = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
+                x.view(-1, side, k, side, k, width).add_(raised)
+            x = _cells(rpn.outputs, torch.relu_(x)).permute(0, 3, 1, 2)
+            corner = torch.from_numpy(TILE * self._corners(tiles)).to(x.device)
+            yield TilePredictions(first, corner, Prediction(*torch.split(x, rpn.channels, 1)))
 
     def _corners(self, tiles: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "m 2"]:
         """Row and column of tiles."""
         return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
 
     def _within(self, x: Float32[Tensor, "m t t K"], tiles: np.ndarray) -> Float32[Tensor, "m t t K"]:
-        """Set cells beyond the map to zero. Convolutions expect zeros there."""
-        size, whole = x.shape[1], [side * TILE == cells for side, cells in zip(self._grid, self._map, strict=True)]
-        at = torch.from_numpy(self._corners(tiles)).to(x.device)
-        for axis, (fits, cells) in enumerate(zip(whole, self._map, strict=True)):
-            if not fits:
+        """Set cells beyond the map to zero, as convolutions expect."""
+        size, at = x.shape[1], torch.from_numpy(self._corners(tiles)).to(x.device)
+        for axis, (side, cells) in enumerate(zip(self._grid, self._map, strict=True)):
+            if side * TILE != cells:
                 place = at[:, axis, None] * size + torch.arange(size, device=x.device)
                 inside = (place < cells * size // TILE).to(x.dtype)
                 x = x * (inside[:, :, None, None] if axis == 0 else inside[:, None, :, None])
         return x
 
 
-def _parts(entries: Entries) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
-    """Yield entries in groups. Number of the first, tiles and unions."""
-    for first in range(0, len(entries.tile), AT_ONCE):
-        yield first, entries.tile[first : first + AT_ONCE], entries.union[first : first + AT_ONCE]
-
-
-def _bank(parts: Iterable[Float32[Tensor, "_ t t K"]], entries: Entries) -> Float32[Tensor, "n t t K"]:
-    """Collect the values of all entries of a layer."""
-    first, bank = 0, torch.empty(0)
-    for part in parts:
-        bank = bank if first else part.new_empty(len(entries.tile), *part.shape[1:])
-        bank[first : first + len(part)] = part
-        first += len(part)
-    return bank
-
-
 def _cell_by_cell(layer: nn.ConvTranspose2d) -> nn.Conv2d:
-    """Turn a transposed convolution into a 1x1 convolution.
-
-    Its kernel equals its stride. The channels are the k x k cells made from one cell, with their outputs.
-    """
+    """Turn a transposed convolution of kernel and stride k into a 1x1 convolution with outputs for k x k cells."""
     inputs, outputs, k, _ = layer.weight.shape
     conv = nn.Conv2d(inputs, k * k * outputs, 1, bias=False)
     conv.weight.data = layer.weight.detach().permute(2, 3, 1, 0).reshape(-1, inputs, 1, 1)
     return conv.requires_grad_(False)
 
 
-def _cells(conv: nn.Conv2d, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m t t L"]:
+def _cells(conv: nn.Module, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m t t L"]:
     """Convolve tiles with a 1x1 kernel, stacked as one map."""
     y = cell_by_cell(conv, x.flatten(0, 1)[None].permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
     return y.reshape(*x.shape[:3], -1)
-
-
-class UnionPlan(NamedTuple):
-    """Unions of clouds, and their reach over the tiles. Crowded voxels are listed too."""
-
-    placed: PlacedClouds
-    seen: Seen
-    unions: Bool[np.ndarray, "U C"]
-    crowded: Crowded
-
-    def part(self, some: slice) -> UnionPlan:
-        """Select some of the unions."""
-        crowded = self.crowded._replace(thinning=self.crowded.thinning[some])
-        return self._replace(unions=self.unions[some], crowded=crowded)
-
-
-def _entries(plan: UnionPlan, layer: int) -> Entries:
-    """Find the values that unions share in each tile. The tiles are those of a layer."""
-    clouds, unions = plan.seen.clouds[layer], plan.unions
-    tiles, count = len(clouds), len(unions)
-    code = np.repeat(np.arange(tiles), count)
-    parts = [plan.seen.crowd[layer][:, None] * plan.crowded.thinning]
-    for first in range(0, unions.shape[1], 31):
-        some = slice(first, first + 31)
-        parts.append((clouds[:, None, some] & unions[None, :, some]) @ (1 << np.arange(len(unions.T[some]))))
-    for part in parts:
-        code = np.unique(code << 31 | part.ravel(), return_inverse=True)[1]
-    _, one, of = np.unique(code, return_index=True, return_inverse=True)
-    return Entries(one // count, one % count, of.reshape(tiles, count))
