@@ -138,7 +138,7 @@ class VoxelNetDetector:
         for of in entries.of.T:
             row = np.repeat(begin[of] - np.cumsum(count[of]) + count[of], count[of]) + np.arange(count[of].sum())
             rows = torch.from_numpy(row).to(found.item.device)
-            yield found.of(rows[torch.argsort(found.place[rows])]).best()
+            yield found.best(rows[torch.argsort(found.place[rows])])
 
     def _sure(self, found: Detections) -> Detections:
         """Keep detections above the thresholds after their rivals' deduction."""

@@ -1,6 +1,4 @@
-"""Anchors, and boxes as residuals to them.
-
-From the paper, section III-D; Zhou and Tuzel 2018.
+"""Anchors, and boxes as residuals to them (paper, section III-D; Zhou and Tuzel 2018).
 
 Residuals of a box (x y z l w h ψ) to an anchor (a):
 
@@ -21,9 +19,7 @@ from toolkit.arrays import Bool, Float
 
 
 def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
-    """Return a box per cell, class and anchor yaw.
-
-    In the frame of the grid; H along x, W along y.
+    """Return a box per cell, class and yaw in the frame of the grid, H along x, W along y.
 
     >>> anchors(VoxelNetConfig.published("tjunction"))[0, 0, 1]
     tensor([-39.8000, -19.8000,   1.6000,   3.9000,   1.5600,   1.6000,   1.5708])
@@ -42,19 +38,18 @@ def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
 def encode(
     boxes: Float[Tensor, "*n 7"], anchors: Float[Tensor, "*n 7"], *, doubled: bool = True
 ) -> Float[Tensor, "*n R"]:
-    """Return residuals of boxes to anchors. Seven with the plain yaw difference, or eight with the doubled angle."""
+    """Return residuals of boxes to anchors: eight with the doubled yaw difference, or seven with the plain one."""
     diagonal, size = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True), anchors[..., 3:6]
     delta = boxes - anchors
-    centre = delta[..., :3] / torch.cat((diagonal, diagonal, size[..., 2:]), -1)
-    return torch.cat((centre, torch.log(boxes[..., 3:6] / size), _angle_code(delta[..., 6:], doubled)), -1)
+    centre, yaw = delta[..., :3] / torch.cat((diagonal, diagonal, size[..., 2:]), -1), delta[..., 6:]
+    angle = (torch.sin(2 * yaw), torch.cos(2 * yaw)) if doubled else (yaw,)
+    return torch.cat((centre, torch.log(boxes[..., 3:6] / size), *angle), -1)
 
 
 def decode(
     residuals: Float[Tensor, "*n R"], anchors: Float[Tensor, "*n 7"], direction: Bool[Tensor, "*n"] | None = None
 ) -> Float[Tensor, "*n 7"]:
-    """Return the boxes of residuals, the inverse of `encode`.
-
-    Eight residuals leave the yaw open by 180°; direction settles it.
+    """Return the boxes of residuals. Eight leave the yaw open by 180°, which `direction` settles.
 
     >>> anchor, box = torch.tensor([[0, 0, 0.8, 3.9, 1.6, 1.5, 0]]), torch.tensor([[1, 2, 0.7, 4.5, 1.8, 1.4, 3.0]])
     >>> decode(encode(box, anchor), anchor, faces_back(box, anchor))
@@ -70,7 +65,7 @@ def decode(
 
 
 def faces_back(boxes: Float[Tensor, "*n 7"], anchors: Float[Tensor, "*n 7"]) -> Bool[Tensor, "*n"]:
-    """Direction bit of a heading. True if it is more than 90° off its anchor's."""
+    """Mark boxes headed more than 90° off their anchor, the direction bit."""
     return torch.cos(boxes[..., 6] - anchors[..., 6]) < 0
 
 
@@ -78,7 +73,3 @@ def per_anchor(channels: Float[Tensor, "B Ak H W"], anchors: int) -> Float[Tenso
     """Reshape a map of the head by cell and anchor."""
     items, _, rows, columns = channels.shape
     return channels.view(items, anchors, -1, rows, columns).permute(0, 3, 4, 1, 2)
-
-
-def _angle_code(delta: Tensor, doubled: bool) -> Tensor:
-    return torch.cat((torch.sin(2 * delta), torch.cos(2 * delta)), -1) if doubled else delta

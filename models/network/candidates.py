@@ -1,6 +1,4 @@
-"""Candidates: scored boxes from a network's maps.
-
-Duplicates and rivals are removed.
+"""Candidates: scored boxes from a network's maps, without duplicates and rivals.
 
 A score says how sure the network is: the probability of the anchor's class, lowered by the IoU predicted for the box,
 and calibrated. Boxes suppress only boxes of their own class, so a person on a bicycle may be found as a cyclist and as
@@ -30,10 +28,9 @@ _SURE_LOGIT, _ROUNDING = 8.0, 0.01  # logits above the first are rounded by more
 
 
 class Candidates(NamedTuple):
-    """Boxes of anchors (m) and their score for each label.
+    """Boxes of anchors (m), and their score for each label or 0.
 
-    A score is 0 unless it is above the threshold. item: in the batch, ascending; place: number of the anchor in its
-    map.
+    item: in the batch, ascending; place: number of the anchor in its map.
     """
 
     item: Int64[Tensor, " n"]
@@ -41,16 +38,13 @@ class Candidates(NamedTuple):
     boxes: Float32[Tensor, "n 7"]
     scores: Float32[Tensor, "n L"]
 
-    def of(self, rows: Int64[Tensor, " m"] | slice) -> Candidates:
-        """Select rows."""
-        return Candidates(*(column[rows] for column in self))
-
-    def best(self) -> tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]:
-        """Return boxes and scores of one cloud. At most the `MOST_CANDIDATES` surest."""
-        if len(self.item) <= MOST_CANDIDATES:
-            return self.boxes, self.scores
-        chosen = torch.topk(self.scores.amax(-1), MOST_CANDIDATES).indices
-        return self.boxes[chosen], self.scores[chosen]
+    def best(self, rows: Int64[Tensor, " m"] | slice) -> tuple[Float32[Tensor, "k 7"], Float32[Tensor, "k L"]]:
+        """Return boxes and scores of these rows, at most the `MOST_CANDIDATES` surest."""
+        boxes, scores = self.boxes[rows], self.scores[rows]
+        if len(boxes) <= MOST_CANDIDATES:
+            return boxes, scores
+        chosen = torch.topk(scores.amax(-1), MOST_CANDIDATES).indices
+        return boxes[chosen], scores[chosen]
 
 
 def candidates(
@@ -59,13 +53,10 @@ def candidates(
     config: VoxelNetConfig,
     thresholds: Sequence[float],
 ) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
-    """Return boxes and scores of each cloud's best anchors.
-
-    Kept are anchors above the threshold of a label; scores for labels below theirs are 0.
-    """
+    """Return boxes and scores of each cloud's best anchors above a label's threshold."""
     found = all_candidates(prediction, anchors, config, thresholds)
     ends = torch.bincount(found.item, minlength=len(prediction.class_logits)).cumsum(0).tolist()
-    return [found.of(slice(first, end)).best() for first, end in zip([0, *ends], ends, strict=False)]
+    return [found.best(slice(first, end)) for first, end in zip([0, *ends], ends, strict=False)]
 
 
 def all_candidates(
@@ -75,65 +66,38 @@ def all_candidates(
     thresholds: Sequence[float],
     corner: Int64[Tensor, "B 2"] | None = None,
 ) -> Candidates:
-    """Return the boxes of anchors above a label's threshold.
+    """Return the boxes of anchors above a label's threshold; scores for labels below theirs are 0.
 
     corner: first cell of the map in each item, if the items are tiles of it; anything beyond the map is left out.
     """
     count = len(config.anchor_labels)
-    logits, residuals = (per_anchor(each, count) for each in (prediction.class_logits, prediction.residuals))
-    quality, direction = (
-        None if each is None else per_anchor(each, count)[..., 0]
-        for each in (prediction.quality_logits, prediction.direction_logits)
-    )
+    logits, residuals, direction, quality = (None if each is None else per_anchor(each, count) for each in prediction)
+    assert logits is not None
+    assert residuals is not None
     label = torch.tensor(config.anchor_labels, device=logits.device)
-    own = torch.eye(len(config.labels), device=logits.device)
     least = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
     cell = torch.nonzero(hopeful(logits, least, config), as_tuple=True)
     at = label[cell[3]]
-    scores = _scores(logits[cell], None if quality is None else quality[cell][:, None], at, config)
+    if config.head == "published":
+        scores = torch.softmax(logits[cell], -1)[..., 1:]
+    else:
+        scores = torch.sigmoid(logits[cell])
+        if quality is not None and config.quality_power:
+            scores = scores * torch.sigmoid(quality[cell]) ** config.quality_power
+        if config.calibration:
+            slope, intercept = _calibration(at, config, scores)
+            scores = torch.sigmoid(torch.logit(scores, 1e-6) * slope + intercept)
     scores = torch.where(scores > (least[at][:, None] if config.kinds else least), scores, 0.0)
     row, column = cell[1:3] if corner is None else (axis + corner[cell[0], k] for k, axis in enumerate(cell[1:3]))
     there = (scores.amax(-1) > 0) & (row < len(anchors)) & (column < anchors.shape[1])
     chosen = torch.nonzero(there)[:, 0]
-    scores, at, row, column = scores[chosen], at[chosen], row[chosen], column[chosen]
-    cell = tuple(axis[chosen] for axis in cell)
-    turned = None if direction is None else direction[cell] > 0
-    boxes = decode(residuals[cell], anchors[row, column, cell[3]], turned)
-    place = (row * anchors.shape[1] + column) * count + cell[3]
-    return Candidates(cell[0], place, boxes, scores * own[at] if config.kinds else scores)
-
-
-def label_scores(prediction: Prediction, config: VoxelNetConfig) -> Float[Tensor, "B H W A L"]:
-    """Score each label at each anchor, 0 to 1. Anchors of one class have a score for that class alone."""
-    count = len(config.anchor_labels)
-    logits = per_anchor(prediction.class_logits, count)
-    quality = None if prediction.quality_logits is None else per_anchor(prediction.quality_logits, count)
-    return _scores(logits, quality, torch.tensor(config.anchor_labels, device=logits.device), config)
-
-
-def _scores(
-    logits: Float[Tensor, "*n K"],
-    quality: Float[Tensor, "*n 1"] | None,
-    label: Int64[Tensor, "*m"],
-    config: VoxelNetConfig,
-) -> Float[Tensor, "*n L"]:
-    """Score anchors of these labels. All anchors, or those of one cell."""
-    if config.head == "published":
-        return torch.softmax(logits, -1)[..., 1:]
-    scores = torch.sigmoid(logits)
-    if quality is not None and config.quality_power:
-        scores = scores * torch.sigmoid(quality) ** config.quality_power
-    return calibrate(scores, label, config)
-
-
-def calibrate(
-    scores: Float[Tensor, "*n L"], label: Int64[Tensor, "*m"], config: VoxelNetConfig
-) -> Float[Tensor, "*n L"]:
-    """Calibrate scores to shares of true detections."""
-    if not config.calibration:
-        return scores
-    slope, intercept = _calibration(label, config, scores)
-    return torch.sigmoid(torch.logit(scores, 1e-6) * slope + intercept)
+    scores, at, row, column, *kept = (each[chosen] for each in (scores, at, row, column, *cell))
+    item, _, _, anchor = cell = tuple(kept)
+    backwards = None if direction is None else direction[cell][:, 0] > 0
+    boxes = decode(residuals[cell], anchors[row, column, anchor], backwards)
+    place = (row * anchors.shape[1] + column) * count + anchor
+    own = torch.eye(len(config.labels), device=logits.device)
+    return Candidates(item, place, boxes, scores * own[at] if config.kinds else scores)
 
 
 def _calibration(label: Tensor, config: VoxelNetConfig, like: Tensor) -> tuple[Tensor, Tensor]:
@@ -146,10 +110,9 @@ def _calibration(label: Tensor, config: VoxelNetConfig, like: Tensor) -> tuple[T
 def hopeful(
     logits: Float[Tensor, "B H W A K"], least: Float[Tensor, " L"], config: VoxelNetConfig
 ) -> Bool[Tensor, "B H W A"]:
-    """Find the few anchors that can pass the threshold.
+    """Find the few anchors that can pass their label's threshold.
 
-    It is that of a label. The class alone decides: a predicted IoU only lowers a score, so no anchor left out here
-    would pass later.
+    The class alone decides: a predicted IoU only lowers a score, so no anchor left out here would pass later.
     """
     if config.head == "published":
         return (torch.softmax(logits, -1)[..., 1:] > least).any(-1)
@@ -177,10 +140,9 @@ def suppress(
 
 
 def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
-    """Average each kept box with its overlapping candidates.
+    """Average each kept box with candidates of its class that overlap it.
 
-    Averaged are boxes of its class with a footprint IoU above the threshold, weighted by squared scores: neighbouring
-    anchors err independently ("box voting", Gidaris and Komodakis 2015).
+    Weights are squared scores: neighbouring anchors err independently ("box voting", Gidaris and Komodakis 2015).
     """
     boxes, best = candidates.boxes, candidates.boxes[kept]
     together = (iou_bev(best, boxes) > iou_threshold) & (candidates.labels[kept][:, None] == candidates.labels)
@@ -196,15 +158,10 @@ def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_thr
 
 TOGETHER = 0.3  # overlap, as a share of the smaller footprint, above which two claim one place
 LEAST_RIVAL = 0.2  # least score of a rival
-_NEVER_SURE = 1e-6  # scores are clipped to this distance from 0 and 1
 
 
 def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndarray, "n L"]:
-    """Greatest score of each label at each detection.
-
-    A rival stands on the detection's ground. It is 0 for the detection's own label and without a rival of at least
-    `LEAST_RIVAL`.
-    """
+    """Greatest score of each other label on each detection's ground; 0 below `LEAST_RIVAL`."""
     strongest = np.zeros((len(found), len(config.labels)))
     if not len(found):
         return strongest
@@ -217,9 +174,7 @@ def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndar
 
 
 def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
-    """Lower scores where other classes claim the place.
-
-    `config.rivalry` says by how much.
+    """Lower scores where other classes claim the place, by `config.rivalry`.
 
     score = sigmoid(slope · logit(score) + intercept - Σ weight of a label · score of its strongest rival).
     """
@@ -233,16 +188,13 @@ def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
 def rescore(
     scores: Float[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]
 ) -> Float[np.ndarray, " n"]:
-    """Lower scores by those of their rivals.
-
-    rows: slope, intercept and a weight per label (K = L + 2), one row for each score or one for all.
-    """
+    """Lower scores by those of their rivals. rows: slope, intercept and weights, for each score or one for all."""
     return sigmoid(rows[:, 0] * logit(scores) + rows[:, 1] - (rows[:, 2:] * rivals).sum(axis=1))
 
 
 def logit(scores: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Log odds of scores. Scores are clipped to 1e-6 from 0 and 1 as in the detector."""
-    cut = np.clip(scores, _NEVER_SURE, 1 - _NEVER_SURE)
+    """Log odds of scores, clipped to 1e-6 from 0 and 1 as in the detector."""
+    cut = np.clip(scores, 1e-6, 1 - 1e-6)
     return np.log(cut / (1 - cut))
 
 

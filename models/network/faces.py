@@ -1,8 +1,7 @@
-"""Faces: a second stage that moves a box's faces.
+"""Faces: a second stage that moves a box's faces to the end of the points, so that sizes are measured, not recalled.
 
-Each face is moved to the end of the points, so sizes are measured rather than recalled. In the frame of a box (u ahead,
-v to the left, t above its floor) the points about a face are counted by their distance beyond it, in steps of 4 cm and
-three zones:
+In the frame of a box (u ahead, v to the left, t above its floor) the points about a face are counted by their distance
+beyond it, in steps of 4 cm and three zones:
 
     front, rear    low, middle and high: bumpers, bonnet or boot, windows
     left, right    low; high ahead; high behind: mirrors stand out high ahead only
@@ -10,7 +9,7 @@ three zones:
 
 From these counts and those of the opposite face a tiny network per sort of face (end, side, top) says how far outwards
 the face belongs (m), and how far off that may be. A face stays where the answer is no nearer than the box already is,
-as where there are no points. The networks thus know what an end of points looks like, and no sizes.
+as where there are no points.
 """
 
 from __future__ import annotations
@@ -48,24 +47,30 @@ class FaceFeatures(NamedTuple):
 
 
 class FaceNetworks(nn.Module):
-    """Three networks: features (n, F) to shifts outwards.
-
-    Each gives a shift (m) and its log mean error (m).
+    """Three networks: features (n, F) to shifts outwards (m) and their log mean errors (m).
 
     >>> sum(each.numel() for each in FaceNetworks().parameters())
     35118
     """
 
+    prior: Tensor  # mean error of each sort of face as it is detected (m): a surer answer moves the face
+
     def __init__(self) -> None:
         super().__init__()
-        self.end, self.side, self.top = (_network(width) for width in (2 * _OWN, 2 * _OWN, _OWN))
+        self.end, self.side, self.top = (
+            nn.Sequential(
+                nn.Linear(width + _EXTRAS, HIDDEN),
+                nn.ReLU(),
+                nn.Linear(HIDDEN, HIDDEN),
+                nn.ReLU(),
+                nn.Linear(HIDDEN, 2),
+            )
+            for width in (2 * _OWN, 2 * _OWN, _OWN)
+        )
         self.register_buffer("prior", torch.full((len(SORTS),), np.inf))
 
-    prior: Tensor
-    """Mean error of each sort of face as it is detected (m): a surer answer moves the face."""
-
     def answers(self, sort: str, features: Float[Tensor, "n F"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-        """Shift of faces outwards, and its error. Shift (m) and log mean error (m) of faces of one sort."""
+        """Shift outwards (m) and its log mean error (m) of faces of one sort."""
         shift, spread = getattr(self, sort)(features).unbind(1)
         return shift / 4, spread - 3
 
@@ -73,19 +78,11 @@ class FaceNetworks(nn.Module):
     def shifts(self, features: FaceFeatures) -> list[Float[np.ndarray, " k"]]:
         """Shift outwards (m) of each face, by sort. 0 without evidence."""
         found = []
-        for number, sort in enumerate(SORTS):
-            shift, spread = self.answers(sort, torch.from_numpy(features[number]))
-            sure = (torch.exp(spread) < self.prior[number]) & (
-                torch.from_numpy(features.counted[number]) >= LEAST_POINTS
-            )
+        for sort, rows, counted, prior in zip(SORTS, features[:3], features.counted, self.prior, strict=True):
+            shift, spread = self.answers(sort, torch.from_numpy(rows))
+            sure = (torch.exp(spread) < prior) & (torch.from_numpy(counted) >= LEAST_POINTS)
             found.append(torch.where(sure, shift, 0.0).double().numpy())
         return found
-
-
-def _network(histograms: int) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Linear(histograms + _EXTRAS, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, 2)
-    )
 
 
 def measure_faces(
@@ -107,9 +104,7 @@ def move_faces(
     side: Float[np.ndarray, " 2*n"],
     top: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 7"]:
-    """Move faces of boxes outwards (m); the floor stays.
-
-    A negative shift leaves at least a fifth of the size.
+    """Move faces of boxes outwards (m), or inwards to a fifth of the size; the floor stays.
 
     >>> box = np.array([[0, 0, 1, 4, 2, 2, 0.0]])
     >>> move_faces(box, np.array([0.4, 0]), np.array([0, -0.2]), np.array([0.5])).round(3)
@@ -117,8 +112,7 @@ def move_faces(
     """
     (front, rear), (left, right) = np.split(end, 2), np.split(side, 2)
     boxes = boxes.copy()
-    grown = np.stack([front + rear, left + right, top], axis=1)
-    grown = np.maximum(grown, -0.8 * boxes[:, 3:6])
+    grown = np.maximum(np.stack([front + rear, left + right, top], axis=1), -0.8 * boxes[:, 3:6])
     ahead, aside = (front - rear) / 2, (left - right) / 2
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     boxes[:, 0] += ahead * cos - aside * sin
@@ -131,11 +125,7 @@ def move_faces(
 def face_offsets(
     boxes: Float[np.ndarray, "n 7"], truths: Float[np.ndarray, "n 7"]
 ) -> tuple[Float[np.ndarray, " 2*n"], Float[np.ndarray, " 2*n"], Float[np.ndarray, " n"]]:
-    """Shifts outwards (m) that turn boxes into true boxes.
-
-    These are the arguments of `move_faces`. A true box that faces the other way is taken by the faces on the same
-    sides.
-    """
+    """Arguments of `move_faces` that turn boxes into true boxes, which may face the other way."""
     (dx, dy), cos, sin = (truths - boxes)[:, :2].T, np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     ahead, aside, grown = dx * cos + dy * sin, dy * cos - dx * sin, truths[:, 3:6] - boxes[:, 3:6]
     end = np.concatenate([grown[:, 0] / 2 + ahead, grown[:, 0] / 2 - ahead])
@@ -147,9 +137,14 @@ def face_features(
     points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
 ) -> FaceFeatures:
     """Count points about each face of each box. Points that are not finite are ignored."""
-    count = len(boxes)
-    row, (u, v, t) = _near_points(points, boxes)
-    length, width, height = boxes[row, 3:6].T
+    count, reach = len(boxes), NEAREST + STEP * BINS  # of the counts, beyond a face
+    found = rows_in_boxes(points, boxes + np.array([0, 0, reach / 2, 2 * reach, 2 * reach, reach, 0]))
+    row = np.repeat(np.arange(count), [len(each) for each in found])
+    x, y, z = (points[np.concatenate([np.zeros(0, np.int64), *found])].astype(np.float64) - boxes[row, :3]).T
+    cos, sin, (length, width, height) = np.cos(boxes[:, 6])[row], np.sin(boxes[:, 6])[row], boxes[row, 3:6].T
+    u, v, t = x * cos + y * sin, y * cos - x * sin, z + height / 2
+    near = (np.abs(u) < length / 2 + reach) & (np.abs(v) < width / 2 + reach) & (t > FLOOR_GAP) & (t < height + reach)
+    row, u, v, t, length, width, height = (each[near] for each in (row, u, v, t, length, width, height))
     across, along = np.abs(v) <= width / 2 + BESIDE, np.abs(u) <= length / 2 + BESIDE
     band = (t >= 0.4 * height).astype(np.int64) + (t >= 0.7 * height)
     third = (u >= -length / 6).astype(np.int64) + (u >= length / 6)
@@ -164,42 +159,19 @@ def face_features(
 
 
 def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows for a network. Counts of each face, of the opposite one, size and class."""
-    faces = len(own)
-    totals = own.sum(axis=2)
+    """Counts of each face and of the opposite one, size and class, as rows for a network; points of both faces."""
+    faces, totals = len(own), own.sum(axis=2, keepdims=True)
     histograms = [own, own[::-1]] if faces == 2 else [own]
-    sums = [totals, totals[::-1] if faces == 2 else totals]
-    parts = [*map(np.log1p, histograms), *(np.log1p(total)[..., None] for total in sums)]
+    parts = [np.log1p(each) for each in (*histograms, totals, totals[::-1])]
     rows = np.concatenate([*parts, np.broadcast_to(extras, (faces, *extras.shape))], axis=2)
-    counted = totals.sum(axis=0) if faces == 2 else totals[0]
-    return rows.reshape(-1, rows.shape[2]).astype(np.float32), np.tile(counted, faces).astype(np.int64)
+    return rows.reshape(-1, rows.shape[2]).astype(np.float32), np.tile(totals.sum((0, 2)), faces).astype(np.int64)
 
 
 def _counts(
     distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray, row: np.ndarray, boxes: int
 ) -> Float[np.ndarray, "n F"]:
-    """Count points of boxes by zone and distance. Each row is a box; distances are in steps."""
+    """Count points by box (rows), and by zone and distance in steps."""
     step = np.floor((distance - NEAREST) / STEP)
     inside = chosen & (step >= 0) & (step < BINS)
     place = (row[inside] * ZONES + zone[inside]) * BINS + step[inside].astype(np.int64)
     return np.bincount(place, minlength=boxes * _OWN).reshape(boxes, _OWN).astype(np.float64)
-
-
-def _near_points(
-    points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"]
-) -> tuple[Int64[np.ndarray, " m"], Float[np.ndarray, "3 m"]]:
-    """Find the points on and about each box.
-
-    Returns the row of the box, and the points in its frame: u ahead and v left of its middle, t above its floor.
-    """
-    reach = NEAREST + STEP * BINS  # of the counts, beyond a face
-    about = boxes + np.array([0, 0, reach / 2, 2 * reach, 2 * reach, reach, 0])
-    found = rows_in_boxes(points, about)
-    row = np.repeat(np.arange(len(boxes)), [len(each) for each in found])
-    near = np.concatenate([np.zeros(0, np.int64), *found])
-    x, y, z = (points[near].astype(np.float64) - boxes[row, :3]).T
-    cos, sin = np.cos(boxes[:, 6])[row], np.sin(boxes[:, 6])[row]
-    u, v, t = x * cos + y * sin, y * cos - x * sin, z + boxes[row, 5] / 2
-    length, width, height = boxes[row, 3:6].T
-    inside = (np.abs(u) < length / 2 + reach) & (np.abs(v) < width / 2 + reach) & (t > FLOOR_GAP) & (t < height + reach)
-    return row[inside], np.stack([u[inside], v[inside], t[inside]])

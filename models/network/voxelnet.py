@@ -22,17 +22,12 @@ from toolkit.arrays import Float, Float32, Int64
 
 
 class Prediction(NamedTuple):
-    """Raw maps of the head, A anchors per cell.
+    """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then all of the next."""
 
-    Channels count anchor by anchor: all of one, then all of the next. class_logits: background and vehicle (published),
-    or one logit per label of the anchor. residuals: see `models.network.anchors`. direction_logits: above 0 where the
-    box faces away from the residuals' heading. quality_logits: the predicted IoU.
-    """
-
-    class_logits: Float[Tensor, "B AC H W"]
-    residuals: Float[Tensor, "B AR H W"]
-    direction_logits: Float[Tensor, "B A H W"] | None = None
-    quality_logits: Float[Tensor, "B A H W"] | None = None
+    class_logits: Float[Tensor, "B AC H W"]  # background and vehicle (published), or one per label of the anchor
+    residuals: Float[Tensor, "B AR H W"]  # see `models.network.anchors`
+    direction_logits: Float[Tensor, "B A H W"] | None = None  # above 0: faces away from the residuals' heading
+    quality_logits: Float[Tensor, "B A H W"] | None = None  # the predicted IoU
 
 
 class VoxelNet(nn.Module):
@@ -59,7 +54,7 @@ class VoxelNet(nn.Module):
 
 
 def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n 6"]:
-    """Coordinates of each point and its offset. The offset is from its voxel's mean, m."""
+    """Coordinates of each point, and its offset from its voxel's mean, m."""
     points, voxel = voxels.points, voxels.voxel
     total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(0, voxel, points.double())
     mean = (total / torch.bincount(voxel, minlength=len(total))[:, None]).float()
@@ -73,10 +68,7 @@ def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n
 
 
 class VoxelFeatures(nn.Module):
-    """Voxel feature encoding.
-
-    Linear maps per point, each followed by the voxel's maximum. Only the maximum of the last is returned.
-    """
+    """Voxel feature encoding: linear maps per point, each followed by the voxel's maximum."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
@@ -88,22 +80,15 @@ class VoxelFeatures(nn.Module):
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
         """Features of the occupied voxels."""
         x, voxel = point_features(voxels, self.config), voxels.voxel
-        if self.config.point_features == "published":
-            x, voxel = self._with_padding(x, voxel, len(voxels.cells))
+        if self.config.point_features == "published":  # one zero point stands for all that fill a voxel up to T
+            short = torch.nonzero(torch.bincount(voxel, minlength=len(voxels.cells)) < self.config.max_points)[:, 0]
+            x, voxel = torch.cat((x, x.new_zeros(len(short), 6))), torch.cat((voxel, short))
         *encoders, last = self.layers
         for layer in encoders:
             x = layer(x)
             greatest = maximum(x, voxel, len(voxels.cells))
             x = torch.cat((x, greatest.index_select(0, voxel)), 1)  # indexing would add gradients in any order
         return maximum(last(x), voxel, len(voxels.cells))
-
-    def _with_padding(self, x: Tensor, voxel: Tensor, rows: int) -> tuple[Tensor, Tensor]:
-        """Add one zero point to voxels.
-
-        It stands for all those that fill a voxel up to T. Their number does not change a maximum.
-        """
-        short = torch.nonzero(torch.bincount(voxel, minlength=rows) < self.config.max_points)[:, 0]
-        return torch.cat((x, x.new_zeros(len(short), 6))), torch.cat((voxel, short))
 
 
 def maximum(x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "rows C"]:
@@ -130,40 +115,32 @@ class MiddleLayers(nn.Module):
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
         self.shape = config.grid_shape
-        widths = (config.voxel_width, *config.middle_widths)
+        widths = pairwise((config.voxel_width, *config.middle_widths))
         strides, paddings = ((2, 1, 1), (1, 1, 1), (2, 1, 1)), ((1, 1, 1), (0, 1, 1), (1, 1, 1))
-        self.layers = nn.ModuleList(
-            conv_norm_relu(nn.Conv3d(*pair, 3, stride, padding))
-            for pair, stride, padding in zip(pairwise(widths), strides, paddings, strict=True)
-        )
+        convolutions = (nn.Conv3d(*each[0], 3, *each[1:]) for each in zip(widths, strides, paddings, strict=True))
+        self.layers = nn.ModuleList(map(conv_norm_relu, convolutions))
         depth = (((self.shape[2] + 1) // 2 - 2) + 1) // 2
         if depth < 1:
             raise ValueError(
-                f"the middle layers need at least 5 voxels of height, got {self.shape[2]}: lower voxel_size[2]"
+                f"middle layers need at least 5 voxels of height, got {self.shape[2]}: lower voxel_size[2]"
             )
-        self.width = depth * widths[-1]
+        self.width = depth * config.middle_widths[-1]
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
         """Return the map seen from above."""
-        x = dense_grid(features, voxels, self.shape)
+        nx, ny, nz = self.shape
+        grid = features.new_zeros(voxels.items, nz, nx, ny, features.shape[1])
+        item, ix, iy, iz = voxels.cells.unbind(1)
+        x = grid.index_put((item, iz, ix, iy), features).permute(0, 4, 1, 2, 3)
         for layer in self.layers:
             x = layer(x)
         return x.flatten(1, 2)
 
 
-def dense_grid(features: Tensor, voxels: Voxels, shape: tuple[int, int, int]) -> Float[Tensor, "B C D H W"]:
-    """Voxel features in their places, zeros elsewhere."""
-    nx, ny, nz = shape
-    grid = features.new_zeros(voxels.items, nz, nx, ny, features.shape[1])
-    item, ix, iy, iz = voxels.cells.unbind(1)
-    return grid.index_put((item, iz, ix, iy), features).permute(0, 4, 1, 2, 3)
-
-
 class HeightFold(nn.Module):
-    """Light middle: a sum over a column's voxels.
+    """Light middle: a sum over a column's voxels, with a linear map per height.
 
-    Linear maps, one per height, are summed. It equals a 1x1 convolution of the grid with its height folded into
-    channels, at the cost of the occupied voxels.
+    It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the occupied voxels.
     """
 
     def __init__(self, config: VoxelNetConfig) -> None:
@@ -176,11 +153,11 @@ class HeightFold(nn.Module):
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
         """Return the map seen from above."""
-        column, key = columns(voxels, self.shape)
-        folded = fold_columns(
-            features, voxels.cells[:, 3], column, self.weight, features.new_zeros(len(key), self.width)
-        )
-        return dense_map(torch.relu(self.norm(folded)), key, voxels.items, self.shape)
+        (column, key), (nx, ny, _) = columns(voxels, self.shape), self.shape
+        start = features.new_zeros(len(key), self.width)
+        x = torch.relu(self.norm(fold_columns(features, voxels.cells[:, 3], column, self.weight, start)))
+        flat = x.new_zeros(voxels.items * nx * ny, self.width).index_put((key,), x)
+        return flat.view(voxels.items, nx, ny, -1).permute(0, 3, 1, 2)  # channels are last in memory
 
 
 def fold_columns(
@@ -190,7 +167,7 @@ def fold_columns(
     weight: Float[Tensor, "D C K"],
     start: Float[Tensor, "n K"],
 ) -> Float[Tensor, "n K"]:
-    """Add weighted voxels to each column of `start`. Each voxel is multiplied by the weights of its level."""
+    """Add voxels, each times the weights of its level, to the columns of `start`."""
     if bool((level[1:] < level[:-1]).any()):  # several clouds; the voxels of one come level by level
         by_level = torch.argsort(level, stable=True)
         features, column = features[by_level], column[by_level]
@@ -200,10 +177,7 @@ def fold_columns(
 
 
 def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
-    """Find the occupied columns of a batch.
-
-    Returns each voxel's column (v,), and each column's place in the flat (B, H, W) map.
-    """
+    """Find each voxel's occupied column (v,), and each column's place in the flat (B, H, W) map."""
     nx, ny, _ = shape
     item, ix, iy, _ = voxels.cells.unbind(1)
     key = (item * nx + ix) * ny + iy
@@ -211,28 +185,16 @@ def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor
     return (torch.cumsum(occupied, 0) - 1)[key], torch.nonzero(occupied)[:, 0]
 
 
-def dense_map(features: Tensor, key: Tensor, items: int, shape: tuple[int, int, int]) -> Float[Tensor, "B C H W"]:
-    """Column features in their places, zeros elsewhere. Channels are last in memory."""
-    nx, ny, _ = shape
-    flat = features.new_zeros(items * nx * ny, features.shape[1]).index_put((key,), features)
-    return flat.view(items, nx, ny, -1).permute(0, 3, 1, 2)
-
-
 class RegionProposal(nn.Module):
     """Three blocks, each at half the previous resolution. They meet at the resolution of the first."""
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()
-        self.order = config.rpn_layers
-        widths, out = config.rpn_widths, config.upsample_width
-        self.blocks = nn.ModuleList(
-            nn.ModuleList(
-                conv_norm_relu(nn.Conv2d(width if i else before, width, 3, 1 if i else 2, 1))
-                for i in range(max(order) + 1)
-            )
-            for before, width, order in zip((inputs, *widths), widths, self.order, strict=False)
-        )
-        self.add = config.upsample == "add"
+        self.order, self.add = config.rpn_layers, config.upsample == "add"
+        widths, out, self.blocks = config.rpn_widths, config.upsample_width, nn.ModuleList()
+        for before, width, order in zip((inputs, *widths), widths, self.order, strict=False):
+            layers = (nn.Conv2d(width if i else before, width, 3, 1 if i else 2, 1) for i in range(max(order) + 1))
+            self.blocks.append(nn.ModuleList(map(conv_norm_relu, layers)))
         lateral = (1, 1, 0) if self.add else (3, 1, 1)  # kernel, stride, padding of the first block's output
         self.upsample = nn.ModuleList(
             nn.ConvTranspose2d(width, out, *kernel, bias=not self.add)
@@ -255,7 +217,7 @@ class RegionProposal(nn.Module):
 
 
 class Head(nn.Module):
-    """1x1 convolutions for each anchor of a cell. They follow an optional 3x3 one."""
+    """1x1 convolutions for each anchor of a cell, after an optional 3x3 one."""
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()
@@ -266,8 +228,7 @@ class Head(nn.Module):
         self.residuals = nn.Conv2d(inputs, anchors * config.residuals, 1)
         self.direction = self.quality = None
         if config.head == "quality":
-            self.direction = nn.Conv2d(inputs, anchors, 1)
-            self.quality = nn.Conv2d(inputs, anchors, 1)
+            self.direction, self.quality = (nn.Conv2d(inputs, anchors, 1) for _ in range(2))
             nn.init.constant_(self.classes.bias, -math.log(99))  # type: ignore[arg-type]  # at first, vehicles are rare
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:

@@ -1,4 +1,4 @@
-"""Voxelisation: points of a cloud by voxel. At most T points in each."""
+"""Voxelisation: points of a cloud by voxel, at most T in each."""
 
 from __future__ import annotations
 
@@ -14,11 +14,7 @@ from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class Voxels(NamedTuple):
-    """Occupied voxels of one or several clouds, and points.
-
-    Points are plain lists, not a (voxels, T, 3) block that is mostly padding. The rows of `cells` are sorted by batch
-    item, z, x, y; no voxel is empty.
-    """
+    """Points of one or several clouds and their occupied voxels, sorted by batch item, z, x, y."""
 
     points: Float32[Tensor, "n 3"]  # x y z in the frame of the grid, m
     voxel: Int64[Tensor, " n"]  # the row in `cells` of each point's voxel
@@ -39,8 +35,7 @@ def voxelise(
     """Group points (x y z, m) by voxel.
 
     Points outside the area or the height range, or on their borders, are ignored (the paper keeps 0 < height < 4 m). In
-    a voxel with more than T points a random T stay, each subset as likely as any other; the choice follows `rng` and is
-    the same every time by default. Kept points stay in their order.
+    a voxel with more than T points a random T stay, by default the same every time. Kept points stay in their order.
 
     Raises ValueError unless the points are (n, 3).
 
@@ -51,72 +46,49 @@ def voxelise(
     cloud = torch.as_tensor(points, dtype=torch.float32)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {tuple(cloud.shape)}")
-    cloud = cloud[_inside(cloud, config)]
-    key = _keys(cloud, config)
-    occupied, voxel = torch.unique(key, return_inverse=True)  # sorts: less work than a map of all voxels
+    cloud, cells = grid_cells(cloud, config)
+    nx, ny, _ = config.grid_shape
+    ix, iy, iz = cells.unbind(1)
+    occupied, voxel = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True)  # less work than a map of all voxels
     crowded = torch.bincount(voxel)[voxel] > config.max_points
     if crowded.any():
         keep = thin_voxels(voxel, crowded, config.max_points, rng)
         cloud, voxel = cloud[keep], voxel[keep]
-    return Voxels(cloud, voxel, _cells(occupied, config))
+    plane = occupied % (nx * ny)
+    cells = torch.stack((torch.zeros_like(plane), plane // ny, plane % ny, occupied // (nx * ny)), 1)
+    return Voxels(cloud, voxel, cells)
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
     """Join clouds into one batch. Item i of the result is batch[i]."""
-    points, voxel, cells, item, row = [], [], [], 0, 0
+    voxel, cells, item, row = [], [], 0, 0
     for voxels in batch:
-        points.append(voxels.points)
         voxel.append(voxels.voxel + row)
         cells.append(voxels.cells + torch.tensor([item, 0, 0, 0], device=voxels.cells.device))
         item += voxels.items
         row += len(voxels.cells)
-    return Voxels(torch.cat(points), torch.cat(voxel), torch.cat(cells), item)
-
-
-def _inside(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
-    xmin, ymin, xmax, ymax = config.area
-    bounds = ((xmin, xmax), (ymin, ymax), config.height)
-    sides = [(axis > low) & (axis < high) for axis, (low, high) in zip(cloud.unbind(1), bounds, strict=True)]
-    return sides[0] & sides[1] & sides[2]
+    return Voxels(torch.cat([each.points for each in batch]), torch.cat(voxel), torch.cat(cells), item)
 
 
 def grid_cells(
     cloud: Float32[Tensor, "n 3"], config: VoxelNetConfig
 ) -> tuple[Float32[Tensor, "m 3"], Int64[Tensor, "m 3"]]:
-    """Points of a cloud inside the grid. Their voxel indices along x, y and z are returned too."""
-    cloud = cloud[_inside(cloud, config)]
-    return cloud, torch.stack(_indices(cloud, config), 1)
-
-
-def _indices(cloud: Tensor, config: VoxelNetConfig) -> list[Tensor]:
-    """Voxel indices of points along x, y and z. In float64: a float32 1.4 is below 7 voxels."""
-    origin = (config.area[0], config.area[1], config.height[0])
-    return [
+    """Points of a cloud inside the grid, and their voxel indices along x, y and z."""
+    xmin, ymin, xmax, ymax = config.area
+    bounds = ((xmin, xmax), (ymin, ymax), config.height)
+    x, y, z = ((axis > low) & (axis < high) for axis, (low, high) in zip(cloud.unbind(1), bounds, strict=True))
+    cloud, sizes = cloud[x & y & z], zip(config.voxel_size, config.grid_shape, strict=True)
+    indices = [  # in float64: a float32 1.4 is below 7 voxels
         torch.floor(axis.double() / size - low / size).long().clamp_(0, cells - 1)
-        for axis, low, size, cells in zip(cloud.unbind(1), origin, config.voxel_size, config.grid_shape, strict=True)
+        for axis, (low, _), (size, cells) in zip(cloud.unbind(1), bounds, sizes, strict=True)
     ]
-
-
-def _keys(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
-    """Voxel number of each point. Counted z by z, then x by x."""
-    ix, iy, iz = _indices(cloud, config)
-    nx, ny, _ = config.grid_shape
-    return (iz * nx + ix) * ny + iy
-
-
-def _cells(key: Tensor, config: VoxelNetConfig) -> Tensor:
-    nx, ny, _ = config.grid_shape
-    plane = key % (nx * ny)
-    return torch.stack((torch.zeros_like(key), plane // ny, plane % ny, key // (nx * ny)), 1)
+    return cloud, torch.stack(indices, 1)
 
 
 def thin_voxels(
     voxel: Int64[Tensor, " n"], crowded: Bool[Tensor, " n"], limit: int, rng: np.random.Generator | int = 0
 ) -> Bool[Tensor, " n"]:
-    """Mark the points that stay.
-
-    In crowded voxels a random `limit` per voxel stays, each subset as likely as any other.
-    """
+    """Mark the points that stay: in crowded voxels any `limit` of them, each subset as likely as any other."""
     rows = torch.nonzero(crowded)[:, 0]
     rows = rows[torch.from_numpy(np.random.default_rng(rng).permutation(len(rows))).to(rows.device)]
     rows = rows[torch.argsort(voxel[rows], stable=True)]

@@ -16,7 +16,6 @@ from models.network.candidates import (
     apply_rivals,
     average_boxes,
     candidates,
-    label_scores,
     strongest_rivals,
     suppress,
 )
@@ -62,17 +61,6 @@ def test_boxes_centred_outside_the_area_are_dropped():
     boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
     found = suppress(*candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1)
     np.testing.assert_allclose(found.boxes[:, 0], [-3.0], atol=1e-4)
-
-
-def test_scores_are_probabilities_and_a_quality_lowers_them():
-    prediction = prediction_of([[0.0, 0.0, 0.8, 4, 2, 1.6, 0.0]])
-    with_quality = label_scores(prediction, CONFIG)
-    without = label_scores(prediction, dataclasses.replace(CONFIG, quality_power=0.0))
-    assert torch.all((with_quality >= 0) & (with_quality <= without) & (without <= 1))
-    published = dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area)
-    logits = torch.randn(1, 4, *published.map_shape)
-    scores = label_scores(Prediction(logits, torch.zeros(1, 14, *published.map_shape)), published)
-    torch.testing.assert_close(scores[0, :, :, 1, 0], torch.softmax(logits[0, 2:], 0)[1])
 
 
 def test_averaging_weighs_by_squared_scores_and_heeds_neither_far_nor_turned_boxes():
@@ -134,10 +122,29 @@ CONFIGS = {
 }
 
 
+def label_scores(prediction, config):
+    """Score (B, H, W, A, L) of every anchor, by the definition; anchors of a class have its score alone."""
+    items, _, rows, columns = prediction.class_logits.shape
+    logits, quality = (
+        None
+        if each is None
+        else each.reshape(items, len(config.anchor_labels), -1, rows, columns).permute(0, 3, 4, 1, 2)
+        for each in (prediction.class_logits, prediction.quality_logits)
+    )
+    if config.head == "published":
+        return torch.softmax(logits, -1)[..., 1:]
+    scores = torch.sigmoid(logits) * torch.sigmoid(quality)
+    if config.calibration:
+        pairs = torch.tensor(config.calibration)
+        slope, shift = (pairs[list(config.anchor_labels)].T[..., None] if config.kinds else pairs.T)[:]
+        scores = torch.sigmoid(slope * torch.logit(scores, 1e-6) + shift)
+    return scores
+
+
 @pytest.mark.parametrize("least", [0.0, 1e-7, 0.05, 0.6, 0.9999, 1.0])
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
-    """Beside scores of every anchor and label, as `label_scores` has them, one that is not a number among them."""
+    """Beside scores of every anchor and label, one that is not a number among them."""
     config = CONFIGS[name]
     shape, torch_rng = config.map_shape, torch.Generator().manual_seed(7)
     count = len(config.anchor_labels)
