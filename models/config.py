@@ -10,6 +10,22 @@ from typing import Any, Literal, SupportsFloat
 from toolkit.objects import LABELS
 
 SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
+_LIGHT = {
+    "point_features": "local",
+    "vfe_widths": (),
+    "voxel_width": 32,
+    "middle_widths": (),
+    "column_width": 32,
+    "rpn_widths": (48, 80, 96),
+    "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
+    "upsample": "add",
+    "upsample_width": 64,
+    "head3x3": 0,
+    "head": "quality",
+    "anchor_z": 0.8,
+    "quality_power": 1.0,
+    "averaging": 0.75,
+}
 _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
 
 
@@ -17,16 +33,13 @@ _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
 class AnchorKind:
     """Anchors of one class: in every cell, one for each yaw (rad).
 
-    size: length width height, m; z: height of their centres, m; margin: metres by which length and width of anchors and
-    objects grow during matching, so that a small object matches more than one anchor; positive, negative: IoU
-    thresholds of that matching.
-
-    Raises ValueError for impossible sizes, margins or thresholds.
+    margin: metres by which length and width of anchors and objects grow during matching, so that a small object matches
+    more than one anchor; positive, negative: IoU thresholds of that matching. Raises ValueError for impossible values.
     """
 
     label: str
-    size: tuple[float, float, float]
-    z: float
+    size: tuple[float, float, float]  # length width height, m
+    z: float  # height of the centres, m
     yaws: tuple[float, ...] = (0.0, math.pi / 2)
     margin: float = 0.0
     positive: float = 0.5
@@ -55,10 +68,9 @@ ROAD_USERS = (
 class VoxelNetConfig:
     """Grid, widths and head of one VoxelNet; the published network by default.
 
-    The grid starts at the lower corner of the area. Where the area is no multiple of the network's stride, the grid
-    reaches beyond its upper end, but points outside the area are still ignored. Maps have H along x, W along y.
-
-    Raises ValueError if no network can have these numbers.
+    The grid starts at the lower corner of the area and may reach beyond its upper end, a multiple of the network's
+    stride, but points outside the area are ignored. Maps have H along x, W along y. Raises ValueError for impossible
+    values.
 
     >>> VoxelNetConfig.published("tjunction").grid_shape, VoxelNetConfig.light((0, 0, 50, 30)).map_shape
     ((400, 200, 10), (128, 76))
@@ -113,7 +125,7 @@ class VoxelNetConfig:
             raise ValueError(f"area and height must ascend, got {self.area} and {self.height}")
         if min(self.voxel_size) <= 0 or self.max_points < 1:
             raise ValueError(
-                f"voxels need a size above 0 and at least 1 point, got {self.voxel_size} and {self.max_points}"
+                f"voxels need a size above 0 and 1 point or more, got {self.voxel_size}, {self.max_points}"
             )
         if bool(self.middle_widths) == bool(self.column_width):
             raise ValueError(
@@ -124,12 +136,9 @@ class VoxelNetConfig:
             raise ValueError(
                 "middle_widths, rpn_widths and rpn_layers need three entries each (middle_widths may be empty)"
             )
-        self._check_classes()
-
-    def _check_classes(self) -> None:
-        """Raise ValueError unless labels, anchors, faces and calibration fit each other."""
+        size = len(self.labels)
         unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
-        if unknown or len(set(self.labels)) != len(self.labels) or not self.labels:
+        if unknown or len(set(self.labels)) != size or not self.labels:
             raise ValueError(f"labels must be different ones of {LABELS}, got {self.labels} with faces {self.faces}")
         if self.kinds and (self.head != "quality" or tuple(kind.label for kind in self.kinds) != self.labels):
             raise ValueError(
@@ -138,9 +147,8 @@ class VoxelNetConfig:
             )
         if not set(self.faces) <= set(self.labels):
             raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
-        if len(self.calibration) not in (0, len(self.labels)) or any(slope <= 0 for slope, _ in self.calibration):
+        if len(self.calibration) not in (0, size) or any(slope <= 0 for slope, _ in self.calibration):
             raise ValueError(f"calibration must have a slope above 0 per label or be empty, got {self.calibration}")
-        size = len(self.labels)
         if len(self.rivalry) not in (0, size) or any(
             len(row) != size + 2 or row[0] <= 0 or min(row[2:]) < 0 for row in self.rivalry
         ):
@@ -150,49 +158,28 @@ class VoxelNetConfig:
             )
         if not all(0 <= each < 1 for each in (self.score_threshold, *self.thresholds)):
             raise ValueError(f"score thresholds must lie in 0..1, got {self.score_threshold} and {self.thresholds}")
-        if len(self.thresholds) not in (0, len(self.labels)):
+        if len(self.thresholds) not in (0, size):
             raise ValueError(f"thresholds must be one per label or empty, got {self.thresholds} for {self.labels}")
 
     @classmethod
     def published(cls, site: str, **changes: Any) -> VoxelNetConfig:
-        """Return the paper's network for "tjunction" or "roundabout".
-
-        Its voxels are 0.2 m and 0.4 m wide; it works in the site's own frame.
-        """
+        """Return the paper's network for "tjunction" or "roundabout", in the site's own frame."""
         if site not in SITE_AREAS:
             raise ValueError(f"the published networks are for {' and '.join(SITE_AREAS)}, got {site!r}")
         return cls(**{"area": SITE_AREAS[site], "voxel_size": _VOXEL_SIZES[site], **changes})
 
     @classmethod
     def light(cls, area: Iterable[SupportsFloat], **changes: Any) -> VoxelNetConfig:
-        """Return the CPU default for any area.
-
-        It has a quarter of the width, folds the height into channels and has no 3x3 head.
-        """
-        light: dict[str, Any] = {
-            "point_features": "local",
-            "vfe_widths": (),
-            "voxel_width": 32,
-            "middle_widths": (),
-            "column_width": 32,
-            "rpn_widths": (48, 80, 96),
-            "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
-            "upsample": "add",
-            "upsample_width": 64,
-            "head3x3": 0,
-            "head": "quality",
-            "anchor_z": 0.8,
-            "quality_power": 1.0,
-            "averaging": 0.75,
-        }
-        return cls(**{"area": tuple(float(side) for side in area), **light, **changes})
+        """Return the CPU default for any area: a quarter of the width, the height folded, no 3x3 head."""
+        return cls(**{"area": tuple(float(side) for side in area), **_LIGHT, **changes})
 
     @property
     def grid_shape(self) -> tuple[int, int, int]:
         """Voxels along x, y and z. x and y are multiples of 8, the stride of the third block."""
         xmin, ymin, xmax, ymax = self.area
-        nx, ny = _cells(xmax - xmin, self.voxel_size[0]), _cells(ymax - ymin, self.voxel_size[1])
-        return -(-nx // 8) * 8, -(-ny // 8) * 8, _cells(self.height[1] - self.height[0], self.voxel_size[2])
+        lengths = (xmax - xmin, ymax - ymin, self.height[1] - self.height[0])
+        nx, ny, nz = (math.ceil(round(each / size, 6)) for each, size in zip(lengths, self.voxel_size, strict=True))
+        return -(-nx // 8) * 8, -(-ny // 8) * 8, nz
 
     @property
     def map_shape(self) -> tuple[int, int]:
@@ -206,10 +193,8 @@ class VoxelNetConfig:
 
     @property
     def anchor_kinds(self) -> tuple[AnchorKind, ...]:
-        """Anchors of a cell, class by class. These are `kinds`, or the one kind that the other entries describe."""
-        if self.kinds:
-            return self.kinds
-        return (AnchorKind(self.labels[0], self.anchor_size, self.anchor_z, self.anchor_yaws),)
+        """Anchors of a cell, class by class: `kinds`, or the one kind that the other entries describe."""
+        return self.kinds or (AnchorKind(self.labels[0], self.anchor_size, self.anchor_z, self.anchor_yaws),)
 
     @property
     def anchor_labels(self) -> tuple[int, ...]:
@@ -231,30 +216,32 @@ class VoxelNetConfig:
         return 7 if self.head == "published" else 8
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON.
-
-        Entries added after the first weights were published are left out at their default, so that the digest of those
-        weights does not change.
-        """
-        values = asdict(self)
+        """Return plain values for JSON."""
+        # Entries younger than the first shipped weights are left out at their default, so that digests do not change.
         young = ("kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds")
-        return {name: value for name, value in values.items() if name not in young or value != _DEFAULTS[name]}
+        defaults = {each.name: each.default for each in fields(self) if each.name in young}
+        return {name: value for name, value in asdict(self).items() if name not in young or value != defaults[name]}
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> VoxelNetConfig:
-        """Build a configuration from `to_dict`'s values, as JSON gives them back. Raises ValueError for other keys."""
+    def from_dict(cls, values: object) -> VoxelNetConfig:
+        """Build a configuration from `to_dict`'s values, as JSON gives them back. Raises ValueError for others."""
         if not isinstance(values, dict):
             raise ValueError(f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}")
         if unknown := set(values) - {field.name for field in fields(cls)}:
             raise ValueError(f"a VoxelNetConfig has no {', '.join(sorted(unknown))}: is the file newer?")
         if "area" not in values:
             raise ValueError("a VoxelNetConfig needs an area: xmin ymin xmax ymax (m)")
-        example = asdict(_EXAMPLE)
-        for name, value in values.items():
-            if name != "kinds":
-                _check_type(value, example[name], name)
-        kinds = _kinds(values.get("kinds", ()))
-        return cls(**{name: _tuples(value) for name, value in values.items()} | {"kinds": kinds})
+        known, kinds = asdict(_EXAMPLE), values.get("kinds", ())
+        if not isinstance(kinds, list | tuple):
+            raise ValueError(f"kinds must be a list of anchors, got {str(kinds)[:60]}")
+        names = [each.name for each in fields(AnchorKind)]
+        for kind in kinds:
+            if not isinstance(kind, dict) or not {"label", "size", "z"} <= set(kind) <= set(names):
+                raise ValueError(f"an entry of kinds must be an object of {', '.join(names)}, got {str(kind)[:60]}")
+        parsed = {name: _parse(value, known[name], name) for name, value in values.items() if name != "kinds"}
+        anchor = asdict(ROAD_USERS[0])
+        parse = ({name: _parse(value, anchor[name], name) for name, value in kind.items()} for kind in kinds)
+        return cls(**parsed, kinds=tuple(AnchorKind(**each) for each in parse))
 
 
 def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:
@@ -263,9 +250,7 @@ def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:
 
 
 def select_anchors(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
-    """Select anchors of `ROAD_USERS` in the order of `labels`.
-
-    Raises ValueError for other labels.
+    """Select anchors of `ROAD_USERS` in the order of `labels`. Raises ValueError for other labels.
 
     >>> [kind.label for kind in select_anchors(["pedestrian", "vehicle"])]
     ['pedestrian', 'vehicle']
@@ -277,51 +262,28 @@ def select_anchors(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
     return tuple(known[label] for label in labels)
 
 
-def _kinds(values: Any) -> tuple[AnchorKind, ...]:
-    """Parse the kinds that `to_dict` wrote."""
-    if not isinstance(values, list | tuple):
-        raise ValueError(f"kinds must be a list of anchors, got {str(values)[:60]}")
-    example, names = asdict(ROAD_USERS[0]), [each.name for each in fields(AnchorKind)]
-    for value in values:
-        if not isinstance(value, dict) or not {"label", "size", "z"} <= set(value) <= set(names):
-            raise ValueError(f"an entry of kinds must be an object of {', '.join(names)}, got {str(value)[:60]}")
-        for name, entry in value.items():
-            _check_type(entry, example[name], name)
-    return tuple(AnchorKind(**{name: _tuples(entry) for name, entry in value.items()}) for value in values)
-
-
-def _check_type(value: object, example: object, name: str) -> None:
-    """Raise ValueError unless a value has the type of the example.
-
-    Types are texts, finite whole or other numbers, and tuples of these.
-    """
-    if isinstance(example, tuple):
-        if not isinstance(value, list | tuple):
-            raise ValueError(f"{name} must be a list like {example}, got {str(value)[:60]}")
-        if name in _LENGTHS and len(value) != _LENGTHS[name]:
-            raise ValueError(f"{name} must have {_LENGTHS[name]} entries, got {len(value)}")
-        for each in value:
-            _check_type(each, example[0], name)
-    elif isinstance(example, str):
-        if not isinstance(value, str):
-            raise ValueError(f"{name} must be a text like {example!r}, got {str(value)[:60]}")
-    elif isinstance(value, bool) or not isinstance(value, int if isinstance(example, int) else int | float):
-        raise ValueError(f"{name} must be a number like {example}, got {str(value)[:60]}")
-    elif not -_LARGEST <= value <= _LARGEST:
-        raise ValueError(f"{name} must lie within ±{_LARGEST:g}, got {str(value)[:60]}")
+def _parse(value: Any, example: Any, name: str) -> Any:
+    """Return a value, its lists as tuples. Raises ValueError unless it has the type of the example."""
+    got = str(value)[:60]
+    match example:
+        case tuple():
+            if not isinstance(value, list | tuple):
+                raise ValueError(f"{name} must be a list like {example}, got {got}")
+            if name in _LENGTHS and len(value) != _LENGTHS[name]:
+                raise ValueError(f"{name} must have {_LENGTHS[name]} entries, got {len(value)}")
+            return tuple(_parse(each, example[0], name) for each in value)
+        case str() if not isinstance(value, str):
+            raise ValueError(f"{name} must be a text like {example!r}, got {got}")
+        case int() | float():
+            if isinstance(value, bool) or not isinstance(value, int if isinstance(example, int) else int | float):
+                raise ValueError(f"{name} must be a number like {example}, got {got}")
+            if not -_LARGEST <= value <= _LARGEST:
+                raise ValueError(f"{name} must lie within ±{_LARGEST:g}, got {got}")
+    return value
 
 
 _LARGEST = 1e6
 _LENGTHS = {"area": 4, "height": 2, "voxel_size": 3, "anchor_size": 3, "size": 3}
-_DEFAULTS = {each.name: each.default for each in fields(VoxelNetConfig)}
 _EXAMPLE = VoxelNetConfig(
     (0.0, 0.0, 1.0, 1.0), faces=("vehicle",), calibration=((1.0, 0.0),), rivalry=((1.0, 0.0, 0.0),), thresholds=(0.1,)
 )
-
-
-def _cells(length: float, size: float) -> int:
-    return math.ceil(round(length / size, 6))
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value

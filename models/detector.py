@@ -16,7 +16,7 @@ from models.network.anchors import anchors
 from models.network.candidates import LEAST_RIVAL, Candidates, all_candidates, apply_rivals, candidates, suppress
 from models.network.faces import measure_faces
 from models.network.sparse import SparseVoxelNet
-from models.network.tiles import Entries, TiledVoxelNet, TilePredictions, tileable
+from models.network.tiles import TiledVoxelNet, tileable
 from models.network.voxelnet import VoxelNet
 from models.network.voxels import collate, voxelise
 from models.weight_files import digest_detector, digest_tensors, load_weights
@@ -29,12 +29,11 @@ SHIPPED = Path(__file__).parent / "weights"
 
 
 class VoxelNetDetector:
-    """Detector of one network: points (n, 3) in, `Detections` out.
+    """Detector of one network: points (n, 3) in, `Detections` out, in the world frame, m.
 
-    Both are in the world frame, in metres. Points outside the network's area are ignored, and so are boxes with their
-    centre outside. score_threshold: detections at or below it are dropped; None takes the configuration's own, which
-    may differ by label. nms_threshold: of two boxes of one class with a larger footprint IoU, only the better scored
-    one stays (0.1 in the paper).
+    Points outside the network's area are ignored, and so are boxes with their centre outside. score_threshold:
+    detections at or below it are dropped; None takes the configuration's own, which may differ by label. nms_threshold:
+    of two boxes of one class with a larger footprint IoU, only the better scored one stays (0.1 in the paper).
 
     >>> from models.config import VoxelNetConfig
     >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
@@ -50,14 +49,13 @@ class VoxelNetDetector:
         score_threshold: float | None = None,
         nms_threshold: float = 0.1,
     ) -> None:
-        self.config = network.config
-        self.device = torch.device(device)
+        self.config, self.device = network.config, torch.device(device)
         if self.device.type == "cpu":
             keep_freed_memory()  # its maps come and go with every cloud
         own = self.config.thresholds or (self.config.score_threshold,) * len(self.config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
-        rivals = bool(self.config.rivalry)
-        self._looked_at = tuple(min(least, LEAST_RIVAL) if rivals else least for least in self.thresholds)
+        most = LEAST_RIVAL if self.config.rivalry else 1.0
+        self._looked_at = tuple(min(least, most) for least in self.thresholds)
         self.nms_threshold = nms_threshold
         self._weights = digest_tensors(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
@@ -93,18 +91,15 @@ class VoxelNetDetector:
         prediction = self.network(collate(voxels))
         found = candidates(prediction, self.anchors, self.config, self._looked_at)
         return [
-            self._measure_boxes(self._sure(suppress(*each, self.config, self.nms_threshold)), cloud)
-            if len(cells.cells)
-            else Detections.empty()
+            self._finish(*each, cloud) if len(cells.cells) else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
         ]
 
     def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in many unions of the same clouds.
+        """Detect in many unions of the same clouds, such as all sets of a site's sensors.
 
-        Such are all sets of a site's sensors. The results are those of each union's points, to the rounding of float32.
-        It takes much less time than one after the other where most clouds reach only a part of the area
-        (`models.network.tiles`).
+        The results are those of each union's points, to the rounding of float32, in much less time where most clouds
+        reach only a part of the area (`models.network.tiles`).
         """
         found = dict(self._at_once(clouds, unions)) if clouds else {}
         return [found[row] if row in found else self(join_clouds(clouds, union)) for row, union in enumerate(unions)]
@@ -120,40 +115,29 @@ class VoxelNetDetector:
             return
         reaching = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
         for some, entries, predictions in self._tiled(plan):
-            rows = np.arange(len(unions))[some].tolist()
-            for row, boxes in zip(rows, self._by_union(entries, predictions), strict=True):
+            parts = []
+            for first, corner, maps in predictions:
+                part = all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
+                parts.append(part._replace(item=part.item + first))
+            found = Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
+            count = torch.bincount(found.item, minlength=len(entries.tile)).cpu().numpy()
+            begin = np.cumsum(count) - count
+            for row, of in zip(np.arange(len(unions))[some].tolist(), entries.of.T, strict=True):
                 if reaching[row]:
-                    sure = self._sure(suppress(*boxes, self.config, self.nms_threshold))
-                    yield row, self._measure_boxes(sure, join_clouds(clouds, unions[row]))
+                    place = np.repeat(begin[of] - np.cumsum(count[of]) + count[of], count[of])
+                    rows = torch.from_numpy(place + np.arange(len(place))).to(found.item.device)
+                    best = found.best(rows[torch.argsort(found.place[rows])])  # in map order
+                    yield row, self._finish(*best, join_clouds(clouds, unions[row]))
 
-    def _by_union(self, entries: Entries, predictions: Iterable[TilePredictions]) -> Iterator[tuple[Tensor, Tensor]]:
-        """Boxes and scores of each union, in map order."""
-        parts = []
-        for first, corner, maps in predictions:
-            part = all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
-            parts.append(part._replace(item=part.item + first))
-        found = Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
-        count = torch.bincount(found.item, minlength=len(entries.tile)).cpu().numpy()
-        begin = np.cumsum(count) - count
-        for of in entries.of.T:
-            row = np.repeat(begin[of] - np.cumsum(count[of]) + count[of], count[of]) + np.arange(count[of].sum())
-            rows = torch.from_numpy(row).to(found.item.device)
-            yield found.best(rows[torch.argsort(found.place[rows])])
-
-    def _sure(self, found: Detections) -> Detections:
-        """Keep detections above the thresholds after their rivals' deduction."""
-        if not self.config.rivalry:
-            return found
-        least = np.zeros(len(LABELS))
-        least[[label_index(name) for name in self.labels]] = self.thresholds
-        found = apply_rivals(found, self.config)
-        return found[found.scores > least[found.labels]]
-
-    def _measure_boxes(self, found: Detections, cloud: Float[np.ndarray, "n 3"]) -> Detections:
-        """Move box faces to the ends of the points, if the network has a second stage."""
-        if self.faces is None:
-            return found
-        return measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
+    def _finish(self, boxes: Tensor, scores: Tensor, cloud: Float[np.ndarray, "n 3"]) -> Detections:
+        """Suppress duplicates, deduct rivals and measure faces."""
+        found = suppress(boxes, scores, self.config, self.nms_threshold)
+        if self.config.rivalry:
+            least = np.zeros(len(LABELS))
+            least[[label_index(name) for name in self.labels]] = self.thresholds
+            found = apply_rivals(found, self.config)
+            found = found[found.scores > least[found.labels]]
+        return found if self.faces is None else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
 
 
 def load_detector(
@@ -165,13 +149,11 @@ def load_detector(
     score_threshold: float | None = None,
     nms_threshold: float = 0.1,
 ) -> VoxelNetDetector:
-    """Load a detector by shipped name or path of its weights.
+    """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its weights.
 
-    Shipped names are "tjunction", "roundabout", "general" and those in `models/weights`. site: the site that the
-    weights must be for. area: xmin ymin xmax ymax (m, world frame) of detection; weights of one site have their own
-    area, general ones go anywhere.
-
-    Raises FileNotFoundError for unknown weights, ValueError if they are damaged or for another place.
+    site: the site that the weights must be for. area: xmin ymin xmax ymax (m, world frame) of detection; weights of one
+    site have their own area, general ones go anywhere. Raises FileNotFoundError for unknown weights, ValueError if they
+    are damaged or for another place.
     """
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
@@ -184,10 +166,7 @@ def load_detector(
 
 
 def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDetector:
-    """Load the network shipped for a site, else the general one.
-
-    site: its name; area: xmin ymin xmax ymax, m, world frame.
-    """
+    """Load the network shipped for a site, else the general one. area: xmin ymin xmax ymax, m, world frame."""
     own = (SHIPPED / f"{site}.safetensors").exists()
     return load_detector(site if own else "general", area=area)
 
@@ -212,7 +191,5 @@ def weights_file(name: str | Path) -> Path:
     shipped = SHIPPED / f"{name}.safetensors"
     if not shipped.exists():
         names = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.safetensors"))) or "none yet"
-        raise FileNotFoundError(
-            f"no weights named {str(name)!r}; shipped: {names}; or give the path of a .safetensors file"
-        )
+        raise FileNotFoundError(f"no weights named {str(name)!r}; shipped: {names}; or give a path to a .safetensors")
     return shipped

@@ -47,9 +47,7 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
-            raise ValueError(
-                f"weights must be finite, but {name} is not: the training diverged, save an earlier network"
-            )
+            raise ValueError(f"weights must be finite, but {name} is not: the training diverged, save an earlier one")
     metadata = {
         "format": FORMAT,
         "config": json.dumps(network.config.to_dict()),
@@ -59,15 +57,11 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
         "commit": header.commit,
         "ap": json.dumps(header.ap),
     }
-    write_bytes(path, header_in_order(save(tensors, metadata)))
-
-
-def header_in_order(content: bytes) -> bytes:
-    """Sort the header of a safetensors file by name. The library orders it anew in every process."""
-    size = int.from_bytes(content[:8], "little")
-    header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
-    header += b" " * (-len(header) % 8)  # so that the tensors are aligned
-    return len(header).to_bytes(8, "little") + header + content[8 + size :]
+    content = save(tensors, metadata)
+    size = int.from_bytes(content[:8], "little")  # of the header, which the library orders anew in every process
+    ordered = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
+    ordered += b" " * (-len(ordered) % 8)  # so that the tensors are aligned
+    write_bytes(path, len(ordered).to_bytes(8, "little") + ordered + content[8 + size :])
 
 
 def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
@@ -79,15 +73,30 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no weights file at {path}")
-    metadata, tensors = read_tensors(path, FORMAT)
-    return _network(path, metadata, tensors), _header(path, metadata)
+    metadata, tensors = _read_tensors(path)
+    try:
+        config = VoxelNetConfig.from_dict(parse_json(metadata["config"]))
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"{path} has no usable configuration in its header: {error}") from None
+    try:
+        with torch.device("meta"):  # what it would be, without the memory that a damaged configuration may ask for
+            expected = VoxelNet(config).state_dict()
+    except (ValueError, RuntimeError, TypeError, IndexError, OverflowError) as error:
+        raise ValueError(f"{path} has a configuration that makes no network: {_reason(error)}") from None
+    check_tensors(expected, tensors, path)
+    network = VoxelNet(config)
+    network.load_state_dict(tensors)
+    try:
+        ap, seed = parse_json(metadata.get("ap", "{}")), int(metadata.get("seed", 0))
+    except ValueError as error:
+        raise ValueError(f"{path} has no usable seed and AP in its header: {error}") from None
+    if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
+        raise ValueError(f"{path}: ap of its header must be numbers by name, got {str(ap)[:60]}")
+    return network.eval(), Header(metadata.get("site", ""), seed, metadata.get("commit", ""), ap)
 
 
-def read_tensors(path: Path, expected_format: str) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Read header and tensors of a safetensors file.
-
-    Raises ValueError, in one line, if the file is damaged or its header names another format or digest.
-    """
+def _read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Read header and tensors of a safetensors file."""
     from safetensors import SafetensorError, safe_open
 
     try:
@@ -95,13 +104,16 @@ def read_tensors(path: Path, expected_format: str) -> tuple[dict[str, str], dict
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no dict
     except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ValueError(f"{path} is damaged or not a safetensors file ({reason}): fetch it again") from None
-    if metadata.get("format") != expected_format:
-        raise ValueError(f"{path} is not in the format {expected_format!r}, its header says {metadata.get('format')!r}")
+        raise ValueError(f"{path} is damaged or not a safetensors file ({_reason(error)}): fetch it again") from None
+    if metadata.get("format") != FORMAT:
+        raise ValueError(f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}")
     if metadata.get("digest") != digest_tensors(tensors):
         raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
     return metadata, tensors
+
+
+def _reason(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:160]
 
 
 def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path) -> None:
@@ -115,33 +127,6 @@ def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origi
             raise ValueError(f"{origin}: {name} must have shape {(*tensor.shape,)}, got {(*tensors[name].shape,)}")
         if tensor.is_floating_point() and not torch.isfinite(tensors[name]).all():
             raise ValueError(f"{origin}: {name} holds values that are not finite")
-
-
-def _network(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -> VoxelNet:
-    try:
-        config = VoxelNetConfig.from_dict(parse_json(metadata["config"]))
-    except (KeyError, ValueError) as error:
-        raise ValueError(f"{path} has no usable configuration in its header: {error}") from None
-    try:
-        with torch.device("meta"):  # what it would be, without the memory that a damaged configuration may ask for
-            expected = VoxelNet(config).state_dict()
-    except (ValueError, RuntimeError, TypeError, IndexError, OverflowError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ValueError(f"{path} has a configuration that makes no network: {reason}") from None
-    check_tensors(expected, tensors, path)
-    network = VoxelNet(config)
-    network.load_state_dict(tensors)
-    return network.eval()
-
-
-def _header(path: Path, metadata: dict[str, str]) -> Header:
-    try:
-        ap, seed = parse_json(metadata.get("ap", "{}")), int(metadata.get("seed", 0))
-    except ValueError as error:
-        raise ValueError(f"{path} has no usable seed and AP in its header: {error}") from None
-    if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
-        raise ValueError(f"{path}: ap of its header must be numbers by name, got {str(ap)[:60]}")
-    return Header(metadata.get("site", ""), seed, metadata.get("commit", ""), ap)
 
 
 def digest_tensors(tensors: dict[str, Tensor]) -> str:
@@ -159,27 +144,15 @@ def digest_detector(weights: str, *settings: object) -> str:
     return hashlib.sha256(json.dumps([weights, *settings], sort_keys=True).encode()).hexdigest()
 
 
-# What torch.load was seen to raise on damaged files, besides the OSError of a file that cannot be opened.
+# Errors that torch.load was seen to raise on damaged files, besides the OSError of a file that cannot be opened.
 _TORCH_RAISES = (
-    pickle.UnpicklingError,
-    RuntimeError,
-    EOFError,
-    KeyError,
-    ValueError,
-    AttributeError,
-    TypeError,
-    IndexError,
-    OverflowError,
-    MemoryError,
-    AssertionError,
-    OSError,
-    zipfile.BadZipFile,
-    NotImplementedError,
+    *(pickle.UnpicklingError, zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError, MemoryError),
+    *(KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, AssertionError),
 )
 
 
-def load_tensors(path: str | Path, device: str = "cpu") -> Any:
-    """Read tensors, numbers, texts, lists and dictionaries that `torch.save` wrote.
+def load_tensors(path: str | Path, device: str = "cpu") -> object:
+    """Read tensors and plain values that `torch.save` wrote.
 
     Raises FileNotFoundError; ValueError, in one line, if the file is damaged or holds anything else.
     """
@@ -189,8 +162,7 @@ def load_tensors(path: str | Path, device: str = "cpu") -> Any:
     try:
         return torch.load(path, map_location=device, weights_only=True)
     except _TORCH_RAISES as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:160]
-        raise ValueError(f"{path} is damaged or not a checkpoint of tensors: {reason}") from None
+        raise ValueError(f"{path} is damaged or not a checkpoint of tensors: {_reason(error)}") from None
 
 
 def save_atomically(path: Path, state: dict[str, object]) -> None:
@@ -212,12 +184,11 @@ def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
 
 
 def check_identity(path: Path, state: dict[str, object], identity: dict[str, object]) -> None:
-    """Raise ValueError unless a checkpoint belongs to the run of `identity`. identity: settings by name."""
+    """Raise ValueError unless a checkpoint belongs to the run of `identity` (settings by name)."""
     different = [key for key in identity if _plain(state.get(key, "")) != _plain(identity[key])]
     if different:
-        raise ValueError(
-            f"{path} belongs to a run with another {' and '.join(different)}: choose another folder or --overwrite it"
-        )
+        names = " and ".join(different)
+        raise ValueError(f"{path} belongs to a run with another {names}: choose another folder or --overwrite it")
 
 
 @contextmanager
@@ -226,12 +197,13 @@ def checkpoint_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError) as error:
-        reason = (str(error) or type(error).__name__).splitlines()[0][:160]
-        raise ValueError(f"{path} is not a checkpoint of this training ({reason}): remove it to start again") from None
+        raise ValueError(
+            f"{path} is not a checkpoint of this training ({_reason(error)}): remove it to start again"
+        ) from None
 
 
 def _plain(value: object) -> object:
-    """Return tuples as lists, so that settings compare equal after a round trip."""
+    """Turn tuples into lists, so that settings compare equal after a round trip."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -8,7 +8,7 @@ import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
 from models.network.anchors import per_anchor
-from models.network.candidates import calibrate, logit, sigmoid
+from models.network.candidates import logit, sigmoid
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets, measure_faces
 from models.network.voxelnet import VoxelNet
 from models.network.voxels import voxelise
@@ -253,19 +253,6 @@ def test_a_flawless_detector_keeps_what_it_detects(monkeypatch, packed):
     flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
     monkeypatch.setattr(second_stage, "detect_frames", fake(flawless))
     assert fit_calibration(VoxelNet(make_config(AREA, "fast")), packed).config.thresholds == (LEAST_SURE,)
-
-
-def test_the_detector_calibrates_as_the_fit_does():
-    config = make_config(AREA, "fast", classes=("vehicle", "pedestrian"))
-    from dataclasses import replace
-
-    config = replace(config, calibration=((2.0, -1.0), (0.5, 0.25)))
-    scores = torch.tensor([0.1, 0.5, 0.9]).repeat(2, 1, 1, 1).permute(0, 1, 3, 2)[..., None].reshape(2, 1, 1, 3, 1)
-    label = torch.tensor(config.anchor_labels)
-    after = calibrate(scores, label, config)
-    expected = [sigmoid(2 * logit(np.array([0.1, 0.5])) - 1), sigmoid(0.5 * logit(np.array([0.9])) + 0.25)]
-    np.testing.assert_allclose(after[0, 0, 0, :, 0], np.concatenate(expected), atol=1e-6)
-    assert torch.equal(calibrate(scores, label, replace(config, calibration=())), scores)
 
 
 def solid(rng, box, count=400):
