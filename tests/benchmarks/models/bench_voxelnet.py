@@ -128,14 +128,15 @@ def _selective(network):
     """Let the 600 best of the anchors pass the threshold, on the benchmark's cloud."""
     import torch
 
-    from models.network.candidates import label_scores
+    from models.network.anchors import anchors
+    from models.network.candidates import candidates
     from models.network.sparse import SparseVoxelNet
     from models.network.voxels import voxelise
 
     if network.head.quality is not None:
         network.head.quality.bias.data += 9.0
     maps = SparseVoxelNet(network)(voxelise(fused_cloud(), network.config))
-    scores = label_scores(maps, network.config)
+    ((_, scores),) = candidates(maps, anchors(network.config), network.config, (0.0,))
     unsure = torch.logit(torch.topk(scores.flatten(), 600).values[-1]) + np.log(9)
     network.head.classes.bias.data[network.config.classes - 1 :: network.config.classes] -= unsure
     return network
