@@ -23,6 +23,7 @@ from toolkit.datasets.recordings import write_recording
 from toolkit.frame import Recording
 from toolkit.geometry import check_pose
 from toolkit.runtime.files import parse_json, writing
+from toolkit.runtime.hdf5 import hdf5_file
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
@@ -61,9 +62,9 @@ def copy_corrected(
     with writing(out) as unfinished:
         shutil.copyfile(recording.path, unfinished)
         unfinished.chmod(0o600)
-        with h5py.File(unfinished, "r+") as file:
+        with hdf5_file(unfinished, "r+") as (file, _):
             cameras = list_cameras(file)
-            for sensor, images, place in recording.channels:
+            for sensor, images, place, _ in recording.channels:
                 if sensor.name in poses:
                     where = images if place is None else f"cameras/{cameras[place]}"
                     _place(file[where], np.asarray(poses[sensor.name], np.float64), recording.site)

@@ -6,7 +6,7 @@ Each sensor learns its empty scene and is registered against a reference, or all
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -37,6 +37,7 @@ from toolkit.calibration.registration import (
 from toolkit.calibration.scenes import GRID_SAMPLES, STANDS_STILL, learn_sample_scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.doctor import Finding
+from toolkit.datasets.readings import RecordingView
 from toolkit.frame import Frame, Frames, Recording, SensorCloud, select_sensors
 from toolkit.geometry import invert
 from toolkit.objects import Detector
@@ -280,36 +281,19 @@ def _found(sensor: Sensor, number: int, alignment: Alignment, stays: bool) -> Fo
 
 
 @dataclass(frozen=True, eq=False)
-class Corrected:
+class Corrected(RecordingView):
     """A recording with its sensors at their found poses.
 
     Labels stay. corrections: believed_SE3_found of each sensor, by name; its believed pose is multiplied by it in every
     frame.
     """
 
-    recording: Recording
     corrections: Mapping[str, Float64[np.ndarray, "4 4"]]
 
     @staticmethod
     def of(recording: Recording, found: Iterable[FoundPose]) -> Corrected:
         """Return a recording with some of its found poses applied."""
         return Corrected(recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found})
-
-    @property
-    def site(self) -> Site | None:
-        """The place, None if unknown."""
-        return self.recording.site
-
-    @property
-    def path(self) -> Path | None:
-        """The recording's file or folder."""
-        return getattr(self.recording, "path", None)
-
-    def __len__(self) -> int:
-        return len(self.recording)
-
-    def __iter__(self) -> Iterator[Frame]:
-        return map(self.__getitem__, range(len(self)))
 
     def __getitem__(self, index: int) -> Frame:
         return self.correct(self.recording[index])

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, SupportsIndex, overload
+from typing import NamedTuple, SupportsIndex, overload
 
 import h5py
 import numpy as np
@@ -23,14 +23,24 @@ from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
 from toolkit.sensors.models import find_model_class, make_model
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.files import load_site
+from toolkit.sites.files import load_site, parse
 from toolkit.sites.site import Site
 
 CLOUDS_KIND = "clouds"  # the attribute `coview` of a file of recorded clouds
+_GROUPS = ("objects", "cameras", "coview", "coview/ranges", "coview/depth")
 
 
 class UnknownSite(ValueError):
-    """A recording of unknown site. It does not name its site, and shows none that is known."""
+    """A recording that does not name its site, and shows none that is known."""
+
+
+class StoredChannel(NamedTuple):
+    """A sensor, the dataset of its measurements, its place in `dslices`, and the step of its measured pixels there."""
+
+    sensor: Sensor
+    name: str
+    place: int | None = None
+    stride: int = 1
 
 
 class CoopDataset(Sequence[Frame]):
@@ -50,18 +60,22 @@ class CoopDataset(Sequence[Frame]):
 
     def __init__(self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False) -> None:
         self.path, self.drop_invalid = Path(path), drop_invalid
-        self._open: tuple[int, h5py.File] | None = None
-        file = self._file()
+        self._open: tuple[int, h5py.File, dict[str, h5py.Dataset]] | None = None
+        file, _ = self._file()
         try:
-            check_kinds(file)
-            self.site = site if site is not None else _site(file)
-            self.channels = _channels(file, self.site)
-            self.sensors: tuple[Sensor, ...] = tuple(sensor for sensor, _, _ in self.channels)
+            cameras = check_kinds(file)
+            self.site = site if site is not None else _site(file, cameras)
+            self.channels = _channels(file, cameras, self.site)
+            self.sensors = tuple(channel.sensor for channel in self.channels)
             xmin, ymin, xmax, ymax = self.site.area.tolist()
             self._area = Rectangle((xmin, ymin, xmax, ymax))
-            self._times = _own(file, "coview/time")
-            self._starts = _own(file, "coview/object_start")
-            self._length = _length(file, [name for _, name, _ in self.channels])
+            self._times = hdf5.find_array(file, "coview/time", axes=1)
+            self._starts = hdf5.find_array(file, "coview/object_start", axes=1)
+            lengths = {channel.name: self.stored(channel.name).shape[0] for channel in self.channels}
+            lengths |= {} if self._times is None else {"coview/time": len(self._times)}
+            if len(set(lengths.values())) != 1:
+                raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")
+            self._length = next(iter(lengths.values()))
             _check_starts(self._starts, self._length)
             if drop_invalid:
                 self._warn_of_invalid(file)
@@ -93,9 +107,12 @@ class CoopDataset(Sequence[Frame]):
             self._open[1].close()
         self._open = None
 
-    def images(self, name: str) -> h5py.Dataset:
-        """The measurements of one of `channels` as they are stored."""
-        return self._file()[name]
+    def stored(self, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
+        """Dataset of the file, such as that of a channel. It is checked when it is first asked for."""
+        file, checked = self._file()
+        if name not in checked:
+            checked[name] = hdf5.dataset(file, name, axes=axes, kinds=kinds)
+        return checked[name]
 
     def __enter__(self) -> CoopDataset:
         return self
@@ -103,53 +120,49 @@ class CoopDataset(Sequence[Frame]):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_open": None}
 
     def __repr__(self) -> str:
-        return (
-            f"CoopDataset({str(self.path)!r}): {len(self)} frames of {len(self.sensors)} sensors at {self.site.name!r}"
-        )
+        sensors = f"{len(self.sensors)} sensors at {self.site.name!r}"
+        return f"CoopDataset({str(self.path)!r}): {len(self)} frames of {sensors}"
 
-    def _file(self) -> h5py.File:
+    def _file(self) -> tuple[h5py.File, dict[str, h5py.Dataset]]:
         if self._open is None or self._open[0] != os.getpid():  # a forked process must not share the parent's handle
-            self._open = os.getpid(), open_file(self.path)
-        return self._open[1]
+            self._open = os.getpid(), open_file(self.path), {}
+        return self._open[1:]
 
     def _frame(self, k: int) -> Frame:
-        file = self._file()
+        file, _ = self._file()
         try:
-            measurements = tuple(_measurement(file, *channel, k) for channel in self.channels)
+            images = hdf5.read_parts({channel.name: self.stored(channel.name) for channel in self.channels}, k)
+            shared = [(images["dslices"][c.place], c.stride) for c in self.channels if c.place is not None]
+            measured = iter(published.measured(shared))
+            measurements = tuple(
+                images[channel.name].astype(np.float32) if channel.place is None else next(measured)
+                for channel in self.channels
+            )
             objects = self._objects(file, k)
         except OSError as error:
             raise OSError(f"{self.path}: frame {k} cannot be read: {error}") from None
-        except published.InvalidObjects as error:
-            raise published.InvalidObjects(f"{self.path}: frame {k}: {error}") from None
         except ValueError as error:
-            raise ValueError(f"{self.path}: frame {k}: {error}") from None
+            raise type(error)(f"{self.path}: frame {k}: {error}") from None
         time = 0.0 if self._times is None else float(self._times[k])
+        categories = tuple(LABELS[label] for label in objects.labels.tolist())
         return Frame(
-            self.sensors,
-            measurements,
-            objects,
-            time,
-            k,
+            *(self.sensors, measurements, objects, time, k),
             name=f"{k:06d}",
-            categories=tuple(LABELS[label] for label in objects.labels.tolist()),
+            categories=categories,
             complete=self._area,
             map_SE3_world=self.site.map_SE3_site,
         )
 
     def _objects(self, file: h5py.File, k: int) -> Objects:
-        name = f"objects/{k}"
+        name, ids = f"objects/{k}", None
         rows = object_rows(file, name)
-        ids = None
         if self._starts is not None:
-            ids = hdf5.rows(
-                hdf5.dataset(file, "coview/object_ids", axes=1, kinds="iu"),
-                "coview/object_ids",
-                slice(*self._starts[k : k + 2].tolist()),
-            )
+            stored = self.stored("coview/object_ids", axes=1, kinds="iu")
+            ids = hdf5.rows(stored, "coview/object_ids", slice(*self._starts[k : k + 2].tolist()))
             if len(ids) != len(rows):
                 raise ValueError(f"{name} has {len(rows)} rows, but there are {len(ids)} coview/object_ids for it")
         if self.drop_invalid:
@@ -158,20 +171,16 @@ class CoopDataset(Sequence[Frame]):
         return published.parse_rows(rows, self.site.map_SE3_site, ids, name)
 
     def _warn_of_invalid(self, file: h5py.File) -> None:
-        """Warn how many objects are left out.
-
-        There is one warning, which also says what is wrong with the first of them.
-        """
-        wrong = {k: published.wrong_rows(object_rows(file, f"objects/{k}")) for k in range(self._length)}
-        frames = [k for k, words in wrong.items() if (words != "").any()]
+        """Warn how many objects are left out, and what is wrong with the first of them."""
+        faults = {k: published.wrong_rows(object_rows(file, f"objects/{k}")) for k in range(self._length)}
+        frames = [k for k, words in faults.items() if (words != "").any()]
         if frames:
-            count, row = (
-                sum(int((words != "").sum()) for words in wrong.values()),
-                int((wrong[frames[0]] != "").argmax()),
-            )
+            count = sum(int((words != "").sum()) for words in faults.values())
+            first = faults[frames[0]]
+            row = int((first != "").argmax())
             warnings.warn(
                 f"{self.path}: {count} objects in {len(frames)} frames are left out, the first is objects/{frames[0]} "
-                f"row {row}, which {wrong[frames[0]][row]}",
+                f"row {row}, which {first[row]}",
                 stacklevel=4,
             )
 
@@ -179,8 +188,8 @@ class CoopDataset(Sequence[Frame]):
 def noisy(frame: Frame, seed: int) -> Frame:
     """Return `frame` with every sensor's noise added.
 
-    The noise depends only on the seed, the frame's index and the sensor's name. A sensor therefore measures the same
-    whichever others are used.
+    The noise depends only on the seed, the frame's index and the sensor's name, so a sensor measures the same whichever
+    others are used. Raises ValueError for a negative seed.
     """
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
@@ -192,10 +201,7 @@ def noisy(frame: Frame, seed: int) -> Frame:
 
 
 def open_file(path: str | Path) -> h5py.File:
-    """Open an HDF5 file for reading.
-
-    Raises FileNotFoundError or OSError, which say in one line what is wrong with it.
-    """
+    """Open an HDF5 file for reading. Raises FileNotFoundError or OSError, which say in one line what is wrong."""
     path = Path(path)
     if not path.exists():
         unfinished = path.with_name(path.name + ".parts").is_dir()
@@ -208,65 +214,50 @@ def open_file(path: str | Path) -> h5py.File:
 
 def object_rows(file: h5py.File, name: str) -> np.ndarray:
     """Published object rows of a frame, unchecked. Raises ValueError if they cannot be read."""
-    if not hdf5.contains(file, name):
+    rows = hdf5.find_array(file, name, kinds="fiub")
+    if rows is None:
         raise ValueError(f"{name} is missing: every frame needs its objects, no rows for none")
-    rows = hdf5.array(file, name, kinds="fiub")
     if not rows.ndim:
         raise ValueError(f"{name} must have {len(published.OBJECT_COLUMNS)} columns, got a single number")
     return rows if rows.size else np.zeros((0, len(published.OBJECT_COLUMNS)))
 
 
-def check_kinds(file: h5py.File) -> None:
-    """Check that groups and datasets stand where the layout expects.
+def check_kinds(file: h5py.File) -> tuple[str, ...]:
+    """Check that groups and datasets stand where the layout expects; return `list_cameras`.
 
     Raises ValueError for a dataset in the place of a group, for a group in the place of a dataset, and for a file of
     recorded clouds.
     """
     if str(hdf5.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
-    kinds: dict[str, type] = {
-        "dslices": h5py.Dataset, "objects": h5py.Group, "cameras": h5py.Group, "coview": h5py.Group,
-        "coview/ranges": h5py.Group, "coview/depth": h5py.Group,
-    }  # fmt: skip
-    for name, kind in kinds.items():
-        if hdf5.contains(file, name) and not issubclass(hdf5.find_kind(file, name), kind):
-            raise ValueError(
-                f"{name} must be an HDF5 {kind.__name__.lower()}, got a {hdf5.find_kind(file, name).__name__.lower()}: "
-                "see toolkit.datasets.recording"
-            )
-    for name in list_cameras(file):
-        if not issubclass(hdf5.find_kind(file, f"cameras/{name}"), h5py.Group):
-            raise ValueError(f"cameras/{name} must be an HDF5 group with an intrinsic and an extrinsic matrix")
+    for name, kind in hdf5.find_kinds(file, ("dslices", *_GROUPS)).items():
+        expected = h5py.Dataset if name == "dslices" else h5py.Group
+        if not issubclass(kind, expected):
+            words = f"{expected.__name__.lower()}, got a {kind.__name__.lower()}"
+            raise ValueError(f"{name} must be an HDF5 {words}: see toolkit.datasets.recording")
+    cameras = list_cameras(file)
+    for name, kind in hdf5.find_kinds(file, [f"cameras/{name}" for name in cameras]).items():
+        if not issubclass(kind, h5py.Group):
+            raise ValueError(f"{name} must be an HDF5 group with an intrinsic and an extrinsic matrix")
+    return cameras
 
 
 def list_cameras(file: h5py.File) -> tuple[str, ...]:
-    """Names of the depth cameras in the order of `dslices`.
-
-    These are the names that start with d, in alphabetical order.
-    """
+    """Names of the depth cameras in the order of `dslices`: those that start with d, in alphabetical order."""
     return tuple(sorted(name for name in hdf5.child_names(file, "cameras") if name.startswith("d")))
 
 
-StoredChannel = tuple[Sensor, str, int | None]  # a sensor, the dataset of its measurements, and its place in `dslices`
-
-
-def _site(file: h5py.File) -> Site:
+def _site(file: h5py.File, cameras: Sequence[str]) -> Site:
+    """Site of a file: the one it holds, else the built-in one that most cameras or objects stand in or beside."""
     if hdf5.contains(file, "coview/site"):
-        from toolkit.sites.files import parse
-
         try:
             return parse(parse_json(hdf5.text(file, "coview/site")))
         except (ValueError, OSError) as error:
             raise UnknownSite(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
-    return _recognised(file)
-
-
-def _recognised(file: h5py.File) -> Site:
-    """Built-in site of a published file. It is the site that most cameras, or most objects, stand in or beside."""
     from toolkit.sites import BUILT_IN
 
-    cameras = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in list_cameras(file)]
-    usable = [matrix for matrix in cameras if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
+    matrices = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in cameras]
+    usable = [matrix for matrix in matrices if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
     positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
     some = (hdf5.array(file, f"objects/{k}", kinds="fiub") for k in islice(hdf5.child_names(file, "objects"), 20))
     centres = [objects[:, :2] for objects in some if objects.ndim == 2 and objects.shape[1] > 1]
@@ -280,20 +271,35 @@ def _recognised(file: h5py.File) -> Site:
     raise UnknownSite(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
 
 
-def _channels(file: h5py.File, site: Site) -> tuple[StoredChannel, ...]:
-    own = _own_channels(file)
-    has_images = hdf5.contains(file, "dslices")
-    if not has_images and not own:
-        raise ValueError(
-            "dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds "
-            f"{hdf5.child_names(file, '/') or 'nothing'}"
-        )
-    every = [*(_published_channels(file, site) if has_images else []), *own]
-    channels = {sensor.name: (sensor, name, place) for sensor, name, place in every}
+def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[StoredChannel, ...]:
+    every: list[StoredChannel] = []
+    if has_images := hdf5.contains(file, "dslices"):
+        depth = hdf5.dataset(file, "dslices", kinds="fiub")
+        if depth.ndim != 4 or depth.dtype.kind != "f":
+            raise ValueError(f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape {depth.shape}")
+        if len(cameras) != depth.shape[1]:
+            raise ValueError(
+                f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {len(cameras)} whose name starts"
+                f" with d: {', '.join(cameras) or 'none'}"
+            )
+        for place, name in enumerate(cameras):
+            sensor, stride = _camera(file[f"cameras/{name}"], depth.shape[2:], site)
+            every.append(StoredChannel(sensor, "dslices", place, stride))
+    for name in [
+        f"coview/{kind}/{name}" for kind in OWN_IMAGES.values() for name in hdf5.child_names(file, f"coview/{kind}")
+    ]:
+        images = hdf5.dataset(file, name, axes=3)
+        sensor = _own_sensor(hdf5.read_node_attributes(images, name), name)
+        if images.shape[1:] != sensor.model.shape:
+            raise ValueError(f"{name} must be [T, *{sensor.model.shape}], got {images.shape}")
+        every.append(StoredChannel(sensor, name))
+    if not has_images and not every:
+        there = hdf5.child_names(file, "/") or "nothing"
+        raise ValueError(f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {there}")
+    channels = {channel.sensor.name: channel for channel in every}
     if len(channels) < len(every):
-        raise ValueError(
-            f"every sensor needs a name of its own, got {', '.join(sensor.name for sensor, _, _ in every)}"
-        )
+        names = ", ".join(channel.sensor.name for channel in every)
+        raise ValueError(f"every sensor needs a name of its own, got {names}")
     order = _order(file)
     if order and sorted(order) != sorted(channels):
         raise ValueError(f"attribute coview:sensors names {order}, but measurements are there of {sorted(channels)}")
@@ -314,53 +320,30 @@ def _order(file: h5py.File) -> list[str]:
     return order
 
 
-def _published_channels(file: h5py.File, site: Site) -> list[StoredChannel]:
-    depth, names = hdf5.dataset(file, "dslices", kinds="fiub"), list_cameras(file)
-    if depth.ndim != 4 or depth.dtype.kind != "f":
-        raise ValueError(f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape {depth.shape}")
-    if len(names) != depth.shape[1]:
-        raise ValueError(
-            f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {len(names)} whose name starts"
-            f" with d: {', '.join(names) or 'none'}"
-        )
-    return [(_camera(file[f"cameras/{name}"], depth.shape[2:], site), "dslices", i) for i, name in enumerate(names)]
-
-
-def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
+def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sensor, int]:
+    """Camera of a group, and its stride. It is our sensor only where the published matrices agree."""
     where = group.name.lstrip("/")
-    for matrix in ("intrinsic", "extrinsic"):
-        if not hdf5.contains(group, matrix):
-            raise ValueError(f"{where}/{matrix} is missing")
-    model = published.parse_intrinsic(hdf5.array(group, "intrinsic"), *shape, name=f"{where}/intrinsic")
-    pose = published.parse_extrinsic(hdf5.array(group, "extrinsic"), site.map_SE3_site, f"{where}/extrinsic")
+    matrices = []
+    for name in ("intrinsic", "extrinsic"):
+        if (matrix := hdf5.find_array(group, name)) is None:
+            raise ValueError(f"{where}/{name} is missing")
+        matrices.append(matrix)
+    model = published.parse_intrinsic(matrices[0], *shape, name=f"{where}/intrinsic")
+    pose = published.parse_extrinsic(matrices[1], site.map_SE3_site, f"{where}/extrinsic")
     attributes = hdf5.read_node_attributes(group, where)
     if "site_SE3_sensor" not in attributes:
-        return Sensor(where.removeprefix("cameras/"), model, pose)
+        return Sensor(where.removeprefix("cameras/"), model, pose), model.stride
     ours = _own_sensor(attributes, where)
     camera = published.pinhole(ours.model)
     if camera is None:
         raise ValueError(f"{where} is a {type(ours.model).__name__}, which dslices cannot hold: write the file again")
-    as_written = (
-        (camera.height, camera.width) == shape
-        and np.allclose(published.intrinsic(camera), published.intrinsic(model))
-        and np.allclose(ours.pose, pose)
-    )
-    return ours if as_written else Sensor(ours.name, replace(model, stride=camera.stride), pose)
+    same_image = (camera.height, camera.width) == shape and np.allclose(camera.intrinsic, model.intrinsic)
+    if same_image and np.allclose(ours.pose, pose):
+        return ours, camera.stride
+    return Sensor(ours.name, replace(model, stride=camera.stride), pose), camera.stride
 
 
-def _own_channels(file: h5py.File) -> list[StoredChannel]:
-    channels: list[StoredChannel] = []
-    for kind in OWN_IMAGES.values():
-        for name in hdf5.child_names(file, f"coview/{kind}"):
-            images = hdf5.dataset(file, f"coview/{kind}/{name}", axes=3)
-            sensor = _own_sensor(hdf5.read_node_attributes(images, f"coview/{kind}/{name}"), f"coview/{kind}/{name}")
-            if images.shape[1:] != sensor.model.shape:
-                raise ValueError(f"coview/{kind}/{name} must be [T, *{sensor.model.shape}], got {images.shape}")
-            channels.append((sensor, f"coview/{kind}/{name}", None))
-    return channels
-
-
-def _own_sensor(attributes: Mapping[str, Any], where: str) -> Sensor:
+def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:
     missing = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
     if missing:
         raise ValueError(f"{where} has no attribute {missing[0]}: write the file again")
@@ -368,40 +351,17 @@ def _own_sensor(attributes: Mapping[str, Any], where: str) -> Sensor:
         kind = str(attributes["model"])
         entries = [entry.name for entry in fields(find_model_class(kind)) if entry.name in attributes]
         values = {name: np.asarray(attributes[name]).tolist() for name in entries}
-        return Sensor(str(attributes["name"]), make_model(kind, values), attributes["site_SE3_sensor"])
+        return Sensor(str(attributes["name"]), make_model(kind, values), np.asarray(attributes["site_SE3_sensor"]))
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
-        raise ValueError(
-            f"attributes of {where} describe no sensor ({error}): the file is damaged, restore it"
-        ) from None
-
-
-def _own(file: h5py.File, name: str) -> np.ndarray | None:
-    return hdf5.array(file, name, axes=1) if hdf5.contains(file, name) else None
+        reason = f"attributes of {where} describe no sensor ({error}): the file is damaged, restore it"
+        raise ValueError(reason) from None
 
 
 def _check_starts(starts: np.ndarray | None, frames: int) -> None:
-    """Check that `coview/object_start` fits the number of frames.
-
-    Raises ValueError if it does not cut the objects into `frames` parts.
-    """
+    """Raise ValueError if `coview/object_start` does not cut the objects into `frames` parts."""
     if starts is None:
         return
     if starts.dtype.kind not in "iu" or len(starts) != frames + 1 or (np.diff(starts.astype(np.int64)) < 0).any():
         raise ValueError(
             f"coview/object_start must be {frames + 1} whole numbers that ascend, got {len(starts)} of {starts.dtype}"
         )
-
-
-def _length(file: h5py.File, images: list[str]) -> int:
-    names = (*images, *(["coview/time"] if hdf5.contains(file, "coview/time") else []))
-    lengths = {name: hdf5.dataset(file, name).shape[0] for name in names}
-    if len(set(lengths.values())) != 1:
-        raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")
-    return next(iter(lengths.values()))
-
-
-def _measurement(file: h5py.File, sensor: Sensor, name: str, place: int | None, k: int) -> np.ndarray:
-    images = hdf5.dataset(file, name)
-    if place is None:
-        return hdf5.rows(images, name, k).astype(np.float32)
-    return published.measured(hdf5.rows(images, name, (k, place)), published.get_stride(sensor.model))

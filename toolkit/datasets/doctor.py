@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal
 
 import h5py
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from toolkit.arrays import Bool
 from toolkit.boxes import count_points, iou_bev
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.dataset import CoopDataset, StoredChannel, UnknownSite, check_kinds, object_rows, open_file
+from toolkit.datasets.dataset import CoopDataset, UnknownSite, check_kinds, object_rows, open_file
 from toolkit.datasets.mistakes import (
     ENOUGH,
     Rows,
@@ -119,22 +119,8 @@ class Finding:
         return f"{self.severity}: {self.where}: {self.suspected} ({self.evidence}); {self.remedy}"
 
 
-@runtime_checkable
-class StoredRecording(Protocol):
-    """Parts of a `CoopDataset` that are checked. Its frames are not among them: their objects may be damaged."""
-
-    site: Site
-    channels: tuple[StoredChannel, ...]
-
-    def images(self, name: str) -> h5py.Dataset:
-        """Stored measurements of a channel."""
-        ...
-
-    def __len__(self) -> int: ...
-
-
 def check_measurements(
-    dataset: StoredRecording, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
+    dataset: CoopDataset, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
     """Check some of the frames.
 
@@ -143,7 +129,7 @@ def check_measurements(
     """
     frames = np.unique(np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)).tolist()
     raw, findings = _views(dataset, frames)
-    shared = [place is not None for _, _, place in dataset.channels]  # in dslices, which alone is in doubt
+    shared = [channel.place is not None for channel in dataset.channels]  # in dslices, which alone is in doubt
     in_metres = [
         [_in_metres(view, unit if doubt else 1.0) for view, doubt in zip(raw, shared, strict=True)] for unit in units
     ]
@@ -217,15 +203,14 @@ class _Examination:
             yield published.parse_rows(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
 
 
-def _views(dataset: StoredRecording, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
+def _views(dataset: CoopDataset, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
     """Read the measurements of some frames as stored.
 
     They may be in any unit. Frames that cannot be read become findings.
     """
     views, findings = [], []
-    for sensor, name, place in dataset.channels:
-        images = dataset.images(name)
-        stride = published.get_stride(sensor.model) if place is not None else 1
+    for sensor, name, place, stride in dataset.channels:
+        images = dataset.stored(name)
         depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
         for i, k in enumerate(frames):
             try:

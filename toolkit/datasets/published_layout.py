@@ -1,6 +1,4 @@
-"""Conventions of the published dataset.
-
-CARLA's left-handed world, forward-first cameras, boxes in degrees and halves.
+"""Conventions of the published dataset: CARLA's left-handed world, forward-first cameras, boxes in degrees and halves.
 
     world   x, y, z up, metres, left-handed: y is minus the y of a right-handed map of the same place
     camera  X forward, Y right, Z up; a pixel (u, v) of depth d is X = d, Y = (u - cu) d / f, Z = -(v - cv) d / f
@@ -12,6 +10,7 @@ Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -34,7 +33,7 @@ _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], 
 
 
 class InvalidObjects(ValueError):
-    """A table row that no object can have. See `wrong_rows`."""
+    """A table row that no object can have, see `wrong_rows`."""
 
 
 @runtime_checkable
@@ -59,34 +58,21 @@ class Pinhole(Protocol):
 
 
 def pinhole(model: SensorModel) -> Pinhole | None:
-    """Return the model if the layout can hold it. Otherwise return None."""
+    """Return the model if the layout can hold it, else None."""
     return model if isinstance(model, Pinhole) else None
-
-
-def get_stride(model: SensorModel) -> int:
-    """Pixel step of the stored image in the model's measurement.
-
-    >>> get_stride(DepthCamera(stride=3))
-    3
-    """
-    camera = pinhole(model)
-    return 1 if camera is None else camera.stride
 
 
 def extrinsic(
     site_SE3_sensor: Float[np.ndarray, "4 4"], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "4 4"]:
-    """Published extrinsic of a camera's pose in the site frame. It maps CARLA world → forward-first camera."""
-    carla_from_camera = MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED
-    return invert(carla_from_camera)
+    """Published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site frame."""
+    return invert(MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED)
 
 
 def parse_extrinsic(
     published: Float[np.ndarray, "rows columns"], map_SE3_site: Float[np.ndarray, "4 4"], name: str = "extrinsic"
 ) -> Float64[np.ndarray, "4 4"]:
-    """Pose site_SE3_sensor behind a published extrinsic.
-
-    Raises ValueError unless it is a rigid motion.
+    """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError unless it is a rigid motion.
 
     >>> pose = np.diag([1.0, -1, -1, 1])
     >>> np.allclose(parse_extrinsic(extrinsic(pose, np.eye(4)), np.eye(4)), pose)
@@ -95,8 +81,7 @@ def parse_extrinsic(
     matrix = np.asarray(published, np.float64)
     if matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) < 1e-6:
         raise ValueError(f"{name} is singular (determinant {np.linalg.det(matrix):.3g}): it belongs to no camera")
-    carla_from_camera = invert(check_pose(matrix, name))
-    return invert(map_SE3_site) @ MAP_FROM_CARLA @ carla_from_camera @ _OPENCV_FROM_PUBLISHED.T
+    return invert(map_SE3_site) @ MAP_FROM_CARLA @ invert(check_pose(matrix, name)) @ _OPENCV_FROM_PUBLISHED.T
 
 
 def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
@@ -108,9 +93,7 @@ def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
 def parse_intrinsic(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
-    """Camera behind a published intrinsic matrix and image size.
-
-    It measures every second pixel.
+    """Camera, of every second pixel, behind a published intrinsic matrix and image size.
 
     Raises ValueError unless the matrix is a forward-first one with one focal length.
 
@@ -128,14 +111,13 @@ def parse_intrinsic(
     fov = 2 * float(np.arctan(width / 2 / matrix[0, 1]))
     camera = DepthCamera(width, height, fov=fov, centre=None if central else centre)
     if not np.allclose(matrix, intrinsic(camera), rtol=1e-3):
-        raise ValueError(
-            f"{name} must be {form}, forward first and one f for both axes, got {matrix.round(3).tolist()}"
-        )
+        rows = matrix.round(3).tolist()
+        raise ValueError(f"{name} must be {form}, forward first and one f for both axes, got {rows}")
     return camera
 
 
 def format_objects(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
-    """Return objects of the site frame as published rows. See `OBJECT_COLUMNS`."""
+    """Return objects of the site frame as published rows, see `OBJECT_COLUMNS`."""
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
     rows[:, :3] = moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
     rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + _turn(map_SE3_site))
@@ -150,10 +132,9 @@ def parse_rows(
     ids: np.ndarray | None = None,
     name: str = "objects",
 ) -> Objects:
-    """Return published rows as objects of the site frame.
+    """Return published rows as objects of the site frame, without pitch and roll, yaw in -pi..pi.
 
-    Pitch and roll are dropped, yaw is brought to -pi..pi. Raises ValueError if the rows have another width, and
-    InvalidObjects for a row that is no object, see `wrong_rows`.
+    Raises ValueError if the rows have another width, and InvalidObjects for a row that is no object, see `wrong_rows`.
 
     >>> len(parse_rows(np.zeros((0, 10)), np.eye(4)))
     0
@@ -179,10 +160,10 @@ def parse_rows(
 
 
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
-    """Fault of each row in words, "" for none.
+    """Fault of each row in words, "" for none; tables of another width have no wrong rows.
 
     Faults are NaN or infinity, an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a place beyond
-    `FARTHEST_OBJECT`, and a yaw beyond `MOST_TURNED`. Tables of another width have no wrong rows.
+    `FARTHEST_OBJECT`, and a yaw beyond `MOST_TURNED`.
 
     >>> [words[:16] for words in wrong_rows(np.array([[0, 0, 1, 0, 0, 0, 2, 1, 1, 0], [0, 0, 1, 0, 0, 0, 0, 1, 1, 0]]))]
     ['', 'has half extents']
@@ -191,25 +172,16 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     if np.ndim(rows) != 2 or np.shape(rows)[1] != len(OBJECT_COLUMNS):
         return words
     rows = np.asarray(rows, np.float64)
+    extents = f"has half extents {{}}: they must be positive and at most {LARGEST_EXTENT:g} m"
+    classes = f"has class {{}}: there are classes 0..{len(LABELS) - 1} {LABELS}"
     with np.errstate(invalid="ignore"):
+        half, far = rows[:, 6:9], np.abs(rows[:, :3]) > FARTHEST_OBJECT
         rules = (
             (~np.isfinite(rows).all(axis=1), slice(None), "holds NaN or infinity: {}"),
-            (
-                ~((rows[:, 6:9] > 0) & (rows[:, 6:9] <= LARGEST_EXTENT)).all(axis=1),
-                slice(6, 9),
-                f"has half extents {{}}: they must be positive and at most {LARGEST_EXTENT:g} m",
-            ),
-            (
-                (np.abs(rows[:, :3]) > FARTHEST_OBJECT).any(axis=1),
-                slice(3),
-                f"lies at {{}}, beyond {FARTHEST_OBJECT:g} m",
-            ),
+            (~((half > 0) & (half <= LARGEST_EXTENT)).all(axis=1), slice(6, 9), extents),
+            (far.any(axis=1), slice(3), f"lies at {{}}, beyond {FARTHEST_OBJECT:g} m"),
             (np.abs(rows[:, 5]) > MOST_TURNED, slice(5, 6), f"has yaw {{}}, beyond {MOST_TURNED:g} degrees"),
-            (
-                ~np.isin(rows[:, 9], range(len(LABELS))),
-                slice(9, 10),
-                f"has class {{}}: there are classes 0..{len(LABELS) - 1} {LABELS}",
-            ),
+            (~np.isin(rows[:, 9], range(len(LABELS))), slice(9, 10), classes),
         )
     for wrong, columns, what in rules:
         for row in np.flatnonzero(wrong & (words == "")):
@@ -218,28 +190,30 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
 
 
 def expand_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
-    """Expand measured pixels to the full published image. The pixels between them are 0."""
+    """Expand measured pixels to the full published image, 0 between them."""
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)
     image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN))
     return image
 
 
-def measured(image: Float[np.ndarray, "height width"], stride: int) -> Float32[np.ndarray, "rows columns"]:
-    """Measured pixels of a published depth image. They are 0 without a return."""
+def measured(
+    images: Iterable[tuple[Float[np.ndarray, "height width"], int]],
+) -> list[Float32[np.ndarray, "rows columns"]]:
+    """Measured pixels of published depth images, 0 without a return. images: each with the step of its pixels."""
     with np.errstate(over="ignore"):
-        depth = np.asarray(image[::stride, ::stride], np.float32)
-    return np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0))  # NaN is no return either
+        depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]
+    return [np.where((d > 0) & (d < NO_RETURN), d, np.float32(0)) for d in depths]  # NaN is no return either
 
 
 def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """Round a measurement to `DEPTH_STEP`. NaN and infinity, which mean no return, become 0."""
+    """Round a measurement to `DEPTH_STEP`; NaN and infinity, which mean no return, become 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
 
 
 def moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Transform points (n, 3) by a 4×4 matrix. The matrix may mirror them."""
+    """Transform points (n, 3) by a 4×4 matrix, which may mirror them."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 

@@ -1,7 +1,6 @@
-"""A frame as real sensors would measure it.
+"""A frame as real sensors would measure it, with errors that are drawn when the frame is read.
 
-Errors are drawn when the frame is read; none of them is rendered. Sensors stand at their believed poses, and their
-measurements are those of their true poses. Objects stay the truth.
+Sensors stand at their believed poses, and their measurements are those of their true poses. Objects stay the truth.
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -25,9 +25,8 @@ from toolkit.sites.site import Site
 class Reads:
     """Options for reading a recording: sensor errors and length.
 
-    errors: a profile or its name; noise_seed: the seed of the errors, None for no noise; frames: read only the first
-    ones. Sensors of recorded clouds have errors of their own, so only `paper`, which leaves clouds alone, goes with
-    them.
+    errors: a profile or its name, only `paper` for recorded clouds, whose sensors have errors of their own; noise_seed:
+    of the errors, None for no noise; frames: read only the first ones.
     """
 
     errors: ErrorProfile | str = PAPER_ERRORS
@@ -48,36 +47,46 @@ class Reads:
         return errors
 
 
-@dataclass(frozen=True)
-class ReadRecording:
-    """A recording with its sensors' errors, without limit on frames."""
+@dataclass(frozen=True, eq=False)
+class RecordingView:
+    """Frames made from those of another recording."""
 
     recording: Frames
-    reads: Reads = Reads()
 
     @property
     def site(self) -> Site | None:
         """The place, None if unknown."""
         return getattr(self.recording, "site", None)
 
+    @property
+    def path(self) -> Path | None:
+        """The recording's file or folder."""
+        return getattr(self.recording, "path", None)
+
     def __len__(self) -> int:
         return len(self.recording)
 
     def __getitem__(self, index: int) -> Frame:
-        return read_frame(self.recording, index, errors=self.reads.errors, noise_seed=self.reads.noise_seed)
+        return self.recording[index]
 
     def __iter__(self) -> Iterator[Frame]:
         return map(self.__getitem__, range(len(self)))
 
 
+@dataclass(frozen=True)
+class ReadRecording(RecordingView):
+    """A recording with its sensors' errors, without limit on frames."""
+
+    reads: Reads = Reads()
+
+    def __getitem__(self, index: int) -> Frame:
+        return read_frame(self.recording, index, errors=self.reads.errors, noise_seed=self.reads.noise_seed)
+
+
 def read_frame(
     frames: Frames, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
 ) -> Frame:
-    """Read frame k with its sensors' errors.
-
-    The errors are drawn from the seed.
-
-    noise_seed: None for no noise, which only `paper` allows.
+    """Read frame k with its sensors' errors, drawn from the seed; None for no noise, which only `paper` allows.
 
     Raises ValueError for an unknown profile, a negative seed, and a clock's offset if frames lie too far apart to know
     velocities.
@@ -103,24 +112,19 @@ def with_errors(
     velocities: Float64[np.ndarray, "n 3"] | None = None,
     numbers: Sequence[int] | None = None,
 ) -> Frame:
-    """Add sensor errors to a frame.
+    """Add sensor errors to a frame, drawn from the seed, its index and the sensors' names alone.
 
-    They are drawn from the seed, the frame's index and the sensors' names alone.
-
-    velocities: of its objects (m/s), needed for a clock's offset; numbers: used in place of the sensors' names when
-    drawing. With `paper` it is `toolkit.datasets.dataset.noisy`, to the bit.
+    velocities: of its objects (m/s), needed for a clock's offset; numbers: in place of the sensors' names when drawing.
+    With `paper` it is `toolkit.datasets.dataset.noisy`, to the bit.
     """
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     errors = get_profile(errors)
     numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors] if numbers is None else numbers
-    readings = [
-        errors.read(
-            TrueImage(sensor, measurement, frame.objects, frame.time, velocities),
-            seed=seed, sensor=number, frame=frame.index,
-        )
-        for sensor, measurement, number in zip(frame.sensors, frame.images, numbers, strict=True)
-    ]  # fmt: skip
+    readings = []
+    for sensor, measurement, number in zip(frame.sensors, frame.images, numbers, strict=True):
+        true = TrueImage(sensor, measurement, frame.objects, frame.time, velocities)
+        readings.append(errors.read(true, seed=seed, sensor=number, frame=frame.index))
     believed = tuple(
         sensor if reading.pose is sensor.pose else Sensor(sensor.name, sensor.model, reading.pose)
         for sensor, reading in zip(frame.sensors, readings, strict=True)

@@ -1,6 +1,4 @@
-"""Frames as an HDF5 file.
-
-The file has the published layout, with our fields beside it in the group `coview`. Parts are joined into one file.
+"""Frames as an HDF5 file in the published layout, with our fields beside it in the group `coview`.
 
 dslices                float32 [T, C, H, W]  depth along the axis (m), 1000 where nothing returned; only every
                                              stride-th pixel is measured, the others hold 0
@@ -23,7 +21,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -42,10 +39,7 @@ OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by a sens
 
 @dataclass(frozen=True)
 class Header:
-    """Values shared by all frames of a recording.
-
-    plan: the plan of its simulation, see `toolkit.datasets.simulation`.
-    """
+    """Values shared by all frames of a recording. plan: of its simulation, see `toolkit.datasets.simulation`."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -80,6 +74,7 @@ class Scene:
 def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
     """Bytes of a complete file of `scenes`. They are made in memory, so that they can be written all or not at all."""
     objects = [len(scene.frame.objects) for scene in scenes]
+    images, pinholes = header.images, header.pinholes
     with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
         _create(file, header, len(scenes), sum(objects))
         start = np.concatenate([[0], np.cumsum(objects, dtype=np.int64)])
@@ -90,13 +85,19 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
             _add(file, f"objects/{k}", published.format_objects(frame.objects, header.site.map_SE3_site))
             file["coview/object_ids"][start[k] : start[k + 1]] = frame.objects.ids
             file["coview/object_bodies"][start[k] : start[k + 1]] = scene.bodies
-            _write_measurements(file, header, k, frame)
+            channel = 0
+            for sensor, measurement, name in zip(header.sensors, frame.images, images, strict=True):
+                if name == "dslices":
+                    file[name][k, channel] = published.expand_image(measurement, pinholes[sensor.name])
+                    channel += 1
+                else:
+                    file[name][k] = published.rounded(measurement)
         file.flush()
         return file.id.get_file_image()
 
 
 def join(header: Header, parts: Sequence[Path], out: Path) -> None:
-    """Write the frames of all parts as one file. They keep their order. Compressed images are copied as they are."""
+    """Write the frames of all parts, in order, as one file. Compressed images are copied as they are."""
     lengths, objects = [], []
     for part in parts:
         with h5py.File(part) as file:
@@ -104,97 +105,65 @@ def join(header: Header, parts: Sequence[Path], out: Path) -> None:
             objects.append(len(file["coview/object_ids"]))
     with hdf5_file(out) as (joined, check):
         _create(joined, header, sum(lengths), sum(objects))
-        first_frame = first_object = 0
-        for part, frames, count in zip(parts, lengths, objects, strict=True):
-            with h5py.File(part) as file:
-                _append(joined, file, header, first_frame, first_object)
+        first = first_object = 0
+        for path, frames, count in zip(parts, lengths, objects, strict=True):
+            with h5py.File(path) as part:
+                joined["coview/time"][first : first + frames] = part["coview/time"][:]
+                joined["coview/object_start"][first : first + frames + 1] = (
+                    first_object + part["coview/object_start"][:]
+                )
+                for column in ("coview/object_ids", "coview/object_bodies"):
+                    joined[column][first_object : first_object + count] = part[column][:]
+                for k in range(frames):
+                    _add(joined, f"objects/{first + k}", part[f"objects/{k}"][:])
+                for name in dict.fromkeys(header.images):
+                    source, target = part[name].id, joined[name].id
+                    for i in range(source.get_num_chunks()):
+                        place = source.get_chunk_info(i).chunk_offset
+                        mask, compressed = source.read_direct_chunk(place)
+                        target.write_direct_chunk((first + place[0], *place[1:]), compressed, mask)
             check()
-            first_frame, first_object = first_frame + frames, first_object + count
-
-
-def _append(joined: h5py.File, part: h5py.File, header: Header, frame: int, first_object: int) -> None:
-    frames, objects = len(part["coview/time"]), len(part["coview/object_ids"])
-    joined["coview/time"][frame : frame + frames] = part["coview/time"][:]
-    joined["coview/object_start"][frame : frame + frames + 1] = first_object + part["coview/object_start"][:]
-    for column in ("coview/object_ids", "coview/object_bodies"):
-        joined[column][first_object : first_object + objects] = part[column][:]
-    for k in range(frames):
-        _add(joined, f"objects/{frame + k}", part[f"objects/{k}"][:])
-    for name in dict.fromkeys(header.images):
-        source, target = part[name].id, joined[name].id
-        for i in range(source.get_num_chunks()):
-            place = source.get_chunk_info(i).chunk_offset
-            mask, compressed = source.read_direct_chunk(place)
-            target.write_direct_chunk((frame + place[0], *place[1:]), compressed, mask)
+            first, first_object = first + frames, first_object + count
 
 
 def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
+    from toolkit.sites.files import format_site
+
     own = file.create_group("coview")
     own.attrs.update(schema=RECORDING_SCHEMA, plan=header.plan, sensors=json.dumps([s.name for s in header.sensors]))
-    _add(own, "site", _text(header.site))
+    _add(own, "site", format_site(header.site))
     _add(own, "bodies", json.dumps(header.bodies))
-    for name, length, dtype in (
-        ("time", frames, np.float64),
-        ("object_start", frames + 1, np.int64),
-        ("object_ids", objects, np.int64),
-        ("object_bodies", objects, np.int64),
-    ):
-        own.create_dataset(name, (length,), dtype, track_times=False)
+    lengths = {"time": frames, "object_start": frames + 1, "object_ids": objects, "object_bodies": objects}
+    for name, length in lengths.items():
+        own.create_dataset(name, (length,), np.float64 if name == "time" else np.int64, track_times=False)
     own["time"].attrs["unit"] = "s"
     file.create_group("objects").attrs["columns"] = json.dumps(published.OBJECT_COLUMNS)
     file.create_group("cameras")
-    digits = max(2, len(str(len(header.sensors))))
-    channel = 0
+    digits, channel = max(2, len(str(len(header.sensors)))), 0
     for sensor, name in zip(header.sensors, header.images, strict=True):
         if name == "dslices":
-            _create_camera(file, f"cameras/d{channel:0{digits}d}", sensor, header)
+            node = file.create_group(f"cameras/d{channel:0{digits}d}")
+            camera = header.pinholes[sensor.name]
+            _add(node, "intrinsic", published.intrinsic(camera))
+            _add(node, "extrinsic", published.extrinsic(sensor.pose, header.site.map_SE3_site))
             channel += 1
         else:
-            images = _create_images(file, name, (frames, *sensor.model.shape))
-            images.attrs.update(_attributes(sensor))
+            node = _create_images(file, name, (frames, *sensor.model.shape))
+        # numbers that restore the sensor to the last bit: `toolkit.datasets.dataset` reads them
+        numbers = {key: value for key, value in asdict(sensor.model).items() if value is not None}
+        node.attrs.update(name=sensor.name, model=type(sensor.model).__name__, site_SE3_sensor=sensor.pose)
+        node.attrs.update(numbers)
     if channel:
-        camera = next(iter(header.pinholes.values()))
         images = _create_images(file, "dslices", (frames, channel, camera.height, camera.width))
         images.attrs.update(unit="m", no_return=published.NO_RETURN)
         file.create_dataset("slices", (frames, 0, camera.height, camera.width, 3), np.uint8, track_times=False)
 
 
-def _create_camera(file: h5py.File, name: str, sensor: Sensor, header: Header) -> None:
-    group = file.create_group(name)
-    _add(group, "intrinsic", published.intrinsic(header.pinholes[sensor.name]))
-    _add(group, "extrinsic", published.extrinsic(sensor.pose, header.site.map_SE3_site))
-    group.attrs.update(_attributes(sensor))
-
-
-def _attributes(sensor: Sensor) -> dict[str, Any]:
-    """Attributes that restore the sensor to the last bit. `toolkit.datasets.dataset` reads them."""
-    numbers = {key: value for key, value in asdict(sensor.model).items() if value is not None}
-    return {"name": sensor.name, "model": type(sensor.model).__name__, "site_SE3_sensor": sensor.pose, **numbers}
-
-
 def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
     chunks = (*(1,) * (len(shape) - 2), *shape[-2:])
-    return file.create_dataset(
-        name, shape, np.float32, chunks=chunks, compression="gzip", compression_opts=_GZIP_LEVEL, shuffle=True,
-        track_times=False,
-    )  # fmt: skip
+    packed = {"compression": "gzip", "compression_opts": _GZIP_LEVEL, "shuffle": True, "track_times": False}
+    return file.create_dataset(name, shape, np.float32, chunks=chunks, **packed)
 
 
-def _write_measurements(file: h5py.File, header: Header, k: int, frame: Frame) -> None:
-    channel, pinholes = 0, header.pinholes
-    for sensor, measurement, name in zip(header.sensors, frame.images, header.images, strict=True):
-        if name == "dslices":
-            file[name][k, channel] = published.expand_image(measurement, pinholes[sensor.name])
-            channel += 1
-        else:
-            file[name][k] = published.rounded(measurement)
-
-
-def _add(group: h5py.Group, name: str, content: Any) -> None:
+def _add(group: h5py.Group, name: str, content: np.ndarray | str) -> None:
     group.create_dataset(name, data=content, track_times=False)
-
-
-def _text(site: Site) -> str:
-    from toolkit.sites.files import format_site
-
-    return format_site(site)

@@ -1,7 +1,7 @@
 """Recordings in any layout: opened, written and cut.
 
-A layout is one reader module of `toolkit.datasets.layouts`. Others plug in by an entry point of the group
-`coview.layouts`, whose name is the layout's and whose value is a `Layout`.
+A layout is a module of `toolkit.datasets.layouts`, or plugs in by an entry point of the group `coview.layouts`, whose
+name is the layout's and whose value is a `Layout`.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from toolkit.datasets.readings import RecordingView
 from toolkit.datasets.records import ENDINGS, Listing
 from toolkit.frame import Frame, Recording
 from toolkit.objects import label_index
-from toolkit.sites.site import Site
 
 GROUP = "coview.layouts"
 
@@ -46,34 +45,21 @@ class Layout:
 
     @property
     def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """Return the writer. Raises ValueError for a read-only layout."""
+        """The writer. Raises ValueError for a read-only layout."""
         if self.writer is None:
             raise ValueError(f"layout {self.name} is only read: write another, such as folder")
         return getattr(import_module(self.module), self.writer)
 
 
-def _built_in(name: str, *, module: str = "", only_read: bool = False, file: bool = False) -> Layout:
-    writer = None if only_read else f"write_{name}"
-    return Layout(name, f"toolkit.datasets.layouts.{module or name}", name, writer, file)
-
-
+_BUILT_IN = "folder kitti openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse sustech rosbag hdf5"
+_MODULES, _READERS = {"v2xset": "opv2v", "v2xreal": "opv2v"}, {"v2xset": "opv2v"}  # of layouts that share them
 LAYOUTS = {
-    layout.name: layout
-    for layout in (
-        _built_in("folder"),
-        _built_in("kitti"),
-        _built_in("openlabel"),
-        _built_in("dair"),
-        _built_in("opv2v"),
-        replace(_built_in("opv2v"), name="v2xset"),
-        _built_in("v2xreal", module="opv2v"),
-        _built_in("rcooper", only_read=True),
-        _built_in("nuscenes"),
-        _built_in("argoverse"),
-        _built_in("sustech"),
-        _built_in("rosbag"),
-        _built_in("hdf5", file=True),
+    name: Layout(
+        *(name, f"toolkit.datasets.layouts.{_MODULES.get(name, name)}", _READERS.get(name, name)),
+        writer=None if name == "rcooper" else f"write_{_READERS.get(name, name)}",
+        file=name == "hdf5",
     )
+    for name in _BUILT_IN.split()
 }
 
 
@@ -84,9 +70,7 @@ def load_plugins() -> dict[str, Layout]:
 
 
 def find_layout(name: str) -> Layout:
-    """Return a layout by name.
-
-    Raises ValueError for an unknown one.
+    """Return a layout by name. Raises ValueError for an unknown one.
 
     >>> find_layout("kiti")
     Traceback (most recent call last):
@@ -99,9 +83,7 @@ def find_layout(name: str) -> Layout:
 
 
 def guess_layout(path: str | Path) -> str:
-    """Guess the layout of a path.
-
-    It is folder for a folder or a cloud file, else hdf5.
+    """Guess the layout of a path: folder for a folder or a cloud file, else hdf5.
 
     >>> guess_layout("north.pcd"), guess_layout("monday.hdf5")
     ('folder', 'hdf5')
@@ -110,7 +92,7 @@ def guess_layout(path: str | Path) -> str:
     return "folder" if path.is_dir() or path.suffix.lower() in ENDINGS else "hdf5"
 
 
-def open_recording(path: str | Path, layout: str | None = None, **options: Any) -> Recording:
+def open_recording(path: str | Path, layout: str | None = None, **options: object) -> Recording:
     """Open a recording; its frames are read one by one.
 
     layout: a name of `LAYOUTS` or of a plug-in, guessed by the path when None. options: of its reader, such as poses
@@ -134,20 +116,12 @@ def open_recording(path: str | Path, layout: str | None = None, **options: Any) 
 
 
 def read(path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None) -> Iterator[Frame]:
-    """Yield the frames of a recording, filtered by class.
-
-    Frames keep only their objects of `classes`.
-
-    Raises the errors of `open_recording`.
-    """
+    """Yield the frames of a recording with only their objects of `classes`. Raises the errors of `open_recording`."""
     return filter_classes(open_recording(path, layout), classes)
 
 
 def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None) -> Iterator[Frame]:
-    """Yield frames with only their objects of some classes.
-
-    None keeps all classes. Raises ValueError for an unknown class.
-    """
+    """Yield frames with only their objects of some classes, None for all. Raises ValueError for an unknown class."""
     wanted = None if classes is None else [label_index(label) for label in classes]
     return (frame if wanted is None else frame.of(np.isin(frame.objects.labels, wanted)) for frame in frames)
 
@@ -155,24 +129,19 @@ def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None)
 def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> int:
     """Write frames in a layout; return how many.
 
-    Clouds, labels and poses are written. Boxes come back within a millimetre and a hundredth of a degree. Classes get
-    the layout's names for ours.
-
-    Raises ValueError for a read-only layout.
+    Boxes come back within a millimetre and a hundredth of a degree; classes get the layout's names for ours. Raises
+    ValueError for a read-only layout.
     """
     return find_layout(layout).write(frames, Path(path))
 
 
 @dataclass(frozen=True)
-class Part:
-    """Part of a recording's frames.
-
-    every: step between kept frames; frames: number of these to keep, the first ones, None for all.
+class Part(RecordingView):
+    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th.
 
     Raises ValueError for numbers below 1, and for a recording without frames.
     """
 
-    recording: Recording
     frames: int | None = None
     every: int = 1
 
@@ -183,16 +152,6 @@ class Part:
         if not len(self.recording):
             raise ValueError("there is no frame in the recording: check the path and the layout")
 
-    @property
-    def site(self) -> Site | None:
-        """The place, None if unknown."""
-        return self.recording.site
-
-    @property
-    def path(self) -> Path | None:
-        """The recording's file or folder."""
-        return getattr(self.recording, "path", None)
-
     def __len__(self) -> int:
         count = -(-len(self.recording) // self.every)
         return count if self.frames is None else min(self.frames, count)
@@ -202,6 +161,3 @@ class Part:
         if not 0 <= number < len(self):
             raise IndexError(f"there is no frame {number}: {len(self)} are chosen, counted from 0")
         return self.recording[number * self.every]
-
-    def __iter__(self) -> Iterator[Frame]:
-        return map(self.__getitem__, range(len(self)))

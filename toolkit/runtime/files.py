@@ -1,10 +1,8 @@
-"""Files written whole and read with care.
+"""Files written whole and read with care: JSON, NumPy's and our own of named arrays.
 
 A file is written beside its place under another name, synced to disk and renamed, so that no reader, kill or full disk
-ever meets half of one. A symbolic link stays, its target is replaced. Missing folders are made. On failure nothing is
-left behind, and one OSError names the file and the reason.
-
-JSON, NumPy files and our own files of named arrays are read here too: all damage becomes one ValueError in one line.
+ever meets half of one. A symbolic link stays, its target is replaced. On failure nothing is left behind, and one
+OSError names file and reason. Damage met in reading becomes one ValueError in one line.
 """
 
 from __future__ import annotations
@@ -13,12 +11,10 @@ import errno
 import json
 import math
 import os
-import re
 import shutil
 import struct
 import tempfile
 import tokenize
-import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -46,28 +42,26 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
-    """Give the block a name to write a file under; rename it at the end.
+    """Give the block a name, with the same ending and folder, to write a file under; rename it at the end.
 
-    For libraries that write files themselves: the name has the same ending and folder. If the block raises, `path`
-    stays as it was. Raises OSError, with file and reason in one line, where the disk is full or the folder cannot be
-    written.
-
-    unfinished: that name, if it matters, on the same file system as `path`; none is made before the block.
+    If the block raises, `path` stays as it was. Raises OSError, with file and reason in one line, where the disk is
+    full or the folder cannot be written. unfinished: that name, if it matters, on the file system of `path`; none is
+    made before the block.
     """
     target = Path(os.path.realpath(path))
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = unfinished or _beside(target)
-        yield unfinished
-        with unfinished.open("rb") as file:
-            os.fsync(file.fileno())
-        unfinished.chmod(_mode(target))
-        unfinished.replace(target)
-    except (OSError, RuntimeError) as error:  # h5py raises both
-        reason = find_errno(error)
-        if reason is None:
-            raise
-        raise _explain(path, reason) from error
+        with _explained(path):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if unfinished is None:
+                ending = f".unfinished{target.suffix}"
+                number, name = tempfile.mkstemp(ending, f".{target.name[:100]}.", target.parent)
+                os.close(number)
+                unfinished = Path(name)
+            yield unfinished
+            with unfinished.open("rb") as file:
+                os.fsync(file.fileno())
+            unfinished.chmod(_mode(target))
+            unfinished.replace(target)
     finally:
         if unfinished is not None:
             with suppress(OSError):
@@ -76,32 +70,41 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def writing_together(folder: str | Path) -> Iterator[Path]:
-    """Give the block a folder; move its files into `folder` at the end.
+    """Give the block a folder; move its files into `folder`, made if missing, at the end.
 
-    The folder is made if missing. If the block raises, nothing moves. Raises OSError as `writing`.
+    If the block raises, nothing moves. Raises OSError as `writing`.
     """
     target = Path(os.path.realpath(folder))
     missing = [each for each in (target, *target.parents) if not each.exists()]
     unfinished = None
     try:
-        target.mkdir(parents=True, exist_ok=True)
-        unfinished = Path(tempfile.mkdtemp(".unfinished", ".", target))
-        yield unfinished
-        for each in unfinished.iterdir():
-            place = Path(os.path.realpath(target / each.name))
-            each.chmod(_mode(place))
-            each.replace(place)
-    except OSError as error:
-        reason = find_errno(error)
-        if reason is None:
-            raise
-        raise _explain(folder, reason) from error
+        with _explained(folder):
+            target.mkdir(parents=True, exist_ok=True)
+            unfinished = Path(tempfile.mkdtemp(".unfinished", ".", target))
+            yield unfinished
+            for each in unfinished.iterdir():
+                place = Path(os.path.realpath(target / each.name))
+                each.chmod(_mode(place))
+                each.replace(place)
     finally:
         if unfinished is not None:
             shutil.rmtree(unfinished, ignore_errors=True)
         for each in missing:  # those that are empty are what nothing came of
             with suppress(OSError):
                 each.rmdir()
+
+
+@contextmanager
+def _explained(path: str | Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:
+            raise
+        reason = f"cannot write {path}: {os.strerror(error.errno)}; make room, or give another path"
+        explained = type(OSError(error.errno, ""))(reason)
+        explained.errno = error.errno
+        raise explained from error
 
 
 def reserve(path: Path, size: int) -> None:
@@ -119,25 +122,13 @@ def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrit
     folder: is not empty) without `overwrite`.
     """
     out = Path(out)
-    for each in inputs:
-        if _same(out, Path(each)):
+    for each in map(Path, inputs):
+        same = out.samefile(each) if out.exists() and each.exists() else False
+        if same or os.path.realpath(out) == os.path.realpath(each):
             raise ValueError(f"{out} is what is read: write to another file, it would be lost")
     there = any(out.iterdir()) if out.is_dir() else out.exists()
     if there and not overwrite:
         raise FileExistsError(f"{out} exists: write to another file, or replace it with --overwrite")
-
-
-def _beside(target: Path) -> Path:
-    """New empty hidden file beside another, with the same suffix."""
-    number, name = tempfile.mkstemp(f".unfinished{target.suffix}", f".{target.name[:100]}.", target.parent)
-    os.close(number)
-    return Path(name)
-
-
-def _same(a: Path, b: Path) -> bool:
-    with suppress(OSError):
-        return a.samefile(b)
-    return os.path.realpath(a) == os.path.realpath(b)
 
 
 def _mode(target: Path) -> int:
@@ -149,25 +140,8 @@ def _mode(target: Path) -> int:
     return 0o666 & ~mask
 
 
-def find_errno(error: BaseException) -> int | None:
-    """Error number of a file system error, also in a message of HDF5. None for other errors."""
-    number = getattr(error, "errno", None)
-    if number is None and (found := re.search(r"errno = (\d+)", str(error))):
-        number = int(found[1])
-    return number
-
-
-def _explain(path: str | Path, number: int) -> OSError:
-    kind = type(OSError(number, ""))
-    explained = kind(f"cannot write {path}: {os.strerror(number)}; make room, or give another path")
-    explained.errno = number
-    return explained
-
-
 def parse_json(text: str) -> Any:
-    """Parse a JSON text.
-
-    Raises ValueError, in one line, for damaged or too deeply nested text.
+    """Parse a JSON text. Raises ValueError, in one line, for damaged or too deeply nested text.
 
     >>> parse_json("[" * 100000)
     Traceback (most recent call last):
@@ -176,11 +150,12 @@ def parse_json(text: str) -> Any:
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
-        raise ValueError(f"not JSON from line {error.lineno} on ({error.msg}): restore the file") from None
+        reason = f"not JSON from line {error.lineno} on ({error.msg})"
     except RecursionError:
-        raise ValueError("its lists or objects are nested too deep to be read: restore the file") from None
+        reason = "its lists or objects are nested too deep to be read"
     except ValueError:  # Python refuses to turn very long texts into numbers
-        raise ValueError("it has a number of thousands of digits: restore the file") from None
+        reason = "it has a number of thousands of digits"
+    raise ValueError(f"{reason}: restore the file")
 
 
 def read_json(path: str | Path) -> Any:
@@ -194,9 +169,7 @@ def read_json(path: str | Path) -> Any:
 
 
 def replace_infinite(value: Any) -> Any:
-    """Replace numbers that JSON lacks by null.
-
-    Such as an infinite bound, or the AP without objects.
+    """Replace numbers that JSON lacks by null, such as an infinite bound or the AP without objects.
 
     >>> replace_infinite({"bound": float("inf"), "ap": (0.5, float("nan"))})
     {'bound': None, 'ap': [0.5, None]}
@@ -219,10 +192,7 @@ def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Read the arrays of a file of `write_arrays`.
-
-    Raises FileNotFoundError; ValueError for a damaged or another file.
-    """
+    """Read the arrays of a file of `write_arrays`. Raises FileNotFoundError; ValueError for a damaged or other file."""
     content = Path(path).read_bytes()
     content, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
     if sha256(content).digest() != checksum:
@@ -234,24 +204,20 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
         raise ValueError(f"{path} holds no plain arrays ({error}): make it again") from None
 
 
-# What np.load was seen to raise on damaged files: from the zip archive, from the header's text, from its shape.
-_NUMPY_RAISES = (
-    OSError, ValueError, EOFError, KeyError, TypeError, IndexError, OverflowError, MemoryError, NotImplementedError,
-    RuntimeError, SyntaxError, AttributeError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
-)  # fmt: skip
+_DAMAGE = (  # what np.load was seen to raise on damaged files: from the zip archive, the header's text, its shape
+    *(OSError, ValueError, EOFError, LookupError, TypeError, OverflowError, MemoryError, RuntimeError, SyntaxError),
+    *(AttributeError, BadZipFile, zlib.error, struct.error, tokenize.TokenError),
+)
 
 
 def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Load the arrays of a .npz file by name.
-
-    The one of a .npy file has the name "". Raises ValueError, in one line.
-    """
+    """Load the arrays of a .npz file by name, that of a .npy file as "". Raises ValueError, in one line."""
     try:
         loaded = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
             return {"": loaded}
         with loaded as file:
             return {name: file[name] for name in file.files}
-    except _NUMPY_RAISES as error:
+    except _DAMAGE as error:
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise ValueError(f"{path} cannot be read as .npy array or .npz archive: {reason}") from None

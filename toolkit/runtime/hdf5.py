@@ -1,21 +1,19 @@
 """HDF5 files read and written with care.
 
-A damaged file makes h5py raise OSError, RuntimeError, KeyError, TypeError, ... from any access, even from `in`. Every
-access here stands in `reading`, which turns these into one OSError that names the place, and what comes out is plain:
-lists of names, texts, numbers in NumPy arrays.
-
-HDF5 cannot close a file that it could not write to the end, and ends the process instead. `hdf5_file` therefore writes
-through a file object that keeps the first error to itself and lets all later writes pass.
+Damage makes h5py raise errors of many kinds from any access, even from `in`. Every access here stands in `reading`,
+which turns them into one OSError that names the place. HDF5 ends the process when it cannot write a file to its end:
+`hdf5_file` therefore writes through a file object that keeps the first error to itself and lets all later writes pass.
 """
 
 from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import EllipsisType
+from typing import Any, Literal
 
 import h5py
 import numpy as np
@@ -23,12 +21,12 @@ import numpy as np
 # Deflate makes nothing smaller than this; a dataset that claims more than that, and this many bytes, is damaged, and
 # reading it would stop the machine.
 _SMALLEST, _PLENTY = 1 / 1100, 1 << 28
-
-# What h5py was seen to raise on damaged files.
-_H5PY_RAISES = (
-    OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, MemoryError,
-    NotImplementedError, SystemError,
-)  # fmt: skip
+_KINDS = {"iu": "whole numbers", "f": "floating-point numbers", "fiu": "numbers"}
+_DAMAGE = (  # what h5py was seen to raise on damaged files
+    *(OSError, RuntimeError, LookupError, TypeError, ValueError),
+    *(AttributeError, OverflowError, MemoryError, SystemError),
+)
+_Place = int | slice | EllipsisType | tuple[int, ...]
 
 
 @contextmanager
@@ -36,7 +34,7 @@ def reading(where: str) -> Iterator[None]:
     """Turn errors of the block's HDF5 accesses into one OSError. Only such accesses belong in the block."""
     try:
         yield
-    except _H5PY_RAISES as error:
+    except _DAMAGE as error:
         reason = " ".join(str(error).strip("'\"").split())[:200] or type(error).__name__
         raise OSError(f"{where} cannot be read ({reason}): the file is damaged, restore it") from None
 
@@ -46,31 +44,36 @@ def open_hdf5(path: str | Path) -> h5py.File:
     path = Path(path)
     try:
         return h5py.File(path, "r")
-    except _H5PY_RAISES as error:
-        size, claimed = path.stat().st_size, _read_end_address(path)
+    except _DAMAGE as error:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            head = file.read(48)
+        start = 28 if head[8:9] >= b"\2" else 40  # of the end-of-file address, by the version of the superblock
+        claimed = int.from_bytes(head[start : start + 8], "little")
         if size == 0:
-            raise OSError(f"{path} is empty: copy or make it again") from None
-        if claimed is None:
-            raise OSError(f"{path} is not an HDF5 file: check that it is the right one") from None
-        if size < claimed:
-            raise OSError(f"{path} is cut off: {size} of {claimed} bytes are there; copy or make it again") from None
-        raise OSError(f"{path} cannot be read as HDF5 ({_line(error)}): copy or make it again") from None
+            reason = "is empty: copy or make it again"
+        elif head[:8] != b"\x89HDF\r\n\x1a\n":
+            reason = "is not an HDF5 file: check that it is the right one"
+        elif size < claimed:
+            reason = f"is cut off: {size} of {claimed} bytes are there; copy or make it again"
+        else:
+            reason = f"cannot be read as HDF5 ({' '.join(str(error).split())[:200]}): copy or make it again"
+        raise OSError(f"{path} {reason}") from None
 
 
-def _read_end_address(path: Path) -> int | None:
-    """End-of-file address in the superblock; None without one."""
-    with path.open("rb") as file:
-        head = file.read(48)
-    if head[:8] != b"\x89HDF\r\n\x1a\n":
-        return None
-    start = 28 if head[8:9] >= b"\2" else 40  # by the version of the superblock
-    return int.from_bytes(head[start : start + 8], "little")
+def find_kinds(group: h5py.Group, names: Iterable[str]) -> dict[str, type]:
+    """Kinds (h5py.Dataset, h5py.Group or h5py.Datatype) of those members that exist."""
+    kinds = {}
+    for name in names:
+        with reading(name):
+            if name in group:
+                kinds[name] = type(group[name])
+    return kinds
 
 
 def contains(group: h5py.Group, name: str) -> bool:
     """True if a group has a member of that name."""
-    with reading(name):
-        return name in group
+    return bool(find_kinds(group, [name]))
 
 
 def child_names(group: h5py.Group, name: str) -> list[str]:
@@ -79,16 +82,10 @@ def child_names(group: h5py.Group, name: str) -> list[str]:
         return list(group[name]) if name in group and isinstance(group[name], h5py.Group) else []
 
 
-def find_kind(group: h5py.Group, name: str) -> type:
-    """Kind of a member: h5py.Dataset, h5py.Group or h5py.Datatype."""
-    with reading(name):
-        return type(group[name])
-
-
 def dataset(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
     """Dataset of that name, not yet read. axes: their number; kinds: of NumPy's types that it may have."""
     with reading(name):
-        node: Any = group.get(name)
+        node = group.get(name)
         numeric = isinstance(node, h5py.Dataset) and node.shape is not None
         shape, dtype, size = (node.shape, node.dtype, node.nbytes) if numeric else ((), np.dtype(float), 0)
         stored = node.id.get_storage_size() if numeric else 0
@@ -110,10 +107,20 @@ def array(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str =
     return rows(dataset(group, name, axes=axes, kinds=kinds), name, ...)
 
 
-def rows(node: h5py.Dataset, name: str, where: Any) -> np.ndarray:
+def find_array(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> np.ndarray | None:
+    """`array`, or None where there is no such member."""
+    return array(group, name, axes=axes, kinds=kinds) if contains(group, name) else None
+
+
+def rows(node: h5py.Dataset, name: str, where: _Place) -> np.ndarray:
     """Part of a dataset, `node[where]`."""
     with reading(name):
         return np.asarray(node[where])
+
+
+def read_parts(nodes: Mapping[str, h5py.Dataset], where: _Place) -> dict[str, np.ndarray]:
+    """Read the part `where` of several datasets."""
+    return {name: rows(node, name, where) for name, node in nodes.items()}
 
 
 def text(group: h5py.Group, name: str) -> str:
@@ -133,24 +140,15 @@ def read_node_attributes(node: h5py.Group | h5py.Dataset, where: str) -> dict[st
         return {name: value for name, value in node.attrs.items() if not isinstance(value, h5py.Empty)}
 
 
-_KINDS = {"iu": "whole numbers", "f": "floating-point numbers", "fiu": "numbers"}
-
-
-def _line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:200]
-
-
 @contextmanager
-def hdf5_file(path: str | Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
-    """Give the block a new HDF5 file, and a function that checks the disk.
+def hdf5_file(path: str | Path, mode: Literal["w", "r+"] = "w") -> Iterator[tuple[h5py.File, Callable[[], None]]]:
+    """Give the block an HDF5 file to write, and a function that raises OSError once the disk has refused.
 
-    The function raises OSError once the disk has refused; it is called at the end, and may be called before to end long
-    work early. Not atomic: see `toolkit.runtime.files.writing`.
+    That function is called at the end, and may be called before. Not atomic: see `toolkit.runtime.files.writing`.
     """
-    with Path(path).open("w+b", buffering=0) as raw:
-        disk = _Disk(raw)
+    with _Disk(path, "w+" if mode == "w" else "r+") as disk:
         try:
-            with h5py.File(disk, "w") as file:
+            with h5py.File(disk, mode) as file:
                 yield file, disk.check
         except Exception:
             disk.check()  # what HDF5 says of a file that is not as it wrote it matters less
@@ -158,41 +156,29 @@ def hdf5_file(path: str | Path) -> Iterator[tuple[h5py.File, Callable[[], None]]
         disk.check()
 
 
-class _Disk(io.RawIOBase):
+class _Disk(io.FileIO):
     """File that keeps an error of writing until it is checked."""
 
-    def __init__(self, raw: io.FileIO) -> None:
-        self._raw = raw
-        self._error: OSError | None = None
+    error: OSError | None = None
 
     def check(self) -> None:
-        """Raise the error, if there was one."""
-        if self._error is not None:
-            raise self._error
-
-    def readinto(self, buffer: Any) -> int:
-        return self._raw.readinto(buffer)
+        if self.error is not None:
+            raise self.error
 
     def write(self, content: Any) -> int:
         rest = memoryview(content).cast("B")
         size = len(rest)
         try:
-            while len(rest) and self._error is None:
-                rest = rest[self._raw.write(rest) :]
+            while len(rest) and self.error is None:
+                rest = rest[super().write(rest) :]
         except OSError as error:
-            self._error = error
-        self._raw.seek(len(rest), os.SEEK_CUR)
+            self.error = error
+        self.seek(len(rest), os.SEEK_CUR)
         return size
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        return self._raw.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._raw.tell()
 
     def truncate(self, size: int | None = None) -> int:
         try:
-            self._raw.truncate(size)
+            super().truncate(size)
         except OSError as error:
-            self._error = self._error or error
-        return self._raw.tell() if size is None else size
+            self.error = self.error or error
+        return self.tell() if size is None else size

@@ -12,13 +12,13 @@ import os
 import re
 import shutil
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Generic, Protocol, TypeVar, runtime_checkable
 
-from toolkit.runtime.files import DISK_ERRORS, find_errno, write_bytes, write_text, writing
+from toolkit.runtime.files import DISK_ERRORS, write_bytes, write_text, writing
 from toolkit.runtime.parallel import spread, tick
 
 try:
@@ -29,16 +29,19 @@ except ImportError:  # not a Unix
 _UNFINISHED = ".unfinished"  # in the names of files that a killed run left
 _SHARD = re.compile(r"(\d{5,})\.([0-9a-f]{8})\.hdf5")
 
+Plan = Mapping[str, object]  # of JSON values
+_Item = TypeVar("_Item")
+
 
 @runtime_checkable
-class Work(Protocol):
+class Work(Protocol[_Item]):
     """Work in blocks, pickled to every worker."""
 
-    def start(self, threads: int) -> Callable[[int], Iterator[Any]]:
+    def start(self, threads: int) -> Callable[[int], Iterator[_Item]]:
         """Prepare once per process; return a maker of a block's items. threads: that the process may use."""
         ...
 
-    def encode(self, items: Sequence[Any]) -> bytes:
+    def encode(self, items: Sequence[_Item]) -> bytes:
         """Content of the shard of a block's items."""
         ...
 
@@ -48,12 +51,13 @@ class ShardFolder:
     """Finished shards of an unfinished file, and their plan (JSON)."""
 
     path: Path
-    plan: dict[str, Any]
+    plan: Plan
 
     def open(self, overwrite: bool) -> None:
         """Make the folder, or continue in it. Raises FileExistsError for shards of another plan."""
-        note = self.path / "plan.json"
-        found = _read_json(note)
+        note, found = self.path / "plan.json", None
+        with suppress(FileNotFoundError, ValueError):
+            found = json.loads(note.read_text())
         differences = "" if found is None else describe_differences(found, self.plan)
         if differences and not overwrite:
             raise FileExistsError(
@@ -81,11 +85,12 @@ class ShardFolder:
 
     def publish(self, out: Path, join: Callable[[list[Path], Path], None]) -> None:
         """Join all shards into `out`, which appears whole; remove them."""
-        size = sum(path.stat().st_size for path in self.shards().values())
+        shards = [path for _, path in sorted(self.shards().items())]
+        size = sum(path.stat().st_size for path in shards)
         if size > shutil.disk_usage(self.path).free:
             raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the shards")
         with writing(out, self.path / f"joined{_UNFINISHED}") as joined:
-            join([self.shards()[block] for block in sorted(self.shards())], joined)
+            join(shards, joined)
         self.remove()
 
     def shards(self) -> dict[int, Path]:
@@ -120,28 +125,23 @@ class ShardFolder:
 
     @contextmanager
     def explain_disk_errors(self, out: Path, frames: Callable[[Iterable[int]], int]) -> Iterator[None]:
-        """Turn a full or failing disk into one line that says what is safe.
-
-        frames: function that counts the frames of blocks.
-        """
+        """Turn a full or failing disk into one line that says what is safe. frames: counts the frames of blocks."""
         try:
             yield
-        except (OSError, RuntimeError) as error:  # h5py raises both
-            number = find_errno(error)
-            if number not in DISK_ERRORS:
+        except OSError as error:
+            if error.errno not in DISK_ERRORS:
                 raise
-            safe = frames(self.shards())
-            free = shutil.disk_usage(self.path).free
+            safe, free = frames(self.shards()), shutil.disk_usage(self.path).free
             explained = OSError(
-                f"cannot write {out}: {os.strerror(number)} ({free / 1e6:.0f} MB free); {safe} frames are safe in"
+                f"cannot write {out}: {os.strerror(error.errno)} ({free / 1e6:.0f} MB free); {safe} frames are safe in"
                 f" {self.path}, make room and start again to go on"
             )
-            explained.errno = number
+            explained.errno = error.errno
             raise explained from error
 
 
 def make_shards(
-    work: Work,
+    work: Work[_Item],
     folder: ShardFolder,
     blocks: Sequence[int],
     *,
@@ -162,15 +162,14 @@ def make_shards(
 
     threads = 1 if ray else (os.cpu_count() or 1) // max(1, workers) or 1
     job = _ShardJob(work, None if ray else folder, threads, count if workers == 1 and not ray else tick)
-    for block, (items, content) in zip(
-        blocks, spread(job, blocks, workers=workers, ray=ray, ticks=progress), strict=True
-    ):
+    made = spread(job, blocks, workers=workers, ray=ray, ticks=progress)
+    for block, (items, content) in zip(blocks, made, strict=True):
         if content is not None:
             folder.add(block, content)
             count(items)
 
 
-def describe_differences(found: dict[str, Any], asked: dict[str, Any]) -> str:
+def describe_differences(found: Plan, asked: Plan) -> str:
     """Describe how `found` differs from `asked`; empty if equal.
 
     >>> describe_differences({"seed": 1, "frames": 9}, {"seed": 2, "frames": 9})
@@ -181,14 +180,14 @@ def describe_differences(found: dict[str, Any], asked: dict[str, Any]) -> str:
 
 
 @dataclass
-class _ShardJob:
+class _ShardJob(Generic[_Item]):
     """Job of making a block's shard; it prepares once per process."""
 
-    work: Work
+    work: Work[_Item]
     folder: ShardFolder | None  # None on a Ray cluster, whose machines need not see it
     threads: int
     count: Callable[[], None]
-    make: Callable[[int], Iterator[Any]] | None = field(default=None, init=False)
+    make: Callable[[int], Iterator[_Item]] | None = field(default=None, init=False)
 
     def __call__(self, block: int) -> tuple[int, bytes | None]:
         self.make = self.make or self.work.start(self.threads)
@@ -204,10 +203,3 @@ class _ShardJob:
         except OSError as error:  # with the number in its arguments, so that it is not lost between processes
             raise OSError(error.errno, str(error)) from error
         return len(items), None
-
-
-def _read_json(path: Path) -> dict[str, Any] | None:
-    try:
-        return json.loads(path.read_text())
-    except (FileNotFoundError, ValueError):
-        return None

@@ -106,5 +106,5 @@ def test_what_returned_nothing_survives_the_image():
     image = published.expand_image(depth, camera)
     assert image.shape == (6, 8)
     assert image[0].tolist() == [1.5, 0, 999, 0, 1000, 0, 1000, 0]
-    assert published.measured(image, 2)[0].tolist() == [1.5, 999, 0, 0]
-    assert published.measured(np.full((6, 8), np.nan), 2).tolist() == np.zeros((3, 4)).tolist()
+    assert published.measured([(image, 2)])[0][0].tolist() == [1.5, 999, 0, 0]
+    assert published.measured([(np.full((6, 8), np.nan), 2)])[0].tolist() == np.zeros((3, 4)).tolist()
