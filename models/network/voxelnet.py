@@ -148,7 +148,8 @@ class HeightFold(nn.Module):
         self.shape = config.grid_shape
         self.width = config.column_width
         self.weight = nn.Parameter(torch.empty(self.shape[2], config.voxel_width, self.width))
-        nn.init.normal_(self.weight, std=1 / math.sqrt(config.voxel_width))
+        if not self.weight.is_meta:  # there it would import torch._dynamo, which takes seconds, and draw nothing
+            nn.init.normal_(self.weight, std=1 / math.sqrt(config.voxel_width))
         self.norm = nn.BatchNorm1d(self.width)
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
