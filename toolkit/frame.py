@@ -7,10 +7,10 @@ vehicle's, and `map_SE3_world` places it in the map. Each reader in `toolkit.dat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, SupportsFloat, runtime_checkable
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class SensorCloud:
         object.__setattr__(self, "world_SE3_sensor", check_pose(self.world_SE3_sensor, f"pose of {self.name!r}"))
 
     def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
-        """Return the points in the sensor's own frame, float64."""
+        """Points in the sensor's own frame, float64."""
         points = self.points.astype(np.float64)
         return points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
 
@@ -63,7 +63,7 @@ class SensorCloud:
         return replace(self, points=self.in_sensor().astype(np.float32), frame="sensor")
 
     def in_world(self) -> Float64[np.ndarray, "n 3"]:
-        """Return the points in the world frame. They are float64, so that map coordinates keep their millimetres."""
+        """Points in the world frame, float64, so that map coordinates keep their millimetres."""
         points = self.points.astype(np.float64)
         return points if self.frame == "world" else transform(self.world_SE3_sensor, points)
 
@@ -76,7 +76,7 @@ class Region(Protocol):
         """Mask of the boxes inside the region, world frame."""
         ...
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Return its kind and numbers for JSON. `parse_region` reads them back."""
         ...
 
@@ -89,7 +89,7 @@ class Everywhere:
         """Mask of all boxes."""
         return np.ones(len(boxes), bool)
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Return its kind."""
         return {"kind": "everywhere"}
 
@@ -102,11 +102,9 @@ class Rectangle:
 
     def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
         """Mask of the boxes with their centre in the area."""
-        xmin, ymin, xmax, ymax = self.area
-        x, y = boxes[:, 0], boxes[:, 1]
-        return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
+        return np.asarray(((boxes[:, :2] >= self.area[:2]) & (boxes[:, :2] <= self.area[2:])).all(axis=1))
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Return its kind and area."""
         return {"kind": "rectangle", "area": list(self.area)}
 
@@ -129,39 +127,26 @@ class ImageWedge:
         u, v, depth = self._pixels(boxes[:, :3])
         shown = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
         for region in self.ignored:
-            shown &= self._share(boxes, region) <= IGNORED_SHARE
+            rectangles = self.rectangles(boxes)
+            overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(rectangles[:, :2], region[:2])
+            area = (rectangles[:, 2:] - rectangles[:, :2]).prod(axis=1)
+            shown &= np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0) <= IGNORED_SHARE
         return shown
 
     def rectangles(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 4"]:
-        """Left, top, right, bottom of each box in the image.
-
-        Rectangles are cut to the image; all 0 for a box behind the camera.
-        """
+        """Left, top, right, bottom of each box, cut to the image; all 0 for a box behind the camera."""
         if not len(boxes):
             return np.zeros((0, 4))
-        u, v, depth = self._pixels(corners(boxes).reshape(-1, 3))
-        u, v, ahead = u.reshape(-1, 8), v.reshape(-1, 8), (depth > 0).reshape(-1, 8)
+        u, v, depth = (column.reshape(-1, 8) for column in self._pixels(corners(boxes).reshape(-1, 3)))
         limits = np.array([self.width - 1.0, self.height - 1.0])
-        low = np.clip(np.stack([u.min(axis=1), v.min(axis=1)], axis=1), 0, limits)
-        high = np.clip(np.stack([u.max(axis=1), v.max(axis=1)], axis=1), 0, limits)
-        return np.where(np.asarray(ahead.all(axis=1))[:, None], np.hstack([low, high]), 0.0)
+        low, high = (np.clip(np.stack([end(u, axis=1), end(v, axis=1)], axis=1), 0, limits) for end in (np.min, np.max))
+        return np.where((depth > 0).all(axis=1, keepdims=True), np.hstack([low, high]), 0.0)
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Return its kind, projection, image and ignored regions."""
-        return {
-            "kind": "image",
-            "projection": self.projection.tolist(),
-            "width": self.width,
-            "height": self.height,
-            "ignored": [list(region) for region in self.ignored],
-        }
-
-    def _share(self, boxes: np.ndarray, region: tuple[float, float, float, float]) -> np.ndarray:
-        rectangles = self.rectangles(boxes)
-        overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(rectangles[:, :2], region[:2])
-        size = rectangles[:, 2:] - rectangles[:, :2]
-        area = size.prod(axis=1)
-        return np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0)
+        size = {"width": self.width, "height": self.height}
+        ignored = [list(region) for region in self.ignored]
+        return {"kind": "image", "projection": self.projection.tolist(), **size, "ignored": ignored}
 
     def _pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         homogeneous = points @ self.projection[:, :3].T + self.projection[:, 3]
@@ -170,31 +155,12 @@ class ImageWedge:
         return homogeneous[:, 0] / divisor, homogeneous[:, 1] / divisor, depth
 
 
-def _four(values: Any) -> tuple[float, float, float, float]:
+def _four(values: Sequence[SupportsFloat]) -> tuple[float, float, float, float]:
     a, b, c, d = (float(value) for value in values)
     return a, b, c, d
 
 
-def _projection(values: Any) -> Float64[np.ndarray, "3 4"]:
-    matrix = np.array(values, np.float64)
-    if matrix.shape != (3, 4):
-        raise ValueError(f"a projection must be 3 by 4, got {matrix.shape}")
-    return matrix
-
-
-def _wedge(record: Mapping[str, Any]) -> ImageWedge:
-    ignored = tuple(_four(each) for each in record["ignored"])
-    return ImageWedge(_projection(record["projection"]), int(record["width"]), int(record["height"]), ignored)
-
-
-_REGIONS: dict[str, Callable[[Mapping[str, Any]], Region]] = {
-    "everywhere": lambda record: Everywhere(),
-    "rectangle": lambda record: Rectangle(_four(record["area"])),
-    "image": _wedge,
-}
-
-
-def parse_region(record: Any) -> Region:
+def parse_region(record: object) -> Region:
     """Return the region that `Region.record` wrote.
 
     Raises ValueError for an unknown kind and for damaged numbers.
@@ -202,21 +168,27 @@ def parse_region(record: Any) -> Region:
     >>> parse_region(Rectangle((0.0, 0.0, 2.0, 1.0)).record())
     Rectangle(area=(0.0, 0.0, 2.0, 1.0))
     """
-    kind = str(record.get("kind")) if isinstance(record, Mapping) else ""
-    if kind not in _REGIONS:
-        raise ValueError(f"labels must be complete in one of {', '.join(_REGIONS)}, got {str(record)[:60]}")
+    fields: Mapping[str, Any] = record if isinstance(record, Mapping) else {}
+    kind = str(fields.get("kind"))
     try:
-        return _REGIONS[kind](record)
+        if kind == "everywhere":
+            return Everywhere()
+        if kind == "rectangle":
+            return Rectangle(_four(fields["area"]))
+        if kind == "image":
+            projection = np.array(fields["projection"], np.float64)
+            if projection.shape != (3, 4):
+                raise ValueError(f"a projection must be 3 by 4, got {projection.shape}")
+            ignored = tuple(_four(each) for each in fields["ignored"])
+            return ImageWedge(projection, int(fields["width"]), int(fields["height"]), ignored)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"the numbers of a region {kind} are damaged ({' '.join(str(error).split())[:80]})") from None
+    raise ValueError(f"labels must be complete in one of everywhere, rectangle, image, got {str(record)[:60]}")
 
 
 @dataclass(frozen=True, eq=False)
 class OtherObjects:
-    """Labels of classes other than ours.
-
-    They are boxes, the dataset's names, and its own point counts if it has some.
-    """
+    """Labels of classes other than ours: boxes, the dataset's names, and its own point counts if it has some."""
 
     boxes: Float64[np.ndarray, "n 7"] = field(default_factory=lambda: np.zeros((0, 7)))
     categories: tuple[str, ...] = ()
@@ -236,10 +208,9 @@ class Frame:
     shifts: for each sensor the distance (m, world frame) of each pixel's point from its ray, None for none; empty where
     no sensor has any (see `toolkit.sensors.error_terms`).
 
-    Labels of a recorded frame say more: name, unique in its recording; categories, the set's names of the objects'
-    classes; counts, the set's own number of points on each; others, labels of other classes; complete, where labels
-    are complete; map_SE3_world, pose of the world frame in the set's map; problems, number of labels and points left
-    out in reading, by kind.
+    Labels of a recorded frame say more: name, unique in its recording; categories, counts: the set's names of the
+    objects' classes, and its number of points on each; others: labels of other classes; complete: where labels are;
+    map_SE3_world: pose of the world frame in the set's map; problems: labels and points left out in reading, by kind.
     """
 
     sensors: tuple[Sensor, ...]
@@ -265,14 +236,12 @@ class Frame:
         if len(set(names)) < len(names):
             raise ValueError(f"the sensors of a frame must have different names, got {names}: rename one")
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
-            if isinstance(measurement, np.ndarray) and measurement.shape != sensor.model.shape:
-                raise ValueError(
-                    f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
-                )
-        if self.categories and len(self.categories) != len(self.objects):
-            raise ValueError(f"{len(self.objects)} objects but {len(self.categories)} categories in {self.name!r}")
-        if self.counts is not None and len(self.counts) != len(self.objects):
-            raise ValueError(f"{len(self.objects)} objects but {len(self.counts)} counts in {self.name!r}")
+            if isinstance(measurement, np.ndarray):
+                _check_image(sensor, measurement)
+        known = len(self.objects.boxes)
+        for column, values in (("categories", self.categories or None), ("counts", self.counts)):
+            if values is not None and len(values) != known:
+                raise ValueError(f"{known} objects but {len(values)} {column} in {self.name!r}")
 
     @staticmethod
     def of_clouds(
@@ -286,11 +255,9 @@ class Frame:
         time: float = np.nan,
         **more: Any,
     ) -> Frame:
-        """Return a labelled frame of clouds. It takes labels as readers have them. more: other fields."""
-        sensors, measurements = _split(clouds)
-        others = OtherObjects() if others is None else others
-        labels: dict[str, Any] = {"categories": categories, "counts": counts, "others": others, **more}
-        return Frame(sensors, measurements, objects, time, name=name, **labels)
+        """Return a labelled frame of clouds, with labels as readers have them. more: other fields."""
+        more |= {"categories": categories, "counts": counts, "others": OtherObjects() if others is None else others}
+        return Frame(_cloud_sensors(clouds), tuple(clouds), objects, time, name=name, **more)
 
     @property
     def has_images(self) -> bool:
@@ -308,34 +275,27 @@ class Frame:
     @cached_property
     def clouds(self) -> tuple[SensorCloud, ...]:
         """Points of every sensor. Points of an image are in the frame of the sensor's body (x forward, z up)."""
-        return tuple(self._cloud(k) for k in range(len(self.sensors)))
-
-    def _cloud(self, k: int) -> SensorCloud:
-        sensor, measurement = self.sensors[k], self.measurements[k]
-        if isinstance(measurement, SensorCloud):
-            return measurement
-        points, seen = unproject(sensor, measurement)
-        if self.shifts and (shift := self.shifts[k]) is not None:
-            points += shift.reshape(-1, 3).T
-        body = sensor.world_SE3_body
-        return SensorCloud(
-            sensor.name, transform(invert(body), points.T[seen].astype(np.float64)).astype(np.float32), body
-        )
+        clouds = []
+        for k, (sensor, measurement) in enumerate(zip(self.sensors, self.measurements, strict=True)):
+            if isinstance(measurement, SensorCloud):
+                clouds.append(measurement)
+                continue
+            points, seen = unproject(sensor, measurement, self.shifts[k] if self.shifts else None)
+            body = sensor.world_SE3_body
+            local = transform(invert(body), points.T[seen].astype(np.float64))
+            clouds.append(SensorCloud(sensor.name, local.astype(np.float32), body))
+        return tuple(clouds)
 
     def points(self) -> Float64[np.ndarray, "n 3"]:
-        """Return the points of all sensors, world frame. They follow one sensor after the other."""
+        """Points of all sensors, one after the other, world frame."""
         return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
 
     def with_clouds(self, clouds: Sequence[SensorCloud]) -> Frame:
-        """Return the frame with other clouds. They take the place of its measurements."""
-        sensors, measurements = _split(clouds)
-        return replace(self, sensors=sensors, measurements=measurements, shifts=())
+        """Return the frame with other clouds in place of its measurements."""
+        return replace(self, sensors=_cloud_sensors(clouds), measurements=tuple(clouds), shifts=())
 
     def seen_by(self, sensors: Sequence[int | str]) -> Frame:
-        """Return the frame with some of its sensors.
-
-        sensors: numbers or names. Raises ValueError for an unknown one.
-        """
+        """Return the frame with some of its sensors (numbers or names). Raises ValueError for an unknown one."""
         chosen = sorted(select_sensors(self.sensors, sensors))
         if len(chosen) == len(self.sensors):
             return self
@@ -358,9 +318,13 @@ class Frame:
         )
 
 
-def _split(clouds: Sequence[SensorCloud]) -> tuple[tuple[Sensor, ...], tuple[SensorCloud, ...]]:
-    """Sensors and measurements of clouds."""
-    return tuple(Sensor(each.name, _UNKNOWN_MODEL, each.world_SE3_sensor) for each in clouds), tuple(clouds)
+def _cloud_sensors(clouds: Sequence[SensorCloud]) -> tuple[Sensor, ...]:
+    return tuple(Sensor(each.name, _UNKNOWN_MODEL, each.world_SE3_sensor) for each in clouds)
+
+
+def _check_image(sensor: Sensor, measurement: np.ndarray) -> None:
+    if measurement.shape != (shape := sensor.model.shape):
+        raise ValueError(f"sensor {sensor.name!r} measures {shape} pixels, got an image of {measurement.shape}")
 
 
 @runtime_checkable
@@ -391,32 +355,29 @@ class SiteRecording(Frames, Protocol):
 
 
 def unproject(
-    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"]
+    sensor: Sensor,
+    measurement: Float[np.ndarray, "rows columns"],
+    shift: Float32[np.ndarray, "rows columns 3"] | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
-    """Return world coordinates of every pixel.
-
-    They are x, y and z, row after row of the image. A mask of the pixels that returned comes with them.
-    """
-    if measurement.shape != sensor.model.shape:
+    """World x, y and z of every pixel, row after row, and a mask of those that returned. shift: see `Frame.shifts`."""
+    _check_image(sensor, measurement)
+    position = sensor.pose[:3, 3]
+    if np.abs(position).max() > 1e5:
         raise ValueError(
-            f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
-        )
-    if np.abs(sensor.position).max() > 1e5:
-        raise ValueError(
-            f"sensor {sensor.name!r} stands at {sensor.position.tolist()}, too far from the origin for float32 points: "
+            f"sensor {sensor.name!r} stands at {position.tolist()}, too far from the origin for float32 points: "
             "take coordinates from an origin near the site"
         )
     flat = np.asarray(measurement, np.float32).ravel()
     valid = is_return(flat, sensor.model.max_range)
     xyz = sensor.world_rays * np.where(valid, flat, np.float32(0))
-    xyz += sensor.position.astype(np.float32)[:, None]
+    xyz += position.astype(np.float32)[:, None]
+    if shift is not None:
+        xyz += shift.reshape(-1, 3).T
     return xyz, valid
 
 
 def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
-    """Return the positions of some sensors in `available`.
-
-    wanted: names or numbers, None for all.
+    """Return the positions of some sensors in `available`. wanted: names or numbers, None for all.
 
     Raises ValueError for an unknown sensor, one chosen twice, and names that two sensors share.
     """
@@ -427,25 +388,24 @@ def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | No
         return list(range(len(names)))
     if isinstance(wanted, str):
         raise ValueError(f"sensors must be a list of numbers or names, got the text {wanted!r}: pass [{wanted!r}]")
-    chosen = [_position(names, which) for which in wanted]
+    chosen = []
+    for which in wanted:
+        if isinstance(which, str) and which in names:
+            chosen.append(names.index(which))
+        elif isinstance(which, int | np.integer) and 0 <= which < len(names):
+            chosen.append(int(which))
+        else:
+            raise ValueError(f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}")
     if len(set(chosen)) < len(chosen):
         raise ValueError(f"a sensor can be chosen once only, got {list(wanted)}: leave out what is there twice")
     return chosen
 
 
-def _position(names: list[str], which: int | str) -> int:
-    if isinstance(which, str) and which in names:
-        return names.index(which)
-    if isinstance(which, int | np.integer) and 0 <= which < len(names):
-        return int(which)
-    raise ValueError(f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}")
-
-
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
-    """Return each sensor's measurement behind all that moves.
+    """Return each sensor's measurement behind all that moves: the farthest return of each pixel.
 
-    It is the farthest return of each pixel over spread frames. sample: frames at most. Nothing returned counts as
-    farthest, so a pixel that ever sees the sky is 0. Raises ValueError without frames.
+    sample: frames at most, spread over all. Nothing returned counts as farthest, so a pixel that ever sees the sky is
+    0. Raises ValueError without frames.
     """
     if not len(frames):
         raise ValueError("the empty scene needs a frame, got none")

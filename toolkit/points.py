@@ -1,8 +1,8 @@
 """Points in the world frame as plain (n, 3) float32 arrays: by sensor, area and distance.
 
-This is the fast path of every evaluation, and needs NumPy only; `toolkit.clouds` offers the same on Open3D clouds.
-Per sensor the rays are turned into the world once and kept, so that a frame costs one multiplication, one addition and
-one comparison per coordinate (paper equations 1 and 2 and the crop of section II-B).
+This is the fast path of every evaluation; `toolkit.clouds` offers the same on Open3D clouds. The rays of a sensor are
+turned into the world once and kept, so that a frame costs one multiplication, one addition and one comparison per
+coordinate (paper equations 1 and 2 and the crop of section II-B).
 """
 
 from __future__ import annotations
@@ -33,31 +33,34 @@ def frame_points(
     height: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> list[Float32[np.ndarray, "_ 3"]]:
-    """Points of each sensor inside the detection area, world frame.
+    """Points of each sensor inside the detection area, world frame: an (n, 3) array per sensor.
 
-    One (n, 3) array per sensor. sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m);
-    points with 0 < z < height stay, by default the site's own height, else 4 m; z counts from the plane of a site that
-    slopes. rng draws the sensors' noise; without one the measurements are taken as they are.
+    sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m); points with 0 < z < height
+    stay, by default the site's own height, else 4 m; z counts from the plane of a site that slopes. rng draws the
+    sensors' noise; without one the measurements are taken as they are.
 
     Raises ValueError for an unknown sensor and for an empty area.
     """
-    crop, clouds = Crop.of(area, height), []
-    for index in select_sensors(frame.sensors, sensors):
-        sensor, measurement = frame.sensors[index], frame.measurements[index]
-        if isinstance(measurement, SensorCloud):
-            points = measurement.in_world()
-            clouds.append(points[crop.holds(points)].astype(np.float32))
-            continue
-        if rng is not None:
-            measurement = sensor.model.noisy(measurement, rng)
-        shift = frame.shifts[index] if frame.shifts else None
-        xyz, keep = crop_image(sensor, measurement, crop, shift=shift)
-        clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
-    return clouds
+    crop = Crop.of(area, height)
+    return [crop_sensor(frame, index, crop, rng) for index in select_sensors(frame.sensors, sensors)]
+
+
+def crop_sensor(
+    frame: Frame, index: int, crop: Crop, rng: np.random.Generator | None = None
+) -> Float32[np.ndarray, "_ 3"]:
+    """Points of one sensor of a frame inside a crop, as `frame_points` has them."""
+    sensor, measurement = frame.sensors[index], frame.measurements[index]
+    if isinstance(measurement, SensorCloud):
+        points = measurement.in_world()
+        return points[crop.holds(points)].astype(np.float32)
+    if rng is not None:
+        measurement = sensor.model.noisy(measurement, rng)
+    xyz, keep = crop_image(sensor, measurement, crop, shift=frame.shifts[index] if frame.shifts else None)
+    return np.ascontiguousarray(xyz.take(keep, axis=1).T)
 
 
 def find_crop_pixels(frame: Frame, sensor: int, *, area: Area, height: float | None = None) -> Int64[np.ndarray, " n"]:
-    """Pixels of the points that `frame_points` has of a sensor (index). Counted row after row, in the same order."""
+    """Pixels of the points that `frame_points` has of a sensor (index), counted row after row, in the same order."""
     shift = frame.shifts[sensor] if frame.shifts else None
     return crop_image(frame.sensors[sensor], frame.images[sensor], Crop.of(area, height), shift=shift)[1]
 
@@ -71,12 +74,16 @@ class Crop(NamedTuple):
 
     @staticmethod
     def of(place: Area, height: float | None = None) -> Crop:
-        """Crop of a site or an area. height: given, else the site's own, else 4 m."""
-        return Crop(tuple(get_area(place).tolist()), get_height(place, height), get_slope(place))
+        """Crop of a site or an area below `height`, by default the site's own, else 4 m (paper section II-B)."""
+        if height is not None and np.isnan(height):
+            raise ValueError("height must be a number of metres, got NaN")
+        own = place.height if isinstance(place, Site) else 4.0
+        return Crop(tuple(get_area(place).tolist()), own if height is None else height, get_slope(place))
 
     def holds(self, points: Float[np.ndarray, "n 3"], floor: float = 0.0) -> Bool[np.ndarray, " n"]:
         """Mask of the points it keeps, world frame. floor: in place of the ground."""
-        return is_inside(level_rows(points, self.slope), np.array(self.area), self.height, floor)
+        level = points if self.slope == LEVEL else level_rows(points, self.slope)
+        return is_inside(level, np.array(self.area), self.height, floor)
 
 
 def crop_image(
@@ -87,18 +94,14 @@ def crop_image(
     shift: Float32[np.ndarray, "rows columns 3"] | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
     """x, y, z in the world of every pixel, and rows of the kept ones. shift: see `Frame.shifts`."""
-    xyz, valid = unproject(sensor, measurement)
-    if shift is not None:
-        xyz += shift.reshape(-1, 3).T
+    xyz, valid = unproject(sensor, measurement, shift)
     return xyz, np.flatnonzero(valid & crop.holds(xyz.T))
 
 
 def is_inside(
     points: Float[np.ndarray, "n 3"], area: Float64[np.ndarray, "4"], height: float = 4.0, floor: float = 0.0
 ) -> Bool[np.ndarray, " n"]:
-    """Mask of points in the area, between `floor` and `height`.
-
-    The area's edge counts as inside, `floor` and `height` do not, as published.
+    """Mask of points in the area, its edge included, and between `floor` and `height`, both excluded, as published.
 
     >>> is_inside(np.array([[0, 0, 1], [9, 0, 1], [0, 0, 4.0]]), np.array([-1.0, -1, 1, 1]))
     array([ True, False, False])
@@ -119,8 +122,10 @@ def count_on_ground(
 def detect_on_ground(detector: Detector, points: Float32[np.ndarray, "n 3"], place: Area) -> Detections:
     """Run a detector of level ground on a place that may slope. Its boxes come back upright on the slope."""
     slope = get_slope(place)
+    if slope == LEVEL:
+        return detector(points)
     detections = detector(level_rows(points, slope))
-    return detections if slope == LEVEL else replace(detections, boxes=tilt_rows(detections.boxes, slope))
+    return replace(detections, boxes=tilt_rows(detections.boxes, slope))
 
 
 def detect_unions_on_ground(
@@ -129,7 +134,7 @@ def detect_unions_on_ground(
     """Run `detect_on_ground` on many unions of the same clouds."""
     slope = get_slope(place)
     found = detector.unions([level_rows(cloud, slope) for cloud in clouds], unions)
-    return [each if slope == LEVEL else replace(each, boxes=tilt_rows(each.boxes, slope)) for each in found]
+    return [replace(each, boxes=tilt_rows(each.boxes, slope)) for each in found]
 
 
 def join_clouds(clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " C"]) -> Float[np.ndarray, "n 3"]:
@@ -154,11 +159,10 @@ def is_beyond(
     radius: float,
     metric: Distance = "horizontal",
 ) -> Bool[np.ndarray, " n"]:
-    """Mask of points outside a circle of `radius` (m) about a sensor.
+    """Mask of points outside a circle of `radius` (m) about a sensor or a camera's pose (paper section II-E).
 
-    Hybrid fusion sends these (paper section II-E). "horizontal" measures in the world's horizontal plane, as the paper
-    says; "published" in the plane of the sensor's forward and sideways axes, tilted with it, as its code does. sensor:
-    a sensor or a camera's pose.
+    "horizontal" measures in the world's horizontal plane, as the paper says; "published" in the plane of the sensor's
+    forward and sideways axes, tilted with it, as its code does.
     """
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0 m, got {radius}")
@@ -180,12 +184,3 @@ def get_area(place: Area) -> Float64[np.ndarray, "4"]:
 def get_slope(place: Area) -> Slope:
     """Slope of a site along x and y (m per m); level for an area."""
     return place.relief.slope if isinstance(place, Site) else LEVEL
-
-
-def get_height(place: Area, height: float | None = None) -> float:
-    """Height (m) up to which points are kept. The one given, else a site's own, else 4 m (paper section II-B)."""
-    if height is not None:
-        if np.isnan(height):
-            raise ValueError("height must be a number of metres, got NaN")
-        return height
-    return place.height if isinstance(place, Site) else 4.0

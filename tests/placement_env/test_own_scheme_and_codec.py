@@ -26,7 +26,7 @@ from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.codec import PAPER, Codec, Message
 from toolkit.detection.evaluation import Comparison, evaluate_recording
-from toolkit.detection.scheme import Scheme, make_fused
+from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import Hybrid, fuse_frame
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame
@@ -53,8 +53,8 @@ class Thinned:
             return np.arange(len(points)) % self.every == 0
 
         sent = [view.send_points(view.part(view.cloud(s), f"every {self.every}th", keep)) for s in sensors]
-        centre = view.detect([each.arrived for each in sent])
-        return make_fused(view.suppress([centre]), [each.bits for each in sent])
+        boxes = view.suppress([view.detect([each.arrived for each in sent])])
+        return Fused(boxes.detections, np.array([each.bits for each in sent]), boxes.ms)
 
     def sent_points(self, counts, /):
         return counts.sent / np.float32(self.every)

@@ -1,6 +1,4 @@
-"""Average precision as KITTI and nuScenes count it.
-
-It is reported beside ours (`toolkit.detection.metrics`).
+"""Average precision by groups of objects, and as KITTI and nuScenes count it.
 
 KITTI (2019 on): AP is the mean, over the recalls 1/40, 2/40, ... 1, of the best precision at that recall or above. IoU
 is 0.7 for cars, 0.5 for pedestrians and cyclists. Its levels of difficulty need heights in an image and are not used
@@ -17,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,33 +25,31 @@ from toolkit.detection.metrics import Curve, evaluate, precision_recall
 from toolkit.frame import Frame, Region
 from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.points import has_centre_inside
+from toolkit.runtime.text_tables import align_columns
 
 KITTI_IOU = {"vehicle": 0.7, "heavy": 0.7, "cyclist": 0.5, "pedestrian": 0.5}
 KITTI_RECALLS = 40
 CENTRE_DISTANCES = (0.5, 1.0, 2.0, 4.0)  # m
 LEAST_RECALL = LEAST_PRECISION = 0.1
+LEAST_POINTS = 1
+TWICE = 0.9  # least 3D IoU of two labels of one object; no two bodies overlap that much
+RANGES = (0.0, 20.0, 35.0, 50.0, float("inf"))  # m
+POINTS = (1.0, 5.0, 20.0, 100.0, float("inf"))
+_LARGE, _SMALL = (0.3, 0.5, 0.7), (0.1, 0.25, 0.5)
+IOUS = {"vehicle": _LARGE, "heavy": _LARGE, "cyclist": _SMALL, "pedestrian": _SMALL}
+METRICS: dict[Overlap, str] = {"bev": "BEV", "3d": "3D"}
 
 
 class Matched(NamedTuple):
-    """Pooled detections of a class.
-
-    Their scores, whether each hit (detections that do not count are left out), and the number of truths to find.
-    """
+    """Scores and hits of the detections of a class that count, and number of truths to find."""
 
     scores: np.ndarray
     hits: np.ndarray
     truths: int
 
-    @property
-    def curve(self) -> Curve:
-        """Precision and recall."""
-        return precision_recall(self.scores, self.hits, self.truths)
-
 
 def kitti_ap(curve: Curve) -> float:
-    """AP at 40 recalls.
-
-    NaN where nothing is to be found.
+    """AP at 40 recalls. NaN where nothing is to be found.
 
     >>> kitti_ap(precision_recall(np.array([0.9, 0.8]), np.array([True, False]), truths=2))
     0.5
@@ -66,9 +62,7 @@ def kitti_ap(curve: Curve) -> float:
 
 
 def nuscenes_ap(curve: Curve) -> float:
-    """Area above the least precision and beyond the least recall.
-
-    It is 1 for a perfect detector.
+    """Area above the least precision and beyond the least recall, 1 for a perfect detector.
 
     >>> round(nuscenes_ap(precision_recall(np.array([0.9]), np.array([True]), truths=1)), 9)
     1.0
@@ -77,8 +71,7 @@ def nuscenes_ap(curve: Curve) -> float:
         return 0.0
     if np.isnan(curve.recall).all():
         return float("nan")
-    recalls = np.linspace(0, 1, 101)
-    precision = np.interp(recalls, curve.recall, curve.precision, right=0.0)
+    precision = np.interp(np.linspace(0, 1, 101), curve.recall, curve.precision, right=0.0)
     beyond = precision[round(100 * LEAST_RECALL) + 1 :]
     return float(np.clip(beyond - LEAST_PRECISION, 0, None).mean() / (1 - LEAST_PRECISION))
 
@@ -90,49 +83,28 @@ def by_centre(
     distance: float,
     label: int,
 ) -> Matched:
-    """Match detections of a class by distance of centres.
+    """Match detections of a class by distance of centres (m) on the ground.
 
-    Distances (m) to truths are measured on the ground. A detection that hits only uncounted objects does not count.
+    A detection that hits only uncounted objects does not count.
     """
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
     for found, there, mask in zip(detections, truths, counted, strict=True):
         found, rows = found[found.labels == label], there.labels == label
-        hit, ignored = _nearest(found, there.boxes[rows], np.asarray(mask)[rows], distance)
+        boxes, sought = there.boxes[rows], np.asarray(mask)[rows]
+        hit, ignored = np.zeros(len(found), bool), np.zeros(len(found), bool)
+        away = np.linalg.norm(found.boxes[:, None, :2] - boxes[None, :, :2], axis=2)
+        free = np.where(sought, away, np.inf)
+        for row in np.argsort(-found.scores, kind="stable"):
+            nearest = int(free[row].argmin()) if len(boxes) else -1
+            if nearest >= 0 and free[row, nearest] < distance:
+                hit[row] = True
+                free[:, nearest] = np.inf
+            else:
+                ignored[row] = bool((away[row, ~sought] < distance).any())
         scores.append(found.scores[~ignored])
         hits.append(hit[~ignored])
-        total += int(np.asarray(mask)[rows].sum())
+        total += int(sought.sum())
     return Matched(np.concatenate(scores), np.concatenate(hits), total)
-
-
-def _nearest(
-    found: Detections, boxes: np.ndarray, counted: np.ndarray, distance: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mark detections that take a counted truth. Also mark those that take none but lie on an uncounted one."""
-    hit, ignored = np.zeros(len(found), bool), np.zeros(len(found), bool)
-    away = np.linalg.norm(found.boxes[:, None, :2] - boxes[None, :, :2], axis=2)
-    free = np.where(counted, away, np.inf)
-    for row in np.argsort(-found.scores, kind="stable"):
-        nearest = int(free[row].argmin()) if len(boxes) else -1
-        if nearest >= 0 and free[row, nearest] < distance:
-            hit[row] = True
-            free[:, nearest] = np.inf
-        else:
-            ignored[row] = bool((away[row, ~counted] < distance).any())
-    return hit, ignored
-
-
-def compute_mean(values: Sequence[float]) -> float:
-    """Mean; NaN of none."""
-    return float(np.mean(values)) if len(values) else float("nan")
-
-
-LEAST_POINTS = 1
-TWICE = 0.9  # least 3D IoU of two labels of one object; no two bodies overlap that much
-RANGES = (0.0, 20.0, 35.0, 50.0, float("inf"))  # m
-POINTS = (1.0, 5.0, 20.0, 100.0, float("inf"))
-_LARGE, _SMALL = (0.3, 0.5, 0.7), (0.1, 0.25, 0.5)
-IOUS = {"vehicle": _LARGE, "heavy": _LARGE, "cyclist": _SMALL, "pedestrian": _SMALL}
-METRICS: tuple[Overlap, ...] = ("bev", "3d")
 
 
 @dataclass(frozen=True)
@@ -151,7 +123,7 @@ class GroupRow:
     truths: int
     scheme: str = "all clouds"
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the row for JSON."""
         return dict(vars(self))
 
@@ -161,40 +133,38 @@ class FrameTruth:
     """Objects of one frame, and those that count.
 
     objects: all that are there; counted: mask of those to be found; points: on each of them; corners: of the detection
-    area (xmin ymin xmax ymax, m, world); middle: of the area; complete: where labels are, None where they are anywhere.
+    area (xmin ymin xmax ymax, m, world); complete: where labels are, None where they are anywhere.
     """
 
     objects: Objects
     counted: Bool[np.ndarray, " n"]
     points: Int64[np.ndarray, " n"]
     corners: Float64[np.ndarray, "4"]
-    middle: Float64[np.ndarray, "2"]
     complete: Region | None = None
 
     def keep(self, found: Detections) -> Detections:
-        """Return the detections that count.
-
-        Where labels may be incomplete, these are the ones in the area and where labels are complete.
-        """
+        """Return the detections that count: those in the area and where labels are complete."""
         if self.complete is None:
             return found
         return found[has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes)]
 
     def judge(self, found: Detections) -> Judged:
-        """Return detections and truths with their ranges. Ranges are measured from the middle of the area."""
+        """Return detections and truths with their ranges from the middle of the area.
+
+        The range of a detection is that of the object it overlaps most, else its own.
+        """
         boxes, found = self.objects.boxes, self.keep(found)
-        ranges = np.linalg.norm(boxes[:, :2] - self.middle, axis=1)
-        return Judged(
-            found, self.objects, self.counted, self.points, ranges, _ranges(found, boxes, ranges, self.middle)
-        )
+        middle = (self.corners[:2] + self.corners[2:]) / 2
+        away, own = (np.linalg.norm(rows[:, :2] - middle, axis=1) for rows in (boxes, found.boxes))
+        if len(found) and len(boxes):
+            overlap = iou_bev(found.boxes, boxes)
+            own = np.where(overlap.max(axis=1) > 0.1, away[overlap.argmax(axis=1)], own)
+        return Judged(found, self.objects, self.counted, self.points, away, own)
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One frame to be scored.
-
-    Detections that count, objects, mask of the objects that count, points on them, and ranges (m).
-    """
+    """Detections of one frame that count, objects, mask of those that count, points on them, and ranges (m)."""
 
     found: Detections
     truths: Objects
@@ -205,24 +175,14 @@ class Judged:
 
 
 def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
-    """Return the objects that count for recorded labels.
+    """Return the objects that count for recorded labels: in the area, where labels are complete, with a point on them.
 
-    They lie in the area, where labels are complete, and have a point on them. Other labelled objects are not misses,
-    and a detection on one is not a false alarm.
+    Other labelled objects are not misses, and a detection on one is not a false alarm.
     """
     boxes = frame.objects.boxes
     points = count_points(frame.points(), boxes)
     counted = has_centre_inside(boxes, corners) & frame.complete.covers(boxes) & (points >= LEAST_POINTS)
-    middle = (corners[:2] + corners[2:]) / 2
-    return FrameTruth(frame.objects, counted & ~repeated(frame.objects), points, corners, middle, frame.complete)
-
-
-def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | None = None) -> list[GroupRow]:
-    """Return all rows of a class.
-
-    A class without an object to find has rows too. ious: None for the usual ones of the class.
-    """
-    return list(_class_rows(samples, label, ious or IOUS[label]))
+    return FrameTruth(frame.objects, counted & ~repeated(frame.objects), points, corners, frame.complete)
 
 
 def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
@@ -236,76 +196,38 @@ def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
     return np.asarray(np.tril(same, -1).any(axis=1))
 
 
-def _ranges(found: Detections, boxes: np.ndarray, ranges: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Range of each detection. It is that of the object it overlaps most, else its own."""
-    own = np.linalg.norm(found.boxes[:, :2] - middle, axis=1)
-    if not len(found) or not len(boxes):
-        return own
-    overlap = iou_bev(found.boxes, boxes)
-    return np.where(overlap.max(axis=1) > 0.1, ranges[overlap.argmax(axis=1)], own)
+def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | None = None) -> list[GroupRow]:
+    """Return all rows of a class, also of one without an object to find. ious: None for the usual ones of the class."""
+    ious = ious or IOUS[label]
+    middle, rows = sorted(ious)[len(ious) // 2], list[GroupRow]()
 
+    def score(some: Sequence[Judged], thresholds: Sequence[float], among: str, protocol: str = "ours") -> None:
+        found, truths, counted = ([getattr(each, name) for each in some] for name in ("found", "truths", "counted"))
+        for metric, said in METRICS.items():
+            scores = evaluate(found, truths, counted=counted, iou_thresholds=thresholds, metric=metric, label=label)
+            for iou, at in scores.items():
+                ap = at.ap if protocol == "ours" else kitti_ap(at.curve)
+                rows.append(GroupRow(label, protocol, f"{said} {iou:g}", among, ap, at.truths))
 
-def _class_rows(samples: Sequence[Judged], label: str, ious: Sequence[float]) -> Iterable[GroupRow]:
-    middle = sorted(ious)[len(ious) // 2]
-    everything = list(samples)
-    for metric in METRICS:
-        yield from _ours(everything, label, ious, metric, "all")
+    score(samples, ious, "all")
     for low, high in pairwise(RANGES):
-        chosen = [_within(each, low, high) for each in samples]
-        for metric in METRICS:
-            yield from _ours(chosen, label, [middle], metric, _span(low, high, " m"))
+        chosen = []
+        for each in samples:
+            near = (each.found_range >= low) & (each.found_range < high)
+            counted = each.counted & (each.truth_range >= low) & (each.truth_range < high)
+            chosen.append(replace(each, counted=counted, found=each.found[near], found_range=each.found_range[near]))
+        score(chosen, [middle], _span(low, high, " m"))
     for low, high in pairwise(POINTS):
-        chosen = [_with(each, (each.points >= low) & (each.points < high)) for each in samples]
-        for metric in METRICS:
-            yield from _ours(chosen, label, [middle], metric, _span(low, high - 1, " points"))
-    iou = KITTI_IOU[label]
-    for metric in METRICS:
-        at = _evaluated(everything, label, [iou], metric)[iou]
-        yield GroupRow(label, "KITTI R40", _named(metric, iou), "all", kitti_ap(at.curve), at.truths)
-    yield from _nuscenes(everything, label)
-
-
-def _ours(
-    samples: Sequence[Judged], label: str, ious: Sequence[float], metric: Overlap, among: str
-) -> Iterable[GroupRow]:
-    for iou, at in _evaluated(samples, label, ious, metric).items():
-        yield GroupRow(label, "ours", _named(metric, iou), among, at.ap, at.truths)
-
-
-def _evaluated(samples: Sequence[Judged], label: str, ious: Sequence[float], metric: Overlap) -> dict[float, Any]:
-    return evaluate(
-        [each.found for each in samples],
-        [each.truths for each in samples],
-        counted=[each.counted for each in samples],
-        iou_thresholds=ious,
-        metric=metric,
-        label=label,
-    )
-
-
-def _nuscenes(samples: Sequence[Judged], label: str) -> Iterable[GroupRow]:
-    found, truths, counted = ([getattr(each, name) for each in samples] for name in ("found", "truths", "counted"))
-    aps, total = [], 0
+        among = [replace(s, counted=s.counted & (s.points >= low) & (s.points < high)) for s in samples]
+        score(among, [middle], _span(low, high - 1, " points"))
+    score(samples, [KITTI_IOU[label]], "all", "KITTI R40")
+    aps = []
     for distance in CENTRE_DISTANCES:
-        matched = by_centre(found, truths, counted, distance, label_index(label))
-        aps.append(nuscenes_ap(matched.curve) if matched.truths else float("nan"))
-        total = matched.truths
-        yield GroupRow(label, "nuScenes", f"centre {distance:g} m", "all", aps[-1], total)
-    yield GroupRow(label, "nuScenes", "centre, mean", "all", compute_mean(aps), total)
-
-
-def _within(each: Judged, low: float, high: float) -> Judged:
-    chosen = _with(each, (each.truth_range >= low) & (each.truth_range < high))
-    near = (each.found_range >= low) & (each.found_range < high)
-    return replace(chosen, found=each.found[near], found_range=each.found_range[near])
-
-
-def _with(each: Judged, which: np.ndarray) -> Judged:
-    return replace(each, counted=each.counted & which)
-
-
-def _named(metric: Overlap, iou: float) -> str:
-    return f"{'BEV' if metric == 'bev' else '3D'} {iou:g}"
+        columns = [s.found for s in samples], [s.truths for s in samples], [s.counted for s in samples]
+        matched = by_centre(*columns, distance, label_index(label))
+        aps.append(nuscenes_ap(precision_recall(*matched)) if matched.truths else float("nan"))
+        rows.append(GroupRow(label, "nuScenes", f"centre {distance:g} m", "all", aps[-1], matched.truths))
+    return [*rows, GroupRow(label, "nuScenes", "centre, mean", "all", float(np.mean(aps)), matched.truths)]
 
 
 def _span(low: float, high: float, unit: str) -> str:
@@ -315,27 +237,16 @@ def _span(low: float, high: float, unit: str) -> str:
 def format_rows(rows: Sequence[GroupRow]) -> str:
     """Format rows as tables, one per class and protocol. Each group of objects has a line, each measure a column."""
     tables = []
-    for label in LABELS:
-        for protocol in dict.fromkeys(row.protocol for row in rows if row.label == label):
-            some = [row for row in rows if (row.label, row.protocol) == (label, protocol)]
-            tables.append(f"{label}, {protocol}\n{_table(some)}")
+    for label, protocol in sorted(
+        dict.fromkeys((r.label, r.protocol) for r in rows), key=lambda key: LABELS.index(key[0])
+    ):
+        cells = {(r.among, r.measure): r for r in rows if (r.label, r.protocol) == (label, protocol)}
+        measures = list(dict.fromkeys(measure for _, measure in cells))
+        lines = [["objects", "to find", *measures]]
+        for among in dict.fromkeys(among for among, _ in cells):
+            own = [cells.get((among, measure)) for measure in measures]
+            truths = next(row.truths for row in own if row is not None)
+            aps = ["" if row is None else "-" if np.isnan(row.ap) else f"{row.ap:.3f}" for row in own]
+            lines.append([among, str(truths), *aps])
+        tables.append(f"{label}, {protocol}\n{align_columns(lines, texts=1)}")
     return "\n\n".join(tables)
-
-
-def _table(rows: Sequence[GroupRow]) -> str:
-    measures, groups = (list(dict.fromkeys(getattr(row, name) for row in rows)) for name in ("measure", "among"))
-    cells = {(row.among, row.measure): row for row in rows}
-    lines = [["objects", "to find", *measures]]
-    for among in groups:
-        own = [cells.get((among, measure)) for measure in measures]
-        truths = next(row.truths for row in own if row is not None)
-        lines.append([among, str(truths), *("" if row is None else _figure(row.ap) for row in own)])
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    sides = [str.ljust] + [str.rjust] * (len(widths) - 1)
-    return "\n".join(
-        "  ".join(side(cell, width) for side, cell, width in zip(sides, line, widths, strict=True)) for line in lines
-    )
-
-
-def _figure(ap: float) -> str:
-    return "-" if np.isnan(ap) else f"{ap:.3f}"

@@ -2,9 +2,7 @@
 
 A codec of your own is a class with the members of `Codec`. Pass it as an object, `codec=MyCodec()`; nothing else needs
 to know about it. `PAPER` counts as the paper does (section IV-A): a point costs 3 float32, a box 8 (its 7 numbers and a
-score), and nothing is lost on the way.
-
-A codec may code images in place of points. One that is also an `ImageCodec` gets the image behind the points wherever
+score), and nothing is lost on the way. A codec that is also an `ImageCodec` gets the image behind the points wherever
 it is known, and the centre makes points of the image that arrives.
 """
 
@@ -32,47 +30,31 @@ class Message(NamedTuple):
 
 @runtime_checkable
 class Codec(Protocol):
-    """Codec that turns points and boxes into messages and back.
-
-    A lossless codec returns the very array that it was given, so that its detections are shared.
-    """
+    """Codec of points and boxes. A lossless one returns the very array it was given: its detections are shared."""
 
     @property
     def digest(self) -> str:
         """Name and parameters, the key of cached results."""
-        ...
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Encode the points of one sensor in one frame. Points are in the world frame (m)."""
-        ...
+        """Encode the points of one sensor in one frame, world frame (m)."""
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
         """Decode the points that arrive at the fusion centre."""
-        ...
 
     def encode_boxes(self, detections: Detections, /) -> Message:
         """Encode the detections of one sensor in one frame."""
-        ...
 
     def decode_boxes(self, message: Message, /) -> Detections:
         """Decode the detections that arrive at the fusion centre."""
-        ...
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Amount:
-        """Expected bits of messages with these points and boxes.
-
-        Takes numbers, or arrays of one shape. It serves fidelities that count points without seeing them. It is an
-        estimate if the size depends on content.
-        """
-        ...
+        """Expected bits of messages with these points and boxes: numbers, or arrays of one shape."""
 
 
 @dataclass(frozen=True, eq=False)
 class RangeImage:
-    """Pixels that one sensor sends of an image.
-
-    measurement: m, 0 for pixels that are not sent; time (s) and number of the frame.
-    """
+    """Pixels that one sensor sends of an image (m, 0 for others), time (s) and number of the frame."""
 
     sensor: Sensor
     measurement: Float32[np.ndarray, "rows columns"]
@@ -86,18 +68,23 @@ class ImageCodec(Protocol):
 
     def encode_image(self, image: RangeImage, /) -> Message:
         """Encode pixels of one sensor in one frame."""
-        ...
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
         """Decode an image of the sensor. 0 where nothing arrived."""
-        ...
+
+
+class Parameters:
+    """Base of schemes and codecs whose results depend on their fields alone."""
+
+    @property
+    def digest(self) -> str:
+        """Name and parameters."""
+        return repr(self)
 
 
 @dataclass(frozen=True)
-class PaperCodec:
-    """Codec with fixed bits for each point and box.
-
-    Nothing is lost.
+class PaperCodec(Parameters):
+    """Codec with fixed bits for each point and box, without loss.
 
     Raises ValueError for a cost that is not finite or below 0.
 
@@ -115,11 +102,6 @@ class PaperCodec:
                     f"{name} must be a finite number of bits, 0 or more, got {bits!r}: the paper has 96, 256"
                 )
 
-    @property
-    def digest(self) -> str:
-        """Name and parameters."""
-        return repr(self)
-
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
         """Return the points as they are."""
         return Message(points, round(len(points) * self.bits_per_point))
@@ -130,7 +112,7 @@ class PaperCodec:
 
     def encode_boxes(self, detections: Detections, /) -> Message:
         """Return the boxes as they are."""
-        return Message(detections, round(len(detections) * self.bits_per_box))
+        return Message(detections, round(len(detections.boxes) * self.bits_per_box))
 
     def decode_boxes(self, message: Message, /) -> Detections:
         """Return the very boxes."""

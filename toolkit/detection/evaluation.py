@@ -1,10 +1,7 @@
-"""Score fusion schemes and sensor sets on a recording.
+"""Score fusion schemes and sensor sets on a recording: the first table of the paper, and more.
 
-This gives the first table of the paper, and more. What a sensor sees and detects is computed once per frame and shared
-by all schemes and sets (`toolkit.detection.view`). Only the fused boxes of a frame are kept, so memory does not grow
-with the size of the measurements.
-
-Three protocols say which objects are to be found:
+What a sensor sees and detects is computed once per frame and shared by all schemes and sets (`toolkit.detection.view`).
+Only the fused boxes of a frame are kept. Three protocols say which objects are to be found:
 
 - `exact`: those with their centre in the site's area. Others are there but not scored, neither misses nor false alarms
   (`counted` of `toolkit.detection.metrics.evaluate`).
@@ -15,20 +12,17 @@ Three protocols say which objects are to be found:
 Each class is scored separately: a cyclist reported as a pedestrian is a false alarm for pedestrians and a miss for
 cyclists. Detections are those that the detector reports, above its own threshold; `ClassFigures` says what that
 threshold is worth. With a breakdown, AP is also given by range, by points, and as KITTI and nuScenes count it
-(`toolkit.detection.breakdown`).
-
-Milliseconds are those of the median frame, from measurements to fused boxes, with sensors working side by side as in
-the paper.
+(`toolkit.detection.breakdown`). Milliseconds are those of the median frame, from measurements to fused boxes, with
+sensors working side by side as in the paper.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
@@ -36,18 +30,16 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
-from toolkit.arrays import Int64
 from toolkit.boxes import Overlap, count_points
 from toolkit.calibration.poses import FoundPose
 from toolkit.calibration.scenes import Scenes
 from toolkit.datasets.readings import ReadRecording, Reads
 from toolkit.datasets.recordings import Part
-from toolkit.datasets.records import add_problems
 from toolkit.detection.breakdown import FrameTruth, GroupRow, format_rows, group_rows, select_truth
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, check_codec
 from toolkit.detection.detect import describe_summary
 from toolkit.detection.link.load import SetLoad, format_loads, link_load
-from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, DetectionScore, Reliability, evaluate, reliability
+from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, Reliability, evaluate, reliability
 from toolkit.detection.place import Place, Stand
 from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin, with_file_digest
 from toolkit.detection.scheme import Chained, Fused, Scheme, scheme_codec
@@ -68,10 +60,9 @@ Scoring = Literal["exact", "published", "measured"]
 
 @dataclass(frozen=True)
 class Row:
-    """Figures of one scheme, sensor set, class and IoU threshold.
+    """Figures of one scheme, sensor set (indices), class and IoU threshold.
 
-    Sensors are indices. AP, and recall and precision at the last detection; kbit per sensor and frame; milliseconds per
-    frame; the PR curve; objects to find in all frames; false alarms per frame.
+    recall, precision: at the last detection; kbit and milliseconds are per frame; truths: to find in all frames.
     """
 
     scheme: str
@@ -87,22 +78,16 @@ class Row:
     truths: int = 0
     false_alarms_per_frame: float = 0.0
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the row for JSON, without its curve. An undefined figure is None, such as AP without any truth."""
-        names = (
-            *("scheme", "sensors", "label", "iou", "ap", "recall", "precision", "truths", "false_alarms_per_frame"),
-            *("kbit_per_sensor", "ms_per_frame"),
-        )
-        return {name: _defined(getattr(self, name)) for name in names}
+        return replace_infinite({name: value for name, value in vars(self).items() if name != "curve"})
 
 
 @dataclass(frozen=True)
 class ClassFigures:
-    """Worth of the detector's own threshold for one class.
+    """Worth of the detector's own threshold for one class, with one scheme and sensor set (indices).
 
-    One scheme and sensor set. A detection is true from the IoU `iou` on (`TRUE_IOU`). Objects to find and detections
-    that count in all `frames`; share of objects found, share of detections that are true, false alarms per frame; and
-    whether scores are shares of true detections.
+    A detection is true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`.
     """
 
     scheme: str
@@ -117,16 +102,10 @@ class ClassFigures:
     false_alarms_per_frame: float
     reliability: Reliability = field(repr=False, compare=False)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON. The reliability diagram is given bin by bin. An undefined figure is None."""
-        diagram = self.reliability
-        bins = {
-            "score": [_defined(each) for each in diagram.score.tolist()],
-            "true": [_defined(each) for each in diagram.true.tolist()],
-            "count": diagram.count.tolist(),
-        }
-        own = {name: _defined(value) for name, value in vars(self).items() if name != "reliability"}
-        return own | {"calibration_error": diagram.error, "reliability": bins}
+    def as_dict(self) -> dict[str, object]:
+        """Return the figures for JSON, the reliability diagram bin by bin. An undefined figure is None."""
+        bins = {name: column.tolist() for name, column in vars(self.reliability).items()}
+        return replace_infinite({**vars(self), "calibration_error": self.reliability.error, "reliability": bins})
 
 
 @dataclass(frozen=True)
@@ -172,10 +151,9 @@ class Comparison:
 class Evaluation(Sequence[Row]):
     """Rows of an evaluation, with their context.
 
-    classes: worth of the detector's threshold, class by class; loads: of each scheme and sensor set on a link, if a
-    rate was given; schemes: frames, detections, problems and median milliseconds of each; breakdown: by range, points
-    and other sets' protocols; provenance: dataset, detector, settings and version; poses: of the sensors, where they
-    were found before.
+    classes: worth of the detector's threshold; loads: on a link, if a rate was given; schemes: frames, detections,
+    problems and median milliseconds of each; breakdown: by range, points and other sets' protocols; poses: of the
+    sensors, where they were found before.
     """
 
     rows: tuple[Row, ...]
@@ -196,38 +174,33 @@ class Evaluation(Sequence[Row]):
     def __len__(self) -> int:
         return len(self.rows)
 
-    def __iter__(self) -> Iterator[Row]:
-        return iter(self.rows)
-
     def text(self) -> str:
-        """Return all figures as tables.
-
-        Sensors as they were found, AP, links, worth of the threshold, and the breakdown.
-        """
+        """Return poses, AP, links, worth of the threshold, and the breakdown, as tables."""
         parts = ["\n".join(map(str, self.poses))] * bool(self.poses) + [format_table(self.rows)]
         if self.loads:
             parts.append(f"on a link at {self.loads[0].load.rate:g} Hz:\n{format_loads(self.loads)}")
         parts.append(f"above the detector's threshold:\n{format_class_table(self.classes)}")
         for name, figures in self.schemes.items() if self.breakdown else ():
-            rows = [row for row in self.breakdown if row.scheme == name]
-            parts.append(f"{name}: {describe_summary(figures)}{_images_text(figures)}\n\n{format_rows(rows)}")
+            parts.append(f"{name}: {describe_summary(figures)}")
+            for sensor, each in figures.get("images", {}).items():
+                kinds = ", ".join(f"{count} {kind}" for kind, count in each.items() if kind != "points")
+                parts[-1] += f"\n{sensor}: of {each['points']} points its images leave out {kinds or 'none'}"
+            parts.append(format_rows([row for row in self.breakdown if row.scheme == name]))
         return "\n\n".join(parts)
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the provenance for JSON. An undefined figure is None."""
+        figures = {
+            "rows": [row.as_dict() for row in self.rows],
+            "classes": [figures.as_dict() for figures in self.classes],
+            "schemes": self.schemes,
+        }
         optional = {
             "loads": [load.as_dict() for load in self.loads],
             "breakdown": [row.as_dict() for row in self.breakdown],
             "poses": {each.sensor.name: each.described() for each in self.poses},
         }
-        return replace_infinite(
-            {
-                "rows": [row.as_dict() for row in self.rows],
-                "classes": [figures.as_dict() for figures in self.classes],
-                "schemes": self.schemes,
-                **{name: value for name, value in optional.items() if value},
-            }
-        )
+        return replace_infinite(figures | {name: value for name, value in optional.items() if value})
 
 
 def evaluate_recording(
@@ -240,18 +213,16 @@ def evaluate_recording(
     scenes: Scenes | None = None,
     run: Processes = Processes(),
 ) -> Evaluation:
-    """Score every scheme with every sensor set.
+    """Score every scheme with every sensor set, class by class, at each of its IoU thresholds.
 
-    Each class is scored at each of its IoU thresholds, in this order. place: where the detector looks and on what
-    ground; reads: errors of the sensors and number of frames; scenes: empty ones, for schemes that need them, None to
-    learn them from this recording. Several workers share out the frames, unless a scheme's messages can only be read
-    after others.
+    place: where the detector looks and on what ground; reads: errors of the sensors and number of frames; scenes: empty
+    ones, for schemes that need them, None to learn them from this recording. Several workers share out the frames,
+    unless a scheme's messages can only be read after others.
 
     Raises ValueError for a scheme, sensor, class or error profile that does not exist, a class that the detector does
     not know, two schemes of one name, and a recording without frames.
     """
-    total, errors = reads.count(recording), reads.profile()
-    labels = asked.labels()
+    total, errors, labels = reads.count(recording), reads.profile(), asked.labels()
     ious = {label: _thresholds(asked.iou_thresholds, label) for label in labels}
     if not (len(asked.schemes) and len(asked.sensor_sets) and labels and all(ious.values())):
         raise ValueError("there must be a scheme, a sensor set, a class and an IoU threshold to evaluate")
@@ -267,76 +238,194 @@ def evaluate_recording(
     protocol = asked.protocol or ("exact" if known else "measured")
     breakdown = (not known) if asked.breakdown is None else asked.breakdown
     images = Scenes(measured if known else Part(measured, total)) if scenes is None else scenes
-    job = _Job(measured, detector, asked, place, site, named, sets, images, protocol, breakdown)
-    chained = any(isinstance(scheme, Chained) for scheme in named.values())
-    scored = list(_spread(job, total, Processes() if chained else run, run.stage("frame", total)))
-    truths, runs = [each.truth for each in scored], {key: _Run(key, scored) for key in scored[0].fused}
+    job = _Job(measured, detector, asked, place, site, known, named, sets, images, protocol, breakdown)
 
+    progress = run.stage("frame", total)
+    scored = list[_Scored]()
+    if run.alone or any(isinstance(scheme, Chained) for scheme in named.values()):
+        for each in job.score(chain([first], (measured[k] for k in range(1, total))), range(total)):
+            scored.append(each)
+            if progress is not None:
+                progress(len(scored))
+        if scored[0].warning is not None:
+            warnings.warn(f"frame 0: {scored[0].warning}", stacklevel=2)
+    else:
+        stretches = [range(k, min(k + STRETCH, total)) for k in range(0, total, STRETCH)]
+        tell = None if progress is None else lambda done: progress(min(total, STRETCH * done))
+        scored += chain.from_iterable(run.map(job, stretches, progress=tell))
+
+    problems = Counter[str]()
+    for each in scored:
+        problems.update(each.problems)
+    truths = [each.truth for each in scored]
+    objects, counted = [truth.objects for truth in truths], [truth.counted for truth in truths]
     counting: dict[str, Any] = {"metric": asked.metric, "protocol": "published" if protocol == "published" else "exact"}
-    rows, summaries, groups = list[Row](), list[ClassFigures](), list[GroupRow]()
-    for (name, chosen), each in runs.items():
-        found = [truth.keep(fused.detections) for truth, fused in zip(truths, each.fused, strict=True)]
-        objects, counted = [truth.objects for truth in truths], [truth.counted for truth in truths]
+    rows, classes, loads, groups = list[Row](), list[ClassFigures](), list[SetLoad](), list[GroupRow]()
+    figures: dict[str, dict[str, Any]] = {}
+    for name, chosen in scored[0].fused:
+        fused = [each.fused[name, chosen] for each in scored]
+        found = [truth.keep(each.detections) for truth, each in zip(truths, fused, strict=True)]
+        bits = [each.bits for each in fused]
+        kbit = float(np.mean([sent.mean() / 1000 if len(sent) else 0.0 for sent in bits]))
+        ms = float(np.median([each.ms for each in fused]))
         for label, thresholds in ious.items():
             true_iou = TRUE_IOU[label_index(label)]
-            at = evaluate(
+            scores = evaluate(
                 found, objects, counted=counted, label=label, iou_thresholds=[*thresholds, true_iou], **counting
             )
-            rows += [_row(each, label, iou, at[iou]) for iou in thresholds]
-            summaries.append(_class_figures(name, chosen, label, true_iou, at[true_iou], total))
+            for iou in thresholds:
+                at = scores[iou]
+                shares = at.ap, at.recall, at.precision
+                rows.append(Row(name, chosen, iou, *shares, kbit, ms, at.curve, label, at.truths, at.fp / total))
+            at = scores[true_iou]
+            worth = (at.truths, at.tp + at.fp, at.recall, at.precision, at.fp / total, reliability(at.scores, at.hits))
+            classes.append(ClassFigures(name, chosen, label, true_iou, total, *worth))
+        title = name if len(sets) == 1 else f"{name} {_sensor_text(chosen)}"
         if breakdown:
-            judged = [truth.judge(fused.detections) for truth, fused in zip(truths, each.fused, strict=True)]
-            by_label = (group_rows(judged, label, asked.iou_thresholds) for label in ious)
-            groups += [replace(row, scheme=each.title(len(sets))) for part in by_label for row in part]
-    loads = [
-        SetLoad(*key, link_load(each.bits, asked.rate))
-        for key, each in runs.items()
-        if asked.rate is not None and each.bits is not None
-    ]
-    figures = {each.title(len(sets)): each.summary(scored, asked.rate) for each in runs.values()}
-    for name, scheme in named.items():
-        if not known and sends_images(scheme, asked.codec):
-            shown = {sensor: {"points": learnt.points, **learnt.left_out} for sensor, learnt in images.every.items()}
-            figures |= {title: {**own, "images": shown} for title, own in figures.items() if title.startswith(name)}
-    digests = {name: "all clouds at once" if scheme is None else scheme.digest for name, scheme in named.items()}
+            judged = [truth.judge(each.detections) for truth, each in zip(truths, fused, strict=True)]
+            by_label = (group_rows(judged, label, asked.iou_thresholds) for label in labels)
+            groups += [replace(row, scheme=title) for part in by_label for row in part]
+        own = figures[title] = {
+            "samples": total,
+            "detections": sum(len(each.detections.boxes) for each in fused),
+            "problems": dict(problems),
+            "level_ms": float(np.median([each.level_ms for each in scored])),
+            "detect_ms": ms,
+            "kbit_per_sensor": kbit if any(map(len, bits)) else None,
+        }
+        if asked.rate is not None and len({*map(len, bits)}) == 1 and len(bits[0]):
+            loads.append(SetLoad(name, chosen, link_load(np.array(bits), asked.rate)))
+            own["load"] = loads[-1].load.as_dict()
+        if not known and _sends_images(named[name], asked.codec):
+            every = images.every.items()
+            own["images"] = {sensor: {"points": learnt.points, **learnt.left_out} for sensor, learnt in every}
+
     placed = {"site": site and site.name, "hybrid_radius": site and site.hybrid_radius, "frames": total}
     drawn = {"noise_seed": reads.noise_seed, "errors": errors.origin, "nms_iou": asked.nms_iou, **counting}
-    drawn["protocol"] = protocol
-    drawn |= {"empty_scenes": images.digests} if images.used else {}
-    scored_by = {"label": labels[0], "iou": list(ious[labels[0]])} if len(labels) == 1 else {"classes": ious}
-    origin = settings_origin(asked.codec, **placed, **drawn, schemes=digests, **scored_by)
+    drawn |= {"protocol": protocol} | ({"empty_scenes": images.digests} if images.used else {})
+    drawn |= {"label": labels[0], "iou": list(ious[labels[0]])} if len(labels) == 1 else {"classes": ious}
+    digests = {name: "all clouds at once" if each is None else each.digest for name, each in named.items()}
+    origin = settings_origin(asked.codec, **placed, **drawn, schemes=digests)
     provenance = dataset_origin(recording) | detector_origin(detector) | origin
-    return Evaluation(tuple(rows), provenance, tuple(summaries), tuple(loads), figures, tuple(groups))
+    return Evaluation(tuple(rows), provenance, tuple(classes), tuple(loads), figures, tuple(groups))
 
 
-def _images_text(figures: Mapping[str, Any]) -> str:
-    """Return what images of clouds leave out, sensor by sensor."""
-    lines = []
-    for name, each in figures.get("images", {}).items():
-        kinds = ", ".join(f"{count} {kind}" for kind, count in each.items() if kind != "points")
-        lines.append(f"\n{name}: of {each['points']} points its images leave out {kinds or 'none'}")
-    return "".join(lines)
+def _thresholds(given: Sequence[float] | None, label: str) -> tuple[float, ...]:
+    """IoU thresholds given, or the usual ones of a class."""
+    return tuple(dict.fromkeys(float(iou) for iou in (USUAL_IOUS[label_index(label)] if given is None else given)))
 
 
-def sends_images(scheme: Scheme | None, codec: Codec) -> bool:
-    """True where sensors send pixels of their images."""
+def _sends_images(scheme: Scheme | None, codec: Codec) -> bool:
     return scheme is not None and scheme.sends_points and isinstance(scheme_codec(scheme, codec), ImageCodec)
 
 
-def format_table(rows: Iterable[Row]) -> str:
-    """Format rows like the paper's first table.
+@dataclass(frozen=True, eq=False)
+class _Scored:
+    """Truth of one frame, the result of each scheme and sensor set, and what was left out in reading it."""
 
-    Each scheme and sensor set has a line, each IoU threshold a column of AP. Several classes have one such table after
-    another.
+    truth: FrameTruth
+    fused: dict[tuple[str, tuple[int, ...]], Fused]
+    problems: Mapping[str, int]
+    level_ms: float
+    warning: str | None = None
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Scores frames one after another; pickled to other processes."""
+
+    recording: ReadRecording
+    detector: Detector
+    asked: Comparison
+    place: Place
+    site: Site | None
+    known: bool
+    schemes: dict[str, Scheme | None]
+    sets: dict[tuple[int, ...], tuple[str, ...]]
+    scenes: Scenes
+    protocol: Scoring
+    count_points: bool
+
+    def __call__(self, numbers: Sequence[int]) -> list[_Scored]:
+        return list(self.score((self.recording[k] for k in numbers), numbers))
+
+    def score(self, frames: Iterable[Frame], numbers: Iterable[int]) -> Iterator[_Scored]:
+        """Yield what each frame gives, in order."""
+        every = None in self.asked.sensor_sets
+        wanted = list(dict.fromkeys(chain.from_iterable(self.sets.values())))
+        memory, remembered = LinkMemory(), list[str]()
+        some = (frame if every or self.known else frame.seen_by(wanted) for frame in frames)
+        for number, (frame, stand) in zip(numbers, self.place.stands(some, self.site), strict=True):
+            names = [sensor.name for sensor in frame.sensors]
+            memory, remembered = (memory if names == remembered else LinkMemory()), names
+            numbered = frame if frame.index == number else replace(frame, index=number)
+            fused = self._fuse(numbered, stand, memory)
+            yield _Scored(self._find_truth(frame, stand), fused, frame.problems, stand.ms, stand.warning)
+
+    def _fuse(self, frame: Frame, stand: Stand, memory: LinkMemory) -> dict[tuple[str, tuple[int, ...]], Fused]:
+        asked, fused = self.asked, dict[tuple[str, tuple[int, ...]], Fused]()
+        views: dict[bool, View] = {}
+        for name, scheme in self.schemes.items():
+            for chosen, names in self.sets.items():
+                present = list(range(len(frame.sensors)))  # also where all sensors are wanted and some are missing
+                if None not in asked.sensor_sets or len(chosen) < max(map(len, self.sets)):
+                    present = sorted(select_sensors(frame.sensors, names))
+                if scheme is None:
+                    points = stand.lift(frame.seen_by(present).points())
+                    start = perf_counter()
+                    found = detect_on_ground(self.detector, points, stand.area) if len(points) else Detections.empty()
+                    made = Fused(found, np.zeros(0, np.int64), 1e3 * (perf_counter() - start))
+                else:
+                    as_images = self.known or _sends_images(scheme, asked.codec)
+                    if as_images not in views:
+                        views[as_images] = stand_view(
+                            frame,
+                            self.detector,
+                            stand,
+                            codec=check_codec(asked.codec),
+                            nms_iou=asked.nms_iou,
+                            scenes=self.scenes if as_images else None,
+                            memory=memory,
+                        )
+                    made = scheme.fuse(views[as_images], present)
+                found = made.detections if self.known else stand.put_back(made.detections)
+                fused[name, chosen] = replace(made, detections=found)
+        return fused
+
+    def _find_truth(self, frame: Frame, stand: Stand) -> FrameTruth:
+        objects, corners = frame.objects, stand.corners
+        if self.protocol == "measured":
+            return select_truth(frame, corners)
+        within = has_centre_inside(objects.boxes, corners)
+        counts = count_points(frame.points(), objects.boxes) if self.count_points else np.zeros(len(within), np.int64)
+        if self.protocol == "published":
+            objects, within, counts = objects[within], within[within], counts[within]
+        return FrameTruth(objects, within, counts, corners)
+
+
+def format_table(rows: Iterable[Row]) -> str:
+    """Format rows like the paper's first table, class by class.
+
+    Each scheme and sensor set has a line, each IoU threshold a column of AP.
     """
     by_class: dict[str, list[Row]] = {}
     for row in rows:
         by_class.setdefault(row.label, []).append(row)
-    tables = [_ap_table(some) for some in by_class.values()]
-    if len(tables) < 2:
-        return "".join(tables)
-    return "\n\n".join(f"{label}, {by_class[label][0].truths} to find\n{table}"
-                        for label, table in zip(by_class, tables, strict=True))  # fmt: skip
+    tables = []
+    for label, some in by_class.items():
+        lines: dict[tuple[str, str], dict[float, Row]] = {}
+        for row in some:
+            lines.setdefault((row.scheme, _sensor_text(row.sensors)), {})[row.iou] = row
+        ious = list(dict.fromkeys(row.iou for row in some))
+        aps = [f"AP@{iou:g}" for iou in ious]
+        table = [["scheme", "sensors", *aps, f"recall@{ious[0]:g}", "kbit/sensor", "ms/frame"]]
+        for named, line in lines.items():
+            at = line[ious[0]]
+            costs = [f"{at.recall:.4f}", f"{at.kbit_per_sensor:.2f}", f"{at.ms_per_frame:.1f}"]
+            table.append([*named, *(f"{line[iou].ap:.4f}" for iou in ious), *costs])
+        head = f"{label}, {some[0].truths} to find\n" if len(by_class) > 1 else ""
+        tables.append(head + align_columns(table, texts=2))
+    return "\n\n".join(tables)
 
 
 def format_class_table(classes: Iterable[ClassFigures]) -> str:
@@ -350,30 +439,12 @@ def format_class_table(classes: Iterable[ClassFigures]) -> str:
     return align_columns(table, texts=3)
 
 
-def _ap_table(rows: Sequence[Row]) -> str:
-    lines: dict[tuple[str, str], dict[float, Row]] = {}
-    for row in rows:
-        lines.setdefault((row.scheme, _sensor_text(row.sensors)), {})[row.iou] = row
-    ious = list(dict.fromkeys(iou for line in lines.values() for iou in line))
-    heads = ["scheme", "sensors", *(f"AP@{iou:g}" for iou in ious), f"recall@{ious[0]:g}", "kbit/sensor", "ms/frame"]
-    table = [heads]
-    for (scheme, sensors), line in lines.items():
-        first = line[ious[0]]
-        ap = [f"{line[iou].ap:.4f}" for iou in ious]
-        costs = [f"{first.recall:.4f}", f"{first.kbit_per_sensor:.2f}", f"{first.ms_per_frame:.1f}"]
-        table.append([scheme, sensors, *ap, *costs])
-    return align_columns(table, texts=2)
-
-
 def _sensor_text(sensors: Sequence[int]) -> str:
     return ",".join(map(str, sensors)) or "none"
 
 
 def curve_files(classes: Sequence[str], iou_thresholds: Sequence[float] | None = None) -> dict[str, tuple[str, float]]:
-    """Name the PR picture of each class and threshold.
-
-    For example pr_0.7.png for vehicles at IoU 0.7, pr_cyclist_0.5.png for cyclists at 0.5.
-    """
+    """Name the PR picture of each class and threshold: pr_0.7.png for vehicles at IoU 0.7, pr_cyclist_0.5.png."""
     return {
         f"pr_{'' if label == LABELS[VEHICLE] else label + '_'}{iou:g}.png": (label, iou)
         for label in classes
@@ -382,205 +453,25 @@ def curve_files(classes: Sequence[str], iou_thresholds: Sequence[float] | None =
 
 
 def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
-    """Write table.json and the PR curves into a folder.
+    """Write table.json and the PR curves (`curve_files`) into a folder, which is made if missing.
 
-    table.json is {"provenance": {...}, "rows": [...], "classes": [...]}; `curve_files` names the curves. A missing
-    folder is made. All files are written, or where that fails (OSError) none.
+    table.json is {"provenance": {...}, "rows": [...], "classes": [...]}. All files are written, or where that fails
+    (OSError) none.
     """
-    with writing_together(folder) as unfinished:
-        _write_evaluation(rows, unfinished)
-
-
-def _write_evaluation(rows: Evaluation, folder: Path) -> None:
     from toolkit.plots.curves import draw_pr_curves
 
-    table = {"provenance": with_file_digest(rows.provenance), **rows.as_dict()}
-    write_text(folder / "table.json", json.dumps(table, indent=1))
-    for label, iou in dict.fromkeys((row.label, row.iou) for row in rows):
-        curves = {
-            f"{row.scheme} {','.join(map(str, row.sensors))}: AP {row.ap:.3f}": (row.curve.recall, row.curve.precision)
-            for row in rows
-            if (row.label, row.iou) == (label, iou)
-        }
-        (name,) = curve_files([label], [iou])
-        title = f"IoU {iou:g}" if label == LABELS[VEHICLE] else f"{label}, IoU {iou:g}"
-        draw_pr_curves(curves, folder / name, title=title)
-
-
-@dataclass(frozen=True, eq=False)
-class _Scored:
-    """One scored frame.
-
-    The objects that count in it, the result of each scheme and sensor set, and what was left out in reading it.
-    """
-
-    truth: FrameTruth
-    fused: dict[tuple[str, tuple[int, ...]], Fused]
-    problems: Mapping[str, int]
-    level_ms: float
-    warning: str | None = None
-
-
-def _number(frame: Frame, index: int) -> Frame:
-    return frame if frame.index == index else replace(frame, index=index)
-
-
-@dataclass(frozen=True)
-class _Job:
-    """Scores frames one after another; pickled to other processes."""
-
-    recording: ReadRecording
-    detector: Detector
-    asked: Comparison
-    place: Place
-    site: Site | None
-    schemes: dict[str, Scheme | None]
-    sets: dict[tuple[int, ...], tuple[str, ...]]
-    scenes: Scenes
-    protocol: Scoring
-    count_points: bool
-
-    def __call__(self, numbers: Sequence[int]) -> list[_Scored]:
-        return list(self.frames(numbers))
-
-    def frames(self, numbers: Iterable[int]) -> Iterator[_Scored]:
-        """Yield what each frame gives, in order."""
-        chosen = [names for names in self.sets.values() if names]
-        wanted = None if None in self.asked.sensor_sets else list(dict.fromkeys(chain.from_iterable(chosen)))
-        memory, remembered = LinkMemory(), list[str]()
-        frames = (_number(self.recording[k], k) for k in numbers)
-        some = (frame if wanted is None or self.place.at(self.site) else frame.seen_by(wanted) for frame in frames)
-        for frame, stand in self.place.stands(some, self.site):
-            names = [sensor.name for sensor in frame.sensors]
-            memory, remembered = (memory if names == remembered else LinkMemory()), names
-            yield self._scored(frame, stand, memory)
-
-    def _scored(self, frame: Frame, stand: Stand, memory: LinkMemory) -> _Scored:
-        asked, fused = self.asked, dict[tuple[str, tuple[int, ...]], Fused]()
-        views: dict[bool, View] = {}
-        for name, scheme in self.schemes.items():
-            for chosen, names in self.sets.items():
-                if scheme is None:
-                    fused[name, chosen] = self._together(frame, stand, names, chosen)
-                    continue
-                scenes = self.scenes if self.place.at(self.site) or sends_images(scheme, asked.codec) else None
-                if (scenes is None) not in views:
-                    views[scenes is None] = stand_view(
-                        frame,
-                        self.detector,
-                        stand,
-                        codec=check_codec(asked.codec),
-                        nms_iou=asked.nms_iou,
-                        scenes=scenes,
-                        memory=memory,
-                    )
-                made = scheme.fuse(views[scenes is None], self._present(frame, names, chosen))
-                fused[name, chosen] = replace(made, detections=stand.put_back(made.detections))
-        return _Scored(self._truth(frame, stand), fused, frame.problems, stand.ms, stand.warning)
-
-    def _present(self, frame: Frame, names: tuple[str, ...], chosen: tuple[int, ...]) -> list[int]:
-        """Positions in a frame of the sensors of a set. All of the frame's where the set is all."""
-        if None in self.asked.sensor_sets and len(chosen) == max(map(len, self.sets)):
-            return list(range(len(frame.sensors)))
-        return sorted(select_sensors(frame.sensors, names))
-
-    def _together(self, frame: Frame, stand: Stand, names: tuple[str, ...], chosen: tuple[int, ...]) -> Fused:
-        """Detect in all points of a sensor set together. Points are uncropped."""
-        points = stand.lift(frame.seen_by(self._present(frame, names, chosen)).points())
-        start = perf_counter()
-        found = detect_on_ground(self.detector, points, stand.area) if len(points) else Detections.empty()
-        return Fused(stand.put_back(found), np.zeros(0, np.int64), 1e3 * (perf_counter() - start))
-
-    def _truth(self, frame: Frame, stand: Stand) -> FrameTruth:
-        if self.protocol == "measured":
-            return select_truth(frame, stand.corners)
-        objects, corners = frame.objects, stand.corners
-        within = has_centre_inside(objects.boxes, corners)
-        there = within if self.protocol == "published" else np.ones_like(within)
-        counts = count_points(frame.points(), objects.boxes) if self.count_points else np.zeros(len(objects), np.int64)
-        middle = (corners[:2] + corners[2:]) / 2
-        return FrameTruth(objects[there], within[there], counts[there], corners, middle)
-
-
-def _spread(job: _Job, total: int, run: Processes, progress: Callable[[int], None] | None) -> Iterator[_Scored]:
-    """Score all frames. They are scored in this process, or shared out in stretches."""
-    if run.alone:
-        for done, each in enumerate(job.frames(range(total)), 1):
-            if each.warning is not None and done == 1:
-                warnings.warn(f"frame {done - 1}: {each.warning}", stacklevel=3)
-            yield each
-            if progress is not None:
-                progress(done)
-        return
-    stretches = [range(k, min(k + STRETCH, total)) for k in range(0, total, STRETCH)]
-    tell = None if progress is None else lambda done: progress(min(total, STRETCH * done))
-    yield from chain.from_iterable(run.map(job, stretches, progress=tell))
-
-
-@dataclass(frozen=True)
-class _Run:
-    """Results of one scheme and sensor set, all frames."""
-
-    key: tuple[str, tuple[int, ...]]
-    scored: Sequence[_Scored]
-
-    @cached_property
-    def fused(self) -> list[Fused]:
-        return [each.fused[self.key] for each in self.scored]
-
-    @cached_property
-    def bits(self) -> Int64[np.ndarray, "frames sensors"] | None:
-        """Bits of every sensor. None where frames have different sensors, or nothing is sent."""
-        sizes = {len(each.bits) for each in self.fused}
-        return np.array([each.bits for each in self.fused]) if len(sizes) == 1 and sizes != {0} else None
-
-    @property
-    def kbit_per_sensor(self) -> float:
-        return float(np.mean([each.kbit_per_sensor for each in self.fused]))
-
-    @property
-    def ms_per_frame(self) -> float:
-        return float(np.median([each.ms for each in self.fused]))
-
-    def title(self, sets: int) -> str:
-        """Name of the scheme. The sensors are added where there are several sets."""
-        return self.key[0] if sets == 1 else f"{self.key[0]} {_sensor_text(self.key[1])}"
-
-    def summary(self, scored: Sequence[_Scored], rate: float | None) -> dict[str, Any]:
-        """Frames, detections, problems, median milliseconds, and what was sent."""
-        problems: dict[str, int] = {}
-        for each in scored:
-            add_problems(problems, each.problems)
-        figures = {
-            "samples": len(scored),
-            "detections": sum(len(each.detections) for each in self.fused),
-            "problems": problems,
-            "level_ms": float(np.median([each.level_ms for each in scored])),
-            "detect_ms": self.ms_per_frame,
-            "kbit_per_sensor": None if not any(len(each.bits) for each in self.fused) else self.kbit_per_sensor,
-        }
-        load = {} if rate is None or self.bits is None else {"load": link_load(self.bits, rate).as_dict()}
-        return figures | load
-
-
-def _row(run: _Run, label: str, iou: float, at: DetectionScore) -> Row:
-    costs = (run.kbit_per_sensor, run.ms_per_frame)
-    alarms = at.fp / len(run.fused)
-    return Row(*run.key, iou, at.ap, at.recall, at.precision, *costs, at.curve, label, at.truths, alarms)
-
-
-def _class_figures(
-    scheme: str, sensors: tuple[int, ...], label: str, iou: float, at: DetectionScore, frames: int
-) -> ClassFigures:
-    counts = (frames, at.truths, at.tp + at.fp)
-    diagram = reliability(at.scores, at.hits)
-    return ClassFigures(scheme, sensors, label, iou, *counts, at.recall, at.precision, at.fp / frames, diagram)
-
-
-def _thresholds(given: Sequence[float] | None, label: str) -> tuple[float, ...]:
-    """IoU thresholds given, or the usual ones of a class."""
-    return tuple(dict.fromkeys(float(iou) for iou in (USUAL_IOUS[label_index(label)] if given is None else given)))
-
-
-def _defined(figure: Any) -> Any:
-    return None if isinstance(figure, float) and math.isnan(figure) else figure
+    with writing_together(folder) as unfinished:
+        table = {"provenance": with_file_digest(rows.provenance), **rows.as_dict()}
+        write_text(unfinished / "table.json", json.dumps(table, indent=1))
+        for label, iou in dict.fromkeys((row.label, row.iou) for row in rows):
+            some = [row for row in rows if (row.label, row.iou) == (label, iou)]
+            curves = {
+                f"{row.scheme} {','.join(map(str, row.sensors))}: AP {row.ap:.3f}": (
+                    row.curve.recall,
+                    row.curve.precision,
+                )
+                for row in some
+            }
+            (name,) = curve_files([label], [iou])
+            title = f"IoU {iou:g}" if label == LABELS[VEHICLE] else f"{label}, IoU {iou:g}"
+            draw_pr_curves(curves, unfinished / name, title=title)

@@ -1,7 +1,5 @@
 """Average precision of detections over a dataset's frames.
 
-Detection evaluation
---------------------
 One label is scored at a time, `vehicle` by default; detections and truths of other labels do not take part.
 
 Protocol `exact` (paper section "Evaluation Metrics"):
@@ -21,8 +19,8 @@ Protocol `exact` (paper section "Evaluation Metrics"):
 
 Without a single truth to find, recall and AP are undefined and given as NaN. Without detections AP is 0.
 
-Protocol `published` does what the code published with the paper does instead, in three places, each a function here:
-`keep_frames_with_truths` skips frames without truths together with their false alarms; `sample_iou` is the IoU of
+Protocol `published` does what the code published with the paper does instead, in three places:
+`evaluate` skips frames without truths together with their false alarms; `sample_iou` is the IoU of
 footprints by 50 × 50 points of the truth and, for "3d", multiplied by (overlap of heights / greater height);
 `claim_then_test` lets each detection claim its arg-max truth before its IoU is tested (strictly greater than the
 threshold), so that a stray box, even one that overlaps nothing and so claims truth 0, voids a good one with a lower
@@ -35,7 +33,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import repeat, zip_longest
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,9 +52,9 @@ MOSTLY = 0.5  # share of a footprint on an unscored object above which a detecti
 
 @dataclass(frozen=True)
 class Match:
-    """Outcome of n detections of a frame against m truths.
+    """Outcome of n detections of a frame against m truths, in the rows of the input.
 
-    Rows are those of the input. truth: row of the truth that a detection hit, -1 for none; iou: its IoU with that
+    truth: row of the truth that a detection hit, -1 for none; iou: its IoU with that
     truth, 0 for none; ignored: detections that do not count (of another label, or on an object that is not scored);
     hit: truths that were hit; scored: truths that count.
     """
@@ -69,18 +67,15 @@ class Match:
 
     @property
     def truth_iou(self) -> Float64[np.ndarray, " m"]:
-        """IoU of each truth with the detection that hit it. 0 where none did."""
-        iou = np.zeros(len(self.hit))
-        iou[self.truth[self.truth >= 0]] = self.iou[self.truth >= 0]
+        """IoU of each truth with the detection that hit it, 0 where none did."""
+        iou, hitting = np.zeros(len(self.hit)), self.truth >= 0
+        iou[self.truth[hitting]] = self.iou[hitting]
         return iou
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Precision and recall down to each score.
-
-    Detections of at least `score` are believed. Scores descend, recall ascends.
-    """
+    """Precision and recall of the detections of at least each score; scores descend."""
 
     precision: Float64[np.ndarray, " k"]
     recall: Float64[np.ndarray, " k"]
@@ -89,11 +84,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class DetectionScore:
-    """Score of a detector at one IoU threshold.
-
-    precision, recall: of all its detections together; scores, hits: of the n detections that are not ignored, in no
-    order.
-    """
+    """Score of a detector at one IoU threshold. scores, hits: of the n detections that are not ignored, in no order."""
 
     ap: float
     precision: float
@@ -108,10 +99,7 @@ class DetectionScore:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Detections in bins of equal width of their score.
-
-    score: mean score; true: share of true detections; count: number of detections.
-    """
+    """Mean score, share of true detections and number of detections, in bins of equal width of the score."""
 
     score: Float[np.ndarray, " b"]
     true: Float[np.ndarray, " b"]
@@ -119,16 +107,14 @@ class Reliability:
 
     @property
     def error(self) -> float:
-        """Expected calibration error. Mean distance of score and share, over all detections."""
+        """Expected calibration error: mean distance of score and share over all detections."""
         filled = self.count > 0
         gap = np.abs(self.score[filled] - self.true[filled])
         return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], bins: int = 10) -> Reliability:
-    """Build the reliability diagram of detections.
-
-    An empty bin has NaN.
+    """Build the reliability diagram of detections. An empty bin has NaN.
 
     >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
     array([0. , 0.5])
@@ -150,13 +136,11 @@ def evaluate(
     label: str | int = "vehicle",
     counted: Iterable[ArrayLike] | None = None,
 ) -> dict[float, DetectionScore]:
-    """Score detections at each IoU threshold.
+    """Score detections at each IoU threshold, as defined at the top of this module.
 
-    The definition is at the top of this module.
-
-    detections, truths: one of each per frame, any iterables, read once. counted: per frame a mask (m,) of the truths
-    that are scored; the others are neither to be found nor false alarms. By default all are scored. Raises ValueError
-    for unequal numbers of frames, degenerate boxes, NaN scores, or thresholds outside (0, 1].
+    detections, truths: one of each per frame, read once. counted: per frame a mask (m,) of the truths that are scored,
+    by default all; the others are neither to be found nor false alarms. Raises ValueError for unequal numbers of
+    frames, degenerate boxes, NaN scores, or thresholds outside (0, 1].
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> evaluate([Detections(car, np.array([0.9]))], [Objects(car)], iou_thresholds=[0.7])[0.7].ap
@@ -167,15 +151,16 @@ def evaluate(
     scores: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0)] for threshold in thresholds}
     hits: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
     to_find = 0
-    frames = _frames(detections, truths, label_index(label), counted)
-    for frame in keep_frames_with_truths(frames) if protocol == "published" else frames:
+    for frame in _frames(detections, truths, label_index(label), counted):
+        if protocol == "published" and not len(frame.truths):
+            continue
         overlaps = _overlaps(frame, metric, protocol)
         to_find += len(frame.truths)
         for threshold in thresholds:
             taken, ignored = _resolve(overlaps, threshold, protocol)
             scores[threshold].append(overlaps.scores[~ignored])
             hits[threshold].append(taken[~ignored] >= 0)
-    return {t: _result(np.concatenate(scores[t]), np.concatenate(hits[t]), to_find) for t in thresholds}
+    return {t: _score(np.concatenate(scores[t]), np.concatenate(hits[t]), to_find) for t in thresholds}
 
 
 def match(
@@ -188,9 +173,7 @@ def match(
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
 ) -> Match:
-    """Match the detections of one frame with its truths.
-
-    Arguments are as in `evaluate`.
+    """Match the detections of one frame with its truths. Arguments are as in `evaluate`.
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> match(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), 0.7).truth
@@ -235,9 +218,7 @@ def matches(
 
 
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int) -> Curve:
-    """Return the curve of n pooled detections.
-
-    They may be in any order. truths: the number to find.
+    """Return the curve of n pooled detections, in any order. truths: the number to find.
 
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
     array([0.25, 0.25, 0.5 ])
@@ -258,9 +239,7 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, "
 
 
 def average_precision(curve: Curve) -> float:
-    """Return the all-point interpolated AP.
-
-    Paper equations 4 and 5; NaN where recall is.
+    """Return the all-point interpolated AP (paper equations 4 and 5); NaN where recall is.
 
     >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=2))
     0.8333333333333333
@@ -270,10 +249,7 @@ def average_precision(curve: Curve) -> float:
 
 
 def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Truth that each detection takes, best score first, or -1.
-
-    It is the free truth of greatest IoU, at least `threshold`.
-    """
+    """Free truth of greatest IoU, at least `threshold`, that each detection takes, best score first; else -1."""
     taken = np.full(len(iou), -1)
     free = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):
@@ -285,10 +261,7 @@ def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarra
 
 
 def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Return the truth that each detection takes, or -1.
-
-    Only the first detection to claim a truth may hit it. Any overlap makes a claim.
-    """
+    """Truth that each detection takes, or -1. Only the first to claim a truth by any overlap may hit it."""
     taken = np.full(len(iou), -1)
     if iou.shape[1]:
         claimed, first = np.unique(iou.argmax(axis=1), return_index=True)
@@ -298,10 +271,9 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
 
 
 def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -> Float64[np.ndarray, "n m"]:
-    """Estimate IoU by points sampled in each truth's footprint.
+    """Estimate IoU of boxes (n, 7) and (m, 7) by 50 × 50 points in each truth's footprint, edges included.
 
-    There are 50 × 50 points, edges included. Boxes are (n, 7) and (m, 7). For "3d" it is multiplied by (overlap of the
-    heights / greater height), which is not the IoU of the volumes.
+    For "3d" it is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes.
     """
     a, b = check_boxes(detected, "detected"), check_boxes(truths, "truths")
     half = a[:, 3:5] / 2 + FACE_TOLERANCE
@@ -327,10 +299,7 @@ def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -
 
 
 class _Frame(NamedTuple):
-    """Participants in the scoring of one frame.
-
-    Detections of the label, scored truths, and objects that are not scored.
-    """
+    """Detections of the label, scored truths, and objects that are not scored, of one frame."""
 
     boxes: np.ndarray
     scores: np.ndarray
@@ -340,50 +309,38 @@ class _Frame(NamedTuple):
     unscored: np.ndarray
 
 
-def keep_frames_with_truths(frames: Iterable[_Frame]) -> Iterator[_Frame]:
-    """Keep the frames with something to find. The false alarms of the other frames go with them."""
-    return (frame for frame in frames if len(frame.truths))
-
-
 class _Overlaps(NamedTuple):
-    """Overlaps of a frame's detections, best first.
-
-    They are with its truths and with the objects that are not scored.
-    """
+    """Overlaps of a frame's detections, best first, with its truths and the objects that are not scored."""
 
     order: np.ndarray  # (n,) rows of the detections, best first; the other fields follow this order
     scores: np.ndarray  # (n,)
     iou: np.ndarray  # (n, m) with the truths
-    unscored_iou: np.ndarray  # (n,) greatest IoU with an object that is not scored
-    unscored_share: np.ndarray  # (n,) greatest share of the footprint on such an object
+    elsewhere: np.ndarray  # (n, 2) greatest IoU with an object that is not scored, and share of the footprint on one
 
 
 def _overlaps(frame: _Frame, metric: Overlap, protocol: Protocol) -> _Overlaps:
     exact = iou_3d if metric == "3d" else iou_bev
     between = partial(sample_iou, metric=metric) if protocol == "published" else exact
-    iou = between(frame.boxes, frame.truths)
-    unscored_iou = between(frame.boxes, frame.unscored).max(axis=1, initial=0)
-    unscored_share = footprint_overlap(frame.boxes, frame.unscored).max(axis=1, initial=0)
+    every = between(frame.boxes, np.concatenate([frame.truths, frame.unscored]))
+    iou, unscored = every[:, : len(frame.truths)], every[:, len(frame.truths) :]
+    share = footprint_overlap(frame.boxes, frame.unscored)
+    elsewhere = np.stack([unscored.max(axis=1, initial=0), share.max(axis=1, initial=0)], axis=1)
     order = np.lexsort((-iou.max(axis=1, initial=0), -frame.scores))
-    return _Overlaps(order, frame.scores[order], iou[order], unscored_iou[order], unscored_share[order])
+    return _Overlaps(order, frame.scores[order], iou[order], elsewhere[order])
 
 
 def _resolve(overlaps: _Overlaps, threshold: float, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
-    """Truth that each detection hit, or -1, and ignored ones.
-
-    Detections are best first; the ignored ones are a mask.
-    """
+    """Truth that each detection hit, best first, or -1, and a mask of ignored ones."""
     taken = (claim_then_test if protocol == "published" else greedy)(overlaps.iou, threshold)
-    elsewhere = (overlaps.unscored_iou >= threshold) | (overlaps.unscored_share > MOSTLY)
-    return taken, elsewhere & (taken < 0)
+    iou, share = overlaps.elsewhere.T
+    return taken, ((iou >= threshold) | (share > MOSTLY)) & (taken < 0)
 
 
 def _frames(
     detections: Iterable[Detections], truths: Iterable[Objects], label: int, counted: Iterable[ArrayLike] | None
 ) -> Iterator[_Frame]:
-    masks: Iterator[Any] = iter(counted) if counted is not None else repeat(None)
-    pairs: Iterator[tuple[Any, Any]] = zip_longest(detections, truths)
-    for number, (detected, there) in enumerate(pairs):
+    masks = repeat(None) if counted is None else iter(counted)
+    for number, (detected, there) in enumerate(zip_longest(detections, truths)):
         mask = next(masks, None)
         if detected is None or there is None or (counted is not None and mask is None):
             raise ValueError(
@@ -407,7 +364,7 @@ def _frame(detected: Detections, there: Objects, label: int, counted: ArrayLike 
     return _Frame(boxes[rows], detected.scores[rows], rows, truths[columns], columns, truths[unscored])
 
 
-def _result(scores: np.ndarray, hits: np.ndarray, truths: int) -> DetectionScore:
+def _score(scores: np.ndarray, hits: np.ndarray, truths: int) -> DetectionScore:
     curve, tp = precision_recall(scores, hits, truths), int(hits.sum())
     return DetectionScore(
         ap=average_precision(curve) if truths else np.nan,

@@ -19,7 +19,7 @@ from toolkit.arrays import Float, Float32, Float64
 from toolkit.calibration.ground import Ground, level, level_warning
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
-from toolkit.points import Area, is_inside
+from toolkit.points import Area, Crop
 from toolkit.sites.site import Site, check_area
 
 Level = Literal["map", "plane", "none"]
@@ -147,7 +147,7 @@ def find_middle(frame: Frame) -> Float64[np.ndarray, "2"]:
 
 def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarray, "n 3"]:
     """Return the lifted points in an area, below 4 m."""
-    return points[is_inside(points, np.asarray(area, np.float64), CROP_HEIGHT)]
+    return points[Crop.of(area, CROP_HEIGHT).holds(points)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """`Scheme`: messages of each sensor, fused at the centre.
 
-A scheme of your own is a class with the members of `Scheme`, in a file of its own. Pass it as an object,
-`scheme=MyScheme()`; nothing else needs to know about it. `fuse` works on the points themselves. The other members serve
-fidelities that only count points: they say how much is sent and how evidence adds up.
+A scheme of your own is a class with the members of `Scheme`. Pass it as an object, `scheme=MyScheme()`; nothing else
+needs to know about it. `fuse` works on the points themselves. The other members serve fidelities that only count
+points: they say how much is sent and how evidence adds up.
 """
 
 from __future__ import annotations
@@ -15,17 +15,13 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.detection.codec import Codec
-from toolkit.detection.view import Boxes, View
+from toolkit.detection.view import View
 from toolkit.objects import Detections
 
 
 @dataclass(frozen=True)
 class Fused:
-    """Fused detections of a frame, and each sensor's bits.
-
-    bits: in the order in which the sensors were named; ms: from measurement to fused boxes, with the sensors working
-    side by side.
-    """
+    """Fused detections of a frame, each sensor's bits in the order named, and ms from measurement to fused boxes."""
 
     detections: Detections
     bits: Int64[np.ndarray, " sensors"]
@@ -33,13 +29,8 @@ class Fused:
 
     @property
     def kbit_per_sensor(self) -> float:
-        """Mean kbit over the sensors. 1 kbit = 1000 bit (paper section IV-A); 0 without sensors."""
+        """Mean kbit (1000 bit, paper section IV-A) over the sensors, 0 without any."""
         return float(self.bits.mean()) / 1000 if len(self.bits) else 0.0
-
-
-def make_fused(boxes: Boxes, bits: Sequence[int]) -> Fused:
-    """Return the centre's final boxes and each sensor's bits."""
-    return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
 
 
 @runtime_checkable
@@ -49,17 +40,14 @@ class Counts(Protocol):
     @property
     def sent(self) -> Float32[np.ndarray, "C F"]:
         """Points in the crop."""
-        ...
 
     @property
     def on_objects(self) -> Float32[np.ndarray, "C F"]:
         """Points on objects that count, without noise."""
-        ...
 
     @property
     def far(self) -> Float32[np.ndarray, "C F"]:
         """Points beyond the site's hybrid radius."""
-        ...
 
 
 @runtime_checkable
@@ -69,57 +57,41 @@ class Scheme(Protocol):
     @property
     def name(self) -> str:
         """Name in tables and files."""
-        ...
 
     @property
     def digest(self) -> str:
         """Name and parameters, the key of cached results."""
-        ...
 
     @property
     def sends_points(self) -> bool:
         """True if sensors send points. A mount's link limits the points that it can carry; boxes always fit."""
-        ...
 
     @property
     def sends_boxes(self) -> bool:
         """True if each sensor detects alone and sends boxes."""
-        ...
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect together with a set of sensors. In one frame; sensors are indices, ascending."""
-        ...
+        """Detect together with a set of sensors (indices, ascending) in one frame."""
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Number of points that each candidate sends in each frame."""
-        ...
 
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"] | None:
-        """Mark objects whose points reach the centre.
+        """Mark objects whose points reach the centre beside boxes; None if it gets points alone or boxes alone.
 
-        Points count beside the sensor's own boxes. None if the centre works with points alone or boxes alone. radius:
-        the site's hybrid radius (m).
+        radius: the site's hybrid radius (m).
         """
-        ...
 
 
 @runtime_checkable
 class Chained(Protocol):
-    """Extra members of a scheme with chained messages.
-
-    Messages depend on earlier ones. A lost message makes those that depend on it unreadable.
-    """
+    """Extra members of a scheme whose messages depend on earlier ones: a lost one makes others unreadable."""
 
     def dependencies(self, number: int, /) -> Sequence[int]:
-        """Numbers of the messages needed to read one.
-
-        The message itself is the last. Messages of a sensor count from 0.
-        """
-        ...
+        """Numbers, from 0, of a sensor's messages needed to read one, itself the last."""
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
         """Bits that sensors send of a frame, arrived or not. Views share a memory, frame by frame."""
-        ...
 
 
 def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:
@@ -128,21 +100,14 @@ def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:
 
 
 def surrogate_name(scheme: Scheme) -> str:
-    """Name of the surrogate that predicts a scheme's AP.
-
-    It is the attribute `predicted_as`, for schemes that detect in the same points as another, else the scheme's own
-    name.
-    """
+    """Name of the surrogate that predicts a scheme's AP: its attribute `predicted_as`, else its own name."""
     return getattr(scheme, "predicted_as", scheme.name)
 
 
 def estimate_bits(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
-    """Expected bits of each candidate in all frames.
-
-    They are whole numbers. boxes: detections of each candidate in all frames.
-    """
+    """Expected bits of each candidate in all frames, whole numbers. boxes: detections of each in all frames."""
     codec = scheme_codec(scheme, codec)
     points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
     boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)

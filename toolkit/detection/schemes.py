@@ -1,44 +1,39 @@
-"""Built-in fusion schemes. Early, late, hybrid, foreground and differences."""
+"""Built-in fusion schemes: early, late, hybrid, foreground and differences."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float32
-from toolkit.detection.codec import PAPER, Codec, check_codec
+from toolkit.detection.codec import PAPER, Codec, Parameters, check_codec
 from toolkit.detection.link.differences import KEY_EVERY, ForegroundDifferences, RefersTo
 from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.scheme import Counts, Fused, Scheme, make_fused
+from toolkit.detection.scheme import Counts, Fused, Scheme
 from toolkit.detection.view import NMS_IOU, View, frame_view
 from toolkit.frame import Frame, select_sensors
 from toolkit.objects import Detector
 from toolkit.points import Area, Distance, is_beyond
-from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import HYBRID_RADIUS, Site
 
 
 @dataclass(frozen=True)
-class Early:
+class Early(Parameters):
     """Early fusion."""
 
     name: str = "early"
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
 
-    @property
-    def digest(self) -> str:
-        """Name and parameters."""
-        return repr(self)
-
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Detect once in the points of all sensors together."""
-        sent = [view.send_points(view.cloud(sensor)) for sensor in sensors]
-        centre = view.detect([each.arrived for each in sent])
-        return make_fused(view.suppress([centre]), [each.bits for each in sent])
+        sent = view.share_points(sensors)
+        boxes = view.suppress([view.detect([each.arrived for each in sent])])
+        return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return all points in the crop."""
@@ -49,22 +44,18 @@ class Early:
 
 
 @dataclass(frozen=True)
-class Late:
+class Late(Parameters):
     """Late fusion."""
 
     name: str = "late"
     sends_points: ClassVar[bool] = False
     sends_boxes: ClassVar[bool] = True
 
-    @property
-    def digest(self) -> str:
-        """Name and parameters."""
-        return repr(self)
-
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Fuse boxes detected in each sensor's points."""
-        sent = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
-        return make_fused(view.suppress([each.arrived for each in sent]), [each.bits for each in sent])
+        sent = view.share_boxes(sensors)
+        boxes = view.suppress([each.arrived for each in sent])
+        return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return zeros: no points are sent."""
@@ -75,12 +66,8 @@ class Late:
 
 
 @dataclass(frozen=True)
-class Hybrid:
-    """Hybrid fusion.
-
-    radius: within which no points are sent (m), None for the site's own; metric: how it is measured, see
-    `toolkit.points.is_beyond`.
-    """
+class Hybrid(Parameters):
+    """Hybrid fusion. radius: within which no points are sent (m), None for the site's; metric: see `is_beyond`."""
 
     radius: float | None = None
     metric: Distance = "horizontal"
@@ -92,30 +79,19 @@ class Hybrid:
         if self.radius is not None and not self.radius >= 0:
             raise ValueError(f"radius must be at least 0 m, got {self.radius}: None is the site's own")
 
-    @property
-    def digest(self) -> str:
-        """Name and parameters."""
-        return repr(self)
-
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Fuse boxes, adding detections in the far points. The boxes are fused as in late fusion."""
+        """Fuse boxes as in late fusion, adding detections in the far points."""
         radius = self.find_radius(view.site)
-
-        def far(points: Float32[np.ndarray, "n 3"], sensor: Sensor) -> Bool[np.ndarray, " n"]:
-            return is_beyond(points, sensor, radius, self.metric)
-
-        name = f"beyond {radius} m, {self.metric}"
-        points = [view.send_points(view.part(view.cloud(sensor), name, far)) for sensor in sensors]
+        far = partial(is_beyond, radius=radius, metric=self.metric)
+        points = view.share_points(sensors, f"beyond {radius} m, {self.metric}", far)
         centre = view.suppress([view.detect([each.arrived for each in points])])
-        boxes = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
-        everything = view.suppress([*(each.arrived for each in boxes), centre])
-        return make_fused(everything, [box.bits + point.bits for box, point in zip(boxes, points, strict=True)])
+        found = view.share_boxes(sensors)
+        boxes = view.suppress([*(each.arrived for each in found), centre])
+        bits = [box.bits + point.bits for box, point in zip(found, points, strict=True)]
+        return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return the far points.
-
-        Raises ValueError for a radius or metric of its own: far points are counted by the site's.
-        """
+        """Return the points beyond the site's radius. Raises ValueError for a radius or metric of its own."""
         if self.radius is not None or self.metric != "horizontal":
             raise ValueError(
                 f"far points are counted by the site's hybrid radius, not by {self}: use Hybrid() at "
@@ -141,13 +117,9 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY) -> dict[str, Scheme]:
-    """Return the schemes by name, with coded messages.
-
-    Messages are in steps of `step` (m). refers_to, key_every: of differences.
-    """
+    """Return the schemes by name, with messages in steps of `step` (m). refers_to, key_every: of differences."""
     differences = ForegroundDifferences(step, refers_to, key_every)
-    stepped: dict[str, Scheme] = {"foreground": Foreground(step), "differences": differences}
-    return SCHEMES | stepped
+    return {**SCHEMES, "foreground": Foreground(step), "differences": differences}
 
 
 def find_scheme(scheme: Scheme | str) -> Scheme:
@@ -173,12 +145,12 @@ def fuse_frame(
     codec: Codec = PAPER,
     iou_threshold: float = NMS_IOU,
 ) -> Fused:
-    """Fuse the measurements of a frame by a scheme.
+    """Fuse the measurements of a frame by a scheme or its name.
 
-    The scheme may be given by its name. sensors: indices or names, None for all; their order does not matter. site: a
-    site, or its area xmin, ymin, xmax, ymax (m); height: of the crop (m), else the site's own, else 4; codec: of the
-    messages. The frame is taken as it is: draw noise first with `toolkit.datasets.dataset.noisy`. Raises ValueError for
-    a sensor that the frame does not have or that is named twice.
+    sensors: indices or names in any order, None for all; site: a site, or its area xmin, ymin, xmax, ymax (m); height:
+    of the crop (m), else the site's own, else 4. The frame is taken as it is: draw noise first with
+    `toolkit.datasets.dataset.noisy`. Raises ValueError for a sensor that the frame does not have or that is named
+    twice.
     """
     chosen = select_sensors(frame.sensors, sensors)
     view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)

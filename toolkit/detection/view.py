@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cache, cached_property
 from time import perf_counter
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,10 +20,10 @@ from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.scenes import Scenes
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
-from toolkit.detection.place import CROP_HEIGHT, Stand, crop_points
+from toolkit.detection.place import CROP_HEIGHT, Stand
 from toolkit.frame import Frame, unproject
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import Area, detect_on_ground, find_crop_pixels, frame_points, is_inside
+from toolkit.points import Area, Crop, crop_sensor, detect_on_ground, find_crop_pixels
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -31,6 +31,7 @@ NMS_IOU = 0.1
 LinkMemory = dict[tuple[int, str], Any]  # state of links between frames, by sensor (index) and name
 _Value = TypeVar("_Value")
 Lift = Callable[[Float32[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
+Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +51,10 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """Image in which a sensor's points were measured.
+    """Image in which a sensor's points were measured: number `index` of a frame.
 
-    frame: of which it is number `index`; area, height: of the crop; kept: the pixels of the points in the crop in the
-    order of these, None to find them; lift: what was done to points of the frame's world before they were cropped, such
-    as putting them on level ground.
+    area, height: of the crop; kept: the pixels of the points in the crop in the order of these, None to find them;
+    lift: what was done to points of the frame's world before they were cropped, such as putting them on level ground.
     """
 
     frame: Frame
@@ -76,7 +76,7 @@ class Captured:
 
     @cached_property
     def pixels(self) -> Int64[np.ndarray, " n"]:
-        """Pixels of the points in the crop. In the order of these points, counted row after row."""
+        """Pixels of the points in the crop, in the order of these points, counted row after row."""
         if self.kept is not None:
             return self.kept
         return find_crop_pixels(self.frame, self.index, area=self.area, height=self.height)
@@ -89,10 +89,7 @@ class Captured:
 
     def points(self, image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "n 3"]:
         """Points that an image of this sensor measures, world frame. Only pixels that return anything have one."""
-        xyz, valid = unproject(self.sensor, image)
-        shift = self.frame.shifts[self.index] if self.frame.shifts else None
-        if shift is not None:
-            xyz += shift.reshape(-1, 3).T
+        xyz, valid = unproject(self.sensor, image, self.frame.shifts[self.index] if self.frame.shifts else None)
         points = np.ascontiguousarray(xyz[:, valid].T)
         return points if self.lift is None else self.lift(points)
 
@@ -125,8 +122,7 @@ class View:
     site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
     clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes of one label is
     dropped; capture: gives the image behind the points of a sensor, None if it has none; scene: gives the empty scene
-    of a sensor, None if unknown; memory: passed from one frame's view to the next by code that reads frames in order,
-    None where they are not read in order.
+    of a sensor, None if unknown; memory: passed from one frame's view to the next where frames are read in order.
     """
 
     def __init__(
@@ -146,28 +142,26 @@ class View:
         self.site, self.sensors, self.codec, self.nms_iou = site, sensors, codec, nms_iou
         self._measure, self._run, self._capture, self._scene = measure, run, capture, scene
         self._captured: dict[int, Captured] = {}
-        self._transmitted: dict[tuple[int, str], SentCloud] = {}
         self._clouds: dict[tuple[int, tuple[str, ...]], Cloud] = {}
         self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
-        self._sent_clouds: dict[Cloud, SentCloud] = {}
+        self._sent_clouds: dict[Cloud | tuple[int, str], SentCloud] = {}
         self._sent_boxes: dict[Boxes, SentBoxes] = {}
 
     def cloud(self, sensor: int) -> Cloud:
         """Points of a sensor in the site's area, world frame."""
         if (sensor, ()) not in self._clouds:
-            points, ms = _timed(partial(self._measure, sensor))
-            self._clouds[sensor, ()] = Cloud(sensor, (), points, ms)
+            start = perf_counter()
+            self._clouds[sensor, ()] = Cloud(sensor, (), self._measure(sensor), _ms_since(start))
         return self._clouds[sensor, ()]
 
-    def part(
-        self, cloud: Cloud, name: str, keep: Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
-    ) -> Cloud:
+    def part(self, cloud: Cloud, name: str, keep: Keep) -> Cloud:
         """Keep the points of a cloud that `keep` selects. name: says all that this depends on."""
         key = cloud.sensor, (*cloud.history, name)
         if key not in self._clouds:
-            kept, ms = _timed(lambda: np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor])))
-            rows = kept if cloud.rows is None else cloud.rows[kept]
-            self._clouds[key] = Cloud(*key, cloud.points[kept], cloud.ms + ms, rows)
+            start = perf_counter()
+            kept = np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor]))
+            rows, points = kept if cloud.rows is None else cloud.rows[kept], cloud.points[kept]
+            self._clouds[key] = Cloud(*key, points, cloud.ms + _ms_since(start), rows)
         return self._clouds[key]
 
     def captured(self, sensor: int) -> Captured:
@@ -196,22 +190,23 @@ class View:
     ) -> SentCloud:
         """Send an image of a sensor to the centre.
 
-        Returns what the centre makes of it, and the bits that took. name: says all that this depends on beside the
-        measurement.
+        through: gives what the centre makes of it, and the bits that took; name: says all that this depends on beside
+        the measurement.
         """
-        if (sensor, name) not in self._transmitted:
-            measured = self.cloud(sensor)
-            (points, bits), ms = _timed(through)
-            self._transmitted[sensor, name] = SentCloud(Cloud(sensor, (name,), points, measured.ms + ms), bits)
-        return self._transmitted[sensor, name]
+        if (sensor, name) not in self._sent_clouds:
+            measured, start = self.cloud(sensor), perf_counter()
+            points, bits = through()
+            arrived = Cloud(sensor, (name,), points, measured.ms + _ms_since(start))
+            self._sent_clouds[sensor, name] = SentCloud(arrived, bits)
+        return self._sent_clouds[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
         """Detect in the points of some clouds together."""
         key = (clouds[0].sensor, clouds[0].history) if len(clouds) == 1 else None
         if key in self._detected:
             return self._detected[key]
-        detections, ms = _timed(partial(self._run, clouds))
-        boxes = Boxes(detections, _last(clouds) + ms)
+        start = perf_counter()
+        boxes = Boxes(self._run(clouds), _last(clouds) + _ms_since(start))
         if key is not None:
             self._detected[key] = boxes
         return boxes
@@ -219,36 +214,43 @@ class View:
     def send_points(self, cloud: Cloud) -> SentCloud:
         """Send a cloud through the codec."""
         if cloud not in self._sent_clouds:
-            (points, bits), ms = _timed(partial(self._transmitted_points, cloud))
+            start = perf_counter()
+            if isinstance(self.codec, ImageCodec) and self._capture is not None:
+                captured = self.captured(cloud.sensor)
+                pixels = captured.pixels if cloud.rows is None else captured.pixels[cloud.rows]
+                message = self.codec.encode_image(captured.sending(pixels))
+                points = captured.points(self.codec.decode_image(message, captured.sensor))
+            else:
+                message = self.codec.encode_points(cloud.points)
+                points = self.codec.decode_points(message)
             coded = () if points is cloud.points else (self.codec.digest,)
-            arrived = Cloud(cloud.sensor, cloud.history + coded, points, cloud.ms + ms)
-            self._sent_clouds[cloud] = SentCloud(arrived, bits)
+            arrived = Cloud(cloud.sensor, cloud.history + coded, points, cloud.ms + _ms_since(start))
+            self._sent_clouds[cloud] = SentCloud(arrived, message.bits)
         return self._sent_clouds[cloud]
 
     def send_boxes(self, boxes: Boxes) -> SentBoxes:
         """Send detections through the codec."""
         if boxes not in self._sent_boxes:
-            (detections, bits), ms = _timed(partial(self._transmitted_boxes, boxes))
-            self._sent_boxes[boxes] = SentBoxes(Boxes(detections, boxes.ms + ms), bits)
+            start = perf_counter()
+            message = self.codec.encode_boxes(boxes.detections)
+            detections = self.codec.decode_boxes(message)
+            self._sent_boxes[boxes] = SentBoxes(Boxes(detections, boxes.ms + _ms_since(start)), message.bits)
         return self._sent_boxes[boxes]
+
+    def share_points(self, sensors: Sequence[int], name: str = "", keep: Keep | None = None) -> list[SentCloud]:
+        """Send the clouds of sensors, or their `part`."""
+        clouds = [self.cloud(sensor) for sensor in sensors]
+        return [self.send_points(each if keep is None else self.part(each, name, keep)) for each in clouds]
+
+    def share_boxes(self, sensors: Sequence[int]) -> list[SentBoxes]:
+        """Send what is detected in the cloud of each sensor."""
+        return [self.send_boxes(self.detect([self.cloud(sensor)])) for sensor in sensors]
 
     def suppress(self, parts: Sequence[Boxes]) -> Boxes:
         """Pool the boxes of all parts, best first. A box that overlaps a surer one of its label is dropped."""
-        merged, ms = _timed(lambda: suppress(Detections.merge(part.detections for part in parts), self.nms_iou))
-        return Boxes(merged, _last(parts) + ms)
-
-    def _transmitted_points(self, cloud: Cloud) -> tuple[Float32[np.ndarray, "m 3"], int]:
-        if isinstance(self.codec, ImageCodec) and self._capture is not None:
-            captured = self.captured(cloud.sensor)
-            pixels = captured.pixels if cloud.rows is None else captured.pixels[cloud.rows]
-            message = self.codec.encode_image(captured.sending(pixels))
-            return captured.points(self.codec.decode_image(message, captured.sensor)), message.bits
-        message = self.codec.encode_points(cloud.points)
-        return self.codec.decode_points(message), message.bits
-
-    def _transmitted_boxes(self, boxes: Boxes) -> tuple[Detections, int]:
-        message = self.codec.encode_boxes(boxes.detections)
-        return self.codec.decode_boxes(message), message.bits
+        start = perf_counter()
+        merged = suppress(Detections.merge([part.detections for part in parts]), self.nms_iou)
+        return Boxes(merged, _last(parts) + _ms_since(start))
 
 
 def frame_view(
@@ -262,24 +264,22 @@ def frame_view(
     scene: Callable[[int], EmptyScene] | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame, cropped to a site.
+    """Return the view of a frame, cropped to a site or area, below a height (m), else the site's own.
 
-    The crop is a site or area, below a height (m), else the site's own. scene, memory: see `View`.
+    scene, memory: see `View`.
     """
-
-    def measure(sensor: int) -> Float32[np.ndarray, "n 3"]:
-        return frame_points(frame, [sensor], area=site, height=height)[0]
-
-    def run(clouds: Sequence[Cloud]) -> Detections:
-        return detect_on_ground(detector, together(clouds), site)
-
-    def capture(sensor: int) -> Captured:
-        return Captured(frame, sensor, site, height)
-
+    crop = Crop.of(site, height)
     return View(
-        site, frame.sensors, measure=measure, run=run, codec=codec, nms_iou=nms_iou, capture=capture, scene=scene,
+        site,
+        frame.sensors,
+        measure=lambda sensor: crop_sensor(frame, sensor, crop),
+        run=lambda clouds: detect_on_ground(detector, together(clouds), site),
+        codec=codec,
+        nms_iou=nms_iou,
+        capture=lambda sensor: Captured(frame, sensor, site, height),
+        scene=scene,
         memory=memory,
-    )  # fmt: skip
+    )
 
 
 def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
@@ -288,54 +288,21 @@ def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
 
 
 def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
-    """Drop detections that overlap a surer one.
+    """Drop detections that overlap a surer one of their label, by more than a BEV IoU. They come back best first.
 
-    They come back best first. A detection goes if its BEV IoU with a surer one of the same label exceeds the threshold.
     Equal scores are settled by the boxes' numbers, so the order of the input makes no difference.
     """
-    ordered = detections[np.lexsort((detections.labels, *detections.boxes.T))]
-    return ordered[nms(ordered.boxes, ordered.scores, iou_threshold, labels=ordered.labels)]
+    boxes, scores, labels = detections.boxes, detections.scores, detections.labels
+    order = np.lexsort((labels, *boxes.T))
+    return detections[order[nms(boxes[order], scores[order], iou_threshold, labels=labels[order])]]
 
 
 def _last(inputs: Sequence[Cloud] | Sequence[Boxes]) -> float:
     return max((each.ms for each in inputs), default=0.0)
 
 
-def _timed(call: Callable[[], _Value]) -> tuple[_Value, float]:
-    start = perf_counter()
-    result = call()
-    return result, (perf_counter() - start) * 1e3
-
-
-class _Images:
-    """Images of a frame's clouds, each made once. They are in the grids of their sensors, on level ground."""
-
-    def __init__(self, frame: Frame, stand: Stand, scenes: Scenes) -> None:
-        self.frame, self.stand, self.scenes = frame, stand, scenes
-        self._made = lru_cache(maxsize=None)(self._make)
-
-    def measure(self, k: int) -> Float32[np.ndarray, "n 3"]:
-        """Points in the crop that the image shows. They lie where they were measured."""
-        return self._made(k)[0]
-
-    def capture(self, k: int) -> Captured:
-        return self._made(k)[1]
-
-    def scene(self, k: int) -> EmptyScene:
-        return self.scenes[self.frame.sensors[k].name].scene
-
-    def _make(self, k: int) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
-        cloud, stand = self.frame.clouds[k], self.stand
-        image = self.scenes.image(cloud)
-        shift = np.eye(4)
-        shift[:2, 3] = -stand.middle
-        sensor = Sensor(cloud.name, image.grid.model, shift @ cloud.world_SE3_sensor)
-        time = self.frame.time if np.isfinite(self.frame.time) and self.frame.time >= 0 else 0.0
-        frame = Frame((sensor,), (image.measurement,), Objects.empty(), time, self.frame.index)
-        upright = stand.lift(cloud.in_world()[image.shown])
-        kept = is_inside(upright, np.asarray(stand.area, np.float64), CROP_HEIGHT)
-        lift = None if stand.ground is None else stand.ground.points
-        return upright[kept], Captured(frame, 0, stand.area, CROP_HEIGHT, image.cells[image.shown][kept], lift)
+def _ms_since(start: float) -> float:
+    return (perf_counter() - start) * 1e3
 
 
 def stand_view(
@@ -348,43 +315,55 @@ def stand_view(
     scenes: Scenes | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame where it stands.
+    """Return the view of a frame where it stands: at its site, else counted from the middle, on level ground.
 
-    At its site, else counted from the middle, on level ground. With scenes, clouds are images too, so schemes that send
-    pixels work as on simulated frames: a sensor has the points that its image shows, and what the centre makes of a
-    message lies along the rays of its cells. Without them the model of a sensor that measured a cloud does not matter.
-    memory: of links, from frame to frame.
+    With scenes, clouds are images too, so schemes that send pixels work as on simulated frames: a sensor has the points
+    that its image shows, and what the centre makes of a message lies along the rays of its cells. memory: of links,
+    from frame to frame.
     """
     if isinstance(stand.area, Site):
         return frame_view(frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory)
+    crop, lift = Crop.of(stand.area, CROP_HEIGHT), None if stand.ground is None else stand.ground.points
+    middle_SE3_world = np.eye(4)
+    middle_SE3_world[:2, 3] = -stand.middle
+
+    @cache
+    def show(k: int, scenes: Scenes) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
+        """Points in the crop that the image of a cloud shows, where they were measured, and that image."""
+        cloud = frame.clouds[k]
+        image = scenes.image(cloud)
+        sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)
+        time = frame.time if np.isfinite(frame.time) and frame.time >= 0 else 0.0
+        alone = Frame((sensor,), (image.measurement,), Objects.empty(), time, frame.index)
+        upright = stand.lift(cloud.in_world()[image.shown])
+        kept = crop.holds(upright)
+        return upright[kept], Captured(alone, 0, stand.area, CROP_HEIGHT, image.cells[image.shown][kept], lift)
 
     def measure(k: int) -> Float32[np.ndarray, "n 3"]:
-        return crop_points(stand.lift(frame.clouds[k].in_world()), stand.area)
+        points = stand.lift(frame.clouds[k].in_world())
+        return points[crop.holds(points)]
 
     def run(clouds: Sequence[Cloud]) -> Detections:
         points = together(clouds)
         return detector(points) if len(points) else Detections.empty()
 
     level_SE3_world = np.eye(4) if stand.ground is None else stand.ground.level_SE3_frame.copy()
-    shift = np.eye(4)
-    shift[:2, 3] = -stand.middle
-    images = None if scenes is None else _Images(frame, stand, scenes)
     sensors = tuple(
         Sensor(
             cloud.name,
             sensor.model if scenes is None else scenes.grid(cloud.name).model,
-            level_SE3_world @ shift @ cloud.world_SE3_sensor,
+            level_SE3_world @ middle_SE3_world @ cloud.world_SE3_sensor,
         )
         for cloud, sensor in zip(frame.clouds, frame.sensors, strict=True)
     )
     return View(
         stand.area,
         sensors,
-        measure=measure if images is None else images.measure,
+        measure=measure if scenes is None else lambda k: show(k, scenes)[0],
         run=run,
         codec=codec,
         nms_iou=nms_iou,
-        capture=None if images is None else images.capture,
-        scene=None if images is None else images.scene,
+        capture=None if scenes is None else lambda k: show(k, scenes)[1],
+        scene=None if scenes is None else lambda k: scenes[frame.sensors[k].name].scene,
         memory=memory,
     )

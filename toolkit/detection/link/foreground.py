@@ -24,7 +24,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Int64
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
-from toolkit.detection.codec import RangeImage
+from toolkit.detection.codec import Parameters, RangeImage
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
 from toolkit.detection.link.message import (
     MessageHeader,
@@ -36,14 +36,14 @@ from toolkit.detection.link.message import (
     write_message,
 )
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
-from toolkit.detection.scheme import Counts, Fused, make_fused
+from toolkit.detection.scheme import Counts, Fused
 from toolkit.detection.view import Captured, Lift, SentCloud, View
 from toolkit.frame import unproject
 from toolkit.points import Crop, crop_image
 from toolkit.sensors.sensor import Sensor, is_return
 
 
-class SendsForeground:
+class SendsForeground(Parameters):
     """Base of schemes that detect once in all foreground. Sensors send the foreground."""
 
     sends_points: ClassVar[bool] = True
@@ -54,11 +54,6 @@ class SendsForeground:
     def step(self) -> float:
         """Step of measurements (m)."""
         raise NotImplementedError
-
-    @property
-    def digest(self) -> str:
-        """Name and parameters."""
-        return repr(self)
 
     @property
     def codec(self) -> RangeImages:
@@ -74,8 +69,8 @@ class SendsForeground:
         Raises ValueError if a sensor's empty scene or image is not known.
         """
         sent = [self._transmit(view, sensor) for sensor in sensors]
-        centre = view.detect([each.arrived for each in sent])
-        return make_fused(view.suppress([centre]), [each.bits for each in sent])
+        boxes = view.suppress([view.detect([each.arrived for each in sent])])
+        return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return the points on objects that count.

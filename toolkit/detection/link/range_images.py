@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int64
-from toolkit.detection.codec import PAPER, Amount, Codec, Message, RangeImage
+from toolkit.detection.codec import PAPER, Amount, Codec, Message, Parameters, RangeImage
 from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_fixed, write_fixed
 from toolkit.detection.link.message import (
     OVERHEAD,
@@ -110,18 +110,13 @@ STEPS = (0.02, 0.04, 0.08)  # m, the usual ones
 
 
 @dataclass(frozen=True)
-class RangeImages:
+class RangeImages(Parameters):
     """Codec of range images in whole steps (m). Raises ValueError for a step that messages cannot express."""
 
     step: float = 0.02
 
     def __post_init__(self) -> None:
         step_in_mm(self.step)
-
-    @property
-    def digest(self) -> str:
-        """Name and parameters."""
-        return repr(self)
 
     def encode_image(self, image: RangeImage, /) -> Message:
         """Encode the pixels of an image that return something."""
