@@ -45,6 +45,12 @@ class Weights:
 AP_ONLY = Weights()
 
 
+def check_rendering(rendering: str) -> None:
+    """Raise ValueError for an unknown rendering."""
+    if rendering not in get_args(Rendering):
+        raise ValueError(f"rendering must be one of {', '.join(get_args(Rendering))}, got {rendering!r}")
+
+
 @dataclass(frozen=True, eq=False)
 class Setting:
     """Question that sets of sensors are scored by.
@@ -83,8 +89,7 @@ class Setting:
             raise ValueError(f"weights must be Weights, got {self.weights!r}: pass Weights(comm=..., price=...)")
         if not self.most_price >= 0:
             raise ValueError(f"most_price must be 0 or more, got {self.most_price}: leave it out for any price")
-        if self.rendering not in get_args(Rendering):
-            raise ValueError(f"rendering must be one of {', '.join(get_args(Rendering))}, got {self.rendering!r}")
+        check_rendering(self.rendering)
         if self.detector is not None and not callable(self.detector):
             raise ValueError(f"detector must be a function of a cloud's points, or None, got {self.detector!r}")
         site = load_site(self.site) if isinstance(self.site, str) else self.site

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 
@@ -14,15 +13,14 @@ from placement_env.fidelity.blocks import Block, see_blocks
 from placement_env.fidelity.occlusion import Seen, look_at
 from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
 from placement_env.fidelity.traffic import Traffic, build_renderer
-from placement_env.fidelity.visibility import Visibility, distances, list_objects
-from placement_env.setting import Rendering
+from placement_env.fidelity.visibility import Visibility
+from placement_env.setting import Rendering, check_rendering
 from toolkit.objects import VEHICLE
 from toolkit.runtime.cache import make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 
-RENDERINGS: tuple[str, ...] = get_args(Rendering)
 BLOCK_PIXELS = 4_000_000  # pixels of the sensors handled at once, about 40 bytes each
 
 
@@ -45,46 +43,32 @@ def see(
     """
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
-    labels = tuple(sorted(labels))
     check_rendering(rendering)
-    sensors = candidates.sensors
+    labels, sensors = tuple(sorted(labels)), candidates.sensors
     quick = np.zeros(len(sensors), np.bool_)
     if rendering == "panorama" or (rendering == "auto" and worthwhile(sensors)):
         quick = far_sighted(sensors, traffic)
-    frame, boxes, kinds = list_objects(traffic, labels)
-    shapes = ((len(sensors), len(frame)), *[(len(sensors), len(traffic))] * 2)
-    points, sent, far = (np.zeros(shape, np.float32) for shape in shapes)
+    whole = Visibility.unseen(traffic, sensors, labels)
     for look, some in ((look_round, quick), (_look_in_full, ~quick)):
         if some.any():
             seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, run)
-            points[some], sent[some], far[some] = seen
-    return Visibility(points, distances(sensors, boxes), frame, boxes, sent, far, kinds)
-
-
-def check_rendering(rendering: str) -> None:
-    """Raise ValueError for an unknown rendering."""
-    if rendering not in RENDERINGS:
-        raise ValueError(f"rendering must be one of {', '.join(RENDERINGS)}, got {rendering!r}")
+            whole.points[some], whole.sent[some], whole.far[some] = seen
+    return whole
 
 
 def _look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: tuple[int, ...], run: Run) -> Seen:
-    """Cast each ray of the sensors."""
-    look = _FullLook(traffic, tuple(sensors), labels)
-    report = run.stage("poses rendered", len(sensors))
-    seen = see_blocks(look, _blocks(sensors), run, report)
-    return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
-
-
-def _blocks(sensors: Sequence[Sensor]) -> list[Block]:
-    """First and last sensor of each block. A block has at most `BLOCK_PIXELS` pixels, or one sensor."""
-    blocks, first, pixels = [], 0, 0
+    """Cast each ray of the sensors, in blocks of at most `BLOCK_PIXELS` pixels, or one sensor."""
+    blocks, first, pixels = list[Block](), 0, 0
     for c, sensor in enumerate(sensors):
         size = math.prod(sensor.model.shape)
         if pixels and pixels + size > BLOCK_PIXELS:
             blocks.append((first, c))
             first, pixels = c, 0
         pixels += size
-    return [*blocks, (first, len(sensors))]
+    blocks.append((first, len(sensors)))
+    look = _FullLook(traffic, tuple(sensors), labels)
+    seen = see_blocks(look, look.key, blocks, run, run.stage("poses rendered", len(sensors)))
+    return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +83,6 @@ class _FullLook:
         return look_at(self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels)
 
     def key(self, block: Block) -> bytes:
-        """Cache key of a block of sensors."""
         sensors = self.sensors[slice(*block)]
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
         return make_key("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels)

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
-from toolkit.arrays import Float32, Float64, Int64
+from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.datasets.dataset import CoopDataset, noisy
-from toolkit.objects import VEHICLE
+from toolkit.objects import VEHICLE, Objects
 from toolkit.points import count_on_ground, frame_points, is_beyond
 from toolkit.runtime.files import read_arrays, write_arrays
 from toolkit.sensors.sensor import Sensor
@@ -61,19 +61,26 @@ class Visibility:
     def __len__(self) -> int:
         return len(self.points)
 
+    @staticmethod
+    def unseen(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int]) -> Visibility:
+        """Objects of some classes (numbers) in traffic, before anything is seen of them."""
+        objects = [each.objects[scored(each.objects, traffic.site, labels)] for each in traffic.snapshots]
+        nothing = np.zeros((2, len(sensors), len(objects)), np.float32)
+        return _join(sensors, objects, [np.zeros((len(sensors), len(each))) for each in objects], *nothing)
+
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Visibility:
         """View of some of the candidates, in the order given."""
         chosen = np.asarray(indices, np.int64)
-        per_candidate = (self.points[chosen], self.distance[chosen])
-        return Visibility(*per_candidate, self.frame, self.boxes, self.sent[chosen], self.far[chosen], self.labels)
+        return replace(self, **{name: getattr(self, name)[chosen] for name in ("points", "distance", "sent", "far")})
 
     def of_classes(self, labels: Sequence[int]) -> Visibility:
         """View on the objects of some classes (numbers)."""
         own = np.isin(self.labels, labels)
-        if own.all():
-            return self
-        objects = (self.points[:, own], self.distance[:, own], self.frame[own], self.boxes[own])
-        return Visibility(*objects, self.sent, self.far, self.labels[own])
+        return self if own.all() else self._with_objects(own)
+
+    def _with_objects(self, own: Bool[np.ndarray, " O"]) -> Visibility:
+        per_pair = {name: getattr(self, name)[:, own] for name in ("points", "distance")}
+        return replace(self, **per_pair, **{name: getattr(self, name)[own] for name in ("frame", "boxes", "labels")})
 
     def save(self, path: str | Path) -> None:
         """Write a file, completely or not. `load` reads it."""
@@ -102,48 +109,36 @@ class Visibility:
         as kbit are there.
         """
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
-        radius = site.hybrid_radius
-        points, sent, far, boxes, kinds = [], [], [], [], [np.zeros(0, np.int64)]
+        points, sent, far, objects = [], [], [], []
         for k in range(count):
             frame = recording[k]
-            counted = frame.objects[scored(frame.objects, site, labels)]
-            boxes.append(counted.boxes)
-            kinds.append(counted.labels)
-            points.append([count_on_ground(cloud, boxes[-1], site) for cloud in frame_points(frame, area=site)])
+            objects.append(frame.objects[scored(frame.objects, site, labels)])
+            clouds = frame_points(frame, area=site)
+            points.append(np.array([count_on_ground(cloud, objects[-1].boxes, site) for cloud in clouds]))
             clouds = frame_points(frame if noise_seed is None else noisy(frame, noise_seed), area=site)
             sent.append([len(cloud) for cloud in clouds])
-            far.append([is_beyond(*pair, radius).sum() for pair in zip(clouds, recording.sensors, strict=True)])
+            beyond = (is_beyond(*pair, site.hybrid_radius) for pair in zip(clouds, recording.sensors, strict=True))
+            far.append([mask.sum() for mask in beyond])
         sent_each, far_each = (np.array(each, np.float32).reshape(count, -1).T for each in (sent, far))
-        every = np.concatenate([np.zeros((0, 7)), *boxes])
-        on_objects = np.concatenate([np.zeros((len(recording.sensors), 0)), *points], axis=1).astype(np.float32)
-        frame_of = np.repeat(np.arange(count), [len(each) for each in boxes])
-        columns = (frame_of, every, sent_each, far_each, np.concatenate(kinds))
-        return Visibility(on_objects, distances(recording.sensors, every), *columns)
+        return _join(recording.sensors, objects, points, sent_each, far_each)
 
 
 def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
     """View on some of the frames, ascending."""
-    own = np.isin(visibility.frame, frames)
-    return replace(
-        visibility,
-        points=visibility.points[:, own],
-        distance=visibility.distance[:, own],
-        frame=np.searchsorted(frames, visibility.frame[own]),
-        boxes=visibility.boxes[own],
-        sent=visibility.sent[:, frames],
-        far=visibility.far[:, frames],
-        labels=visibility.labels[own],
-    )
+    some = visibility._with_objects(np.isin(visibility.frame, frames))
+    per_frame = {"sent": visibility.sent[:, frames], "far": visibility.far[:, frames]}
+    return replace(some, frame=np.searchsorted(frames, some.frame), **per_frame)
 
 
-def list_objects(
-    traffic: Traffic, labels: Sequence[int]
-) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"], Int64[np.ndarray, " O"]]:
-    """Frame, box and class of every scored object."""
-    chosen = [each.objects[scored(each.objects, traffic.site, labels)] for each in traffic.snapshots]
-    frame = np.repeat(np.arange(len(chosen)), [len(each) for each in chosen])
-    kinds = np.concatenate([np.zeros(0, np.int64), *(each.labels for each in chosen)])
-    return frame, np.concatenate([np.zeros((0, 7)), *(each.boxes for each in chosen)]), kinds
+def _join(
+    sensors: Sequence[Sensor], objects: list[Objects], points: list[np.ndarray], sent: np.ndarray, far: np.ndarray
+) -> Visibility:
+    """View of sensors on the objects of each frame, in frames one after the other."""
+    on_objects = np.concatenate([np.zeros((len(sensors), 0)), *points], axis=1).astype(np.float32)
+    boxes = np.concatenate([np.zeros((0, 7)), *(each.boxes for each in objects)])
+    kinds = np.concatenate([np.zeros(0, np.int64), *(each.labels for each in objects)])
+    frame = np.repeat(np.arange(len(objects)), [len(each) for each in objects])
+    return Visibility(on_objects, distances(sensors, boxes), frame, boxes, sent, far, kinds)
 
 
 def distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:

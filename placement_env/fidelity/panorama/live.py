@@ -8,24 +8,20 @@ heading and tilt are looked up.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
-from functools import lru_cache
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.fidelity.panorama.looking import table_keys
-from placement_env.fidelity.panorama.ray_table import ray_table
+from placement_env.fidelity.panorama.ray_table import Lookup
 from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.panorama.surround import Packed, ScoredItems, Surround
-from placement_env.fidelity.traffic import Traffic, build_renderer, scored
-from placement_env.fidelity.visibility import Visibility, distances, list_objects
+from placement_env.fidelity.panorama.surround import ScoredItems, Surround, find_place_strips, successive_strips
+from placement_env.fidelity.traffic import Traffic, build_renderer
+from placement_env.fidelity.visibility import Visibility, distances
 from toolkit.arrays import Float64
 from toolkit.objects import VEHICLE
-from toolkit.points import Crop, has_centre_inside
-from toolkit.rendering.renderer import Moment
-from toolkit.rendering.strips import Counted, Strips, SuccessiveStrips, concatenate_strips
+from toolkit.rendering.strips import Strips
 from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.sensor import SensorModel
@@ -33,7 +29,6 @@ from toolkit.sites.site import Mount
 
 HEIGHT_STEP = 0.5  # m between the panoramas of a mount
 MOST_STRIPS = 20_000_000  # strips kept in memory over all places, about 60 bytes each
-MOST_MOMENTS = 64  # frames whose scenes are kept
 
 Place = tuple[float, float, float]
 
@@ -48,85 +43,61 @@ class LiveView:
 
     def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:
         self.traffic, self._cache = traffic, cache
-        self._renderer = build_renderer(traffic)
-        self._frame, self._boxes, self._kinds = list_objects(traffic, labels)
-        of_frames = [scored(each.objects, traffic.site, labels) for each in traffic.snapshots]
-        counts = np.concatenate([np.zeros(0, np.bool_), *of_frames])
-        frame = np.repeat(np.arange(len(traffic)), [len(each) for each in of_frames])
-        place = np.where(counts, np.cumsum(counts) - 1, len(self._boxes))
-        self._scored = ScoredItems(place, frame, len(self._boxes), len(traffic))
+        self._unseen = Visibility.unseen(traffic, (), labels)
+        self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
         self._kept: OrderedDict[Place, Surround] = OrderedDict()  # least recently used first
-        self._moment = lru_cache(maxsize=MOST_MOMENTS)(self._moment_of)
 
     def see(self, candidates: Candidates) -> Visibility:
         """View of candidates. The first request for a mount makes its panoramas."""
         sensors = candidates.sensors
-        models = {sensor.model for sensor in sensors}
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
         shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]
-        self._prepare([(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each], models)
-        shape = (len(sensors), self._scored.items), (len(sensors), self._scored.frames)
-        points, sent, far = (np.zeros(each) for each in (shape[0], shape[1], shape[1]))
-        for s, (key, turned, more) in enumerate(zip(*table_keys(sensors), strict=True)):
-            table = ray_table(*key)
+        wanted = [(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each]
+        self._prepare(wanted, {sensor.model for sensor in sensors})
+        points = np.zeros((len(sensors), self._scored.items))
+        sent, far = np.zeros((2, len(sensors), self._scored.frames))
+        for s, sensor in enumerate(sensors):
+            lookup = Lookup.of(sensor)
             for place, share in shares[s]:
-                seen = self._kept[place].seen(key[0], table, float(turned), float(more), self._scored)
-                for total, figures in zip((points, sent, far), seen, strict=True):
+                for total, figures in zip((points, sent, far), self._kept[place].seen(lookup), strict=True):
                     total[s] += share * figures
-        seen_of = [each.astype(np.float32) for each in (points, sent, far)]
-        columns = (distances(sensors, self._boxes), self._frame, self._boxes, *seen_of[1:], self._kinds)
-        return Visibility(seen_of[0], *columns)
+        seen = {"points": points.astype(np.float32), "sent": sent.astype(np.float32), "far": far.astype(np.float32)}
+        return replace(self._unseen, distance=distances(sensors, self._unseen.boxes), **seen)
 
-    def _prepare(self, wanted: Iterable[tuple[Place, Mount]], models: set[SensorModel]) -> None:
+    def _prepare(self, wanted: list[tuple[Place, Mount]], models: set[SensorModel]) -> None:
         """Load or make panoramas of places. Those above and below on their mounts are included."""
-        asked = dict.fromkeys(place for place, _ in wanted)
-        missing = [(place, mount) for place, mount in wanted if self._lacks(place, models)]
-        if missing:
-            whole = {each for place, mount in missing for each in (place, *_places(place, mount))}
-            places = sorted(place for place in whole if self._lacks(place, models))
-            for place, packed in zip(places, self._panoramas(places), strict=True):
-                self._kept[place] = Surround.of(packed, self._scored, self._stills(place, models))
+
+        def lacks(place: Place) -> bool:
+            return place not in self._kept or not models <= self._kept[place].stills.keys()
+
+        asked, renderer = dict.fromkeys(place for place, _ in wanted), build_renderer(self.traffic)
+        whole = {each for place, mount in wanted if lacks(place) for each in (place, *_places(place, mount))}
+        places = sorted(filter(lacks, whole))
+        for place, strips in zip(places, self._panoramas(places), strict=True):
+            stills = dict(self._kept[place].stills) if place in self._kept else {}
+            for model in models - stills.keys():
+                stills[model] = Still.of(renderer, self.traffic.site, np.array(place), model)
+            self._kept[place] = Surround.of(strips, self._scored, stills)
         for place in asked:
             self._kept.move_to_end(place)
         while len(self._kept) > len(asked) and sum(len(each.item) for each in self._kept.values()) > MOST_STRIPS:
             self._kept.popitem(last=False)
 
-    def _panoramas(self, places: list[Place]) -> list[Packed]:
-        """Packed strips of places, from the cache or made."""
-        code, digest = code_digest(__name__), self.traffic.digest()
-        keys = [make_key("panorama", code, digest, place) for place in places]
-        found = [None] * len(keys) if self._cache is None else self._cache.get(keys)
-        missing = [k for k, arrays in enumerate(found) if arrays is None]
-        made = dict(zip(missing, self._made([places[k] for k in missing]), strict=True))
-        if self._cache is not None and made:
-            self._cache.put({keys[k]: packed for k, packed in made.items()})
-        return [made[k] if arrays is None else Packed(*arrays) for k, arrays in enumerate(found)]
-
-    def _made(self, places: list[Place]) -> list[Packed]:
+    def _panoramas(self, places: list[Place]) -> list[Strips]:
+        """Strips of places, from the cache or made."""
         if not places:
             return []
-        site, first, parts = self.traffic.site, 0, []
-        successive = SuccessiveStrips(self._renderer, np.array(places), Counted(Crop.of(site), site.hybrid_radius))
-        for k, snapshot in enumerate(self.traffic.snapshots):
-            fine = has_centre_inside(snapshot.objects.boxes, site.area)
-            strips = successive.of(self._moment(k), fine)
-            parts.append(strips._replace(item=strips.item + np.int32(first)))
-            first += len(fine)
-        whole = concatenate_strips(parts)
-        order = np.argsort(whole.viewpoint, kind="stable")
-        ends = np.searchsorted(whole.viewpoint[order], np.arange(len(places) + 1))
-        return [Packed.of(Strips(*(each[order[begin:end]] for each in whole))) for begin, end in pairwise(ends)]
-
-    def _stills(self, place: Place, models: set[SensorModel]) -> dict[SensorModel, Still]:
-        known = self._kept[place].stills if place in self._kept else {}
-        site, here = self.traffic.site, np.array([place])
-        return known | {model: Still.of(self._renderer, site, here, model) for model in models - known.keys()}
-
-    def _lacks(self, place: Place, models: set[SensorModel]) -> bool:
-        return place not in self._kept or not models <= self._kept[place].stills.keys()
-
-    def _moment_of(self, k: int) -> Moment:
-        return self._renderer.moment(self.traffic.snapshots[k])
+        keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
+        found = [None] * len(keys) if self._cache is None else self._cache.get(keys)
+        missing = [k for k, arrays in enumerate(found) if arrays is None]
+        if missing:
+            successive = successive_strips(self.traffic, np.array(places)[missing])
+            made = find_place_strips(successive, self.traffic, range(len(self.traffic)), len(missing))
+            if self._cache is not None:
+                self._cache.put({keys[k]: strips for k, strips in zip(missing, made, strict=True)})
+            for k, strips in zip(missing, made, strict=True):
+                found[k] = strips
+        return [Strips(*arrays) for arrays in found if arrays is not None]
 
 
 def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Place, float]]:
@@ -141,7 +112,7 @@ def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Pla
 
 
 def _places(place: Place, mount: Mount) -> list[Place]:
-    """Panorama places for all heights of a sensor. They are above and below a place on its mount."""
+    """Panorama places for all heights of a sensor on a mount."""
     low, high = (h / HEIGHT_STEP for h in (mount.min_height, mount.max_height))
     steps = range(int(np.floor(low + 1e-6)), int(np.ceil(high - 1e-6)) + 1)
     return [_place(*place[:2], float(mount.position[2]) + step * HEIGHT_STEP) for step in steps]

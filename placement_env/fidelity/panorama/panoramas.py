@@ -1,7 +1,4 @@
-"""Views of many sensors on traffic, from panoramas.
-
-The frames are processed in turn. Each place is rendered once for all sensors there.
-"""
+"""Views of many sensors on traffic, from panoramas: each place is rendered once for all sensors there."""
 
 from __future__ import annotations
 
@@ -13,18 +10,18 @@ import numpy as np
 
 from placement_env.fidelity.blocks import Block, see_blocks
 from placement_env.fidelity.occlusion import Seen
-from placement_env.fidelity.panorama.looking import Sight, Views, alone, look_through
+from placement_env.fidelity.panorama.ray_table import Lookup
 from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.traffic import Traffic, build_renderer, scored
-from toolkit.arrays import Bool, Float64
-from toolkit.points import Crop, has_centre_inside
-from toolkit.rendering.strips import Counted, SuccessiveStrips
+from placement_env.fidelity.panorama.surround import ScoredItems, Surround, find_place_strips, successive_strips
+from placement_env.fidelity.traffic import Traffic, build_renderer
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.rendering.strips import SuccessiveStrips
 from toolkit.runtime.cache import make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor, SensorModel
 
-FRAMES_AT_ONCE = 4  # frames that a process handles before it returns its views
+FRAMES_AT_ONCE = 8  # frames that a process handles before it returns its views
 SHARED = 4  # mean number of sensors per place above which panoramas pay
 
 
@@ -51,12 +48,9 @@ def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int
     blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
     tell = run.stage("poses rendered", len(sensors))
     report = None if tell is None else lambda frames: tell(len(sensors) * frames // len(traffic))
-    return _frame_after_frame(see_blocks(look, blocks, run, report))
-
-
-def _frame_after_frame(parts: Sequence[Seen]) -> Seen:
-    """View of the same sensors on consecutive frames."""
-    return Seen(*(np.concatenate(each, axis=1) for each in zip(*parts, strict=True)))
+    return Seen(
+        *(np.concatenate(each, axis=1) for each in zip(*see_blocks(look, look.key, blocks, run, report), strict=True))
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,48 +62,48 @@ class _Look:
     labels: tuple[int, ...]
 
     def __call__(self, block: Block, /) -> Seen:
-        return _frame_after_frame([self._frame(k) for k in range(*block)])
+        scored = ScoredItems.of(self.traffic, self.traffic.snapshots[slice(*block)], self.labels)
+        places, viewpoint = self._places
+        seen = Seen(*(np.zeros((len(self.sensors), size), np.float32) for size in (scored.items, *[scored.frames] * 2)))
+        for v, strips in enumerate(find_place_strips(self._strips, self.traffic, range(*block), len(places))):
+            surround = Surround.of(strips, scored, self._stills[v])
+            for s in np.flatnonzero(viewpoint == v).tolist():
+                for whole, row in zip(seen, surround.seen(self._lookups[s]), strict=True):
+                    whole[s] = row
+        return seen
 
     def key(self, block: Block) -> bytes:
-        """Cache key of some frames."""
         return make_key("panoramas", self._depends_on, block)
 
-    def _frame(self, k: int) -> Seen:
-        site, snapshot, renderer = self.traffic.site, self.traffic.snapshots[k], build_renderer(self.traffic)
-        boxes = snapshot.objects.boxes
-        strips = self._strips.of(renderer.moment(snapshot), has_centre_inside(boxes, site.area))
-        sight = Sight.of(strips, np.zeros(len(boxes), np.int64))
-        seen = look_through(self._views, sight, self._stills, self._alone, (len(boxes), 1))
-        return seen._replace(points=seen.points[:, scored(snapshot.objects, site, self.labels)])
+    @cached_property
+    def _places(self) -> tuple[Float64[np.ndarray, "V 3"], Int64[np.ndarray, " S"]]:
+        """Places of the sensors, and that of each."""
+        positions = np.array([sensor.position for sensor in self.sensors]).round(6)
+        places, viewpoint = np.unique(positions, axis=0, return_inverse=True)
+        return places, viewpoint.ravel()
 
     @cached_property
-    def _views(self) -> Views:
-        return Views.of(self.sensors)
+    def _lookups(self) -> list[Lookup]:
+        return [Lookup.of(sensor) for sensor in self.sensors]
 
     @cached_property
     def _strips(self) -> SuccessiveStrips:
-        counted = Counted(Crop.of(self.traffic.site), self.traffic.site.hybrid_radius)
-        return SuccessiveStrips(build_renderer(self.traffic), self._views.viewpoints, counted)
+        return successive_strips(self.traffic, self._places[0])
 
     @cached_property
-    def _stills(self) -> dict[SensorModel, Still]:
-        """Standing scene by sensor model."""
-        models = dict.fromkeys(sensor.model for sensor in self.sensors)
-        site, renderer = self.traffic.site, build_renderer(self.traffic)
-        return {model: Still.of(renderer, site, self._views.viewpoints, model) for model in models}
-
-    @cached_property
-    def _alone(self) -> Float64[np.ndarray, "2 S"]:
-        return alone(self._views, self._stills)
+    def _stills(self) -> list[dict[SensorModel, Still]]:
+        """Standing scene seen from each place by its sensors' models."""
+        stills: list[dict[SensorModel, Still]] = [{} for _ in self._places[0]]
+        for v, model in {
+            (v, sensor.model): None for v, sensor in zip(self._places[1].tolist(), self.sensors, strict=True)
+        }:
+            stills[v][model] = Still.of(build_renderer(self.traffic), self.traffic.site, self._places[0][v], model)
+        return stills
 
     @cached_property
     def _depends_on(self) -> tuple[str, str, list[str], tuple[int, ...]]:
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in self.sensors}))
         return code, self.traffic.digest(), [sensor.digest for sensor in self.sensors], self.labels
 
-    def __getstate__(self) -> tuple[object, ...]:
-        return self.traffic, self.sensors, self.labels
-
-    def __setstate__(self, state: tuple[object, ...]) -> None:
-        for name, value in zip(("traffic", "sensors", "labels"), state, strict=True):
-            object.__setattr__(self, name, value)
+    def __reduce__(self) -> tuple[type[_Look], tuple[object, ...]]:
+        return _Look, (self.traffic, self.sensors, self.labels)

@@ -1,14 +1,12 @@
-"""`RayTable`: number of rays in rectangles of angles.
+"""`RayTable`: number of rays in rectangles of azimuth and elevation, for a sensor model at a tilt.
 
-The rays are of a sensor model at a tilt, the angles azimuth and elevation. Counts of rays up to a place of a fine grid
-are summed over both angles once (Crow 1984, a summed-area table). A rectangle then costs four of these sums, however
-many rays it holds. Azimuth is measured from the sensor's heading. A sensor tilted slightly more than a table is looked
-up in that table, with the rectangles turned by the difference.
+Counts of rays up to a place of a fine grid are summed over both angles once (Crow 1984, a summed-area table). A
+rectangle then costs four of these sums, however many rays it holds. Azimuth is measured from the sensor's heading. A
+sensor tilted slightly more than a table is looked up in that table, with the rectangles turned by the difference.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -28,13 +26,12 @@ CELL_ROWS = len(CELL_EDGES) - 1
 
 PI, PER_TURN, PER_STEEP = (np.float32(each) for each in (np.pi, AZIMUTHS / (2 * np.pi), ELEVATIONS / np.pi))
 
-Places = Float32[np.ndarray, " n"] | np.float32  # angles in steps of the grid
 Angles = Float[np.ndarray, " n"]
 Counts = Shaped[np.ndarray, " m"]  # of rays
 
 
 class Aim(NamedTuple):
-    """Aim of a sensor. It has heading, tilt below the horizon and roll about the viewing direction (rad)."""
+    """Heading, tilt below the horizon and roll about the viewing direction (rad)."""
 
     heading: float
     tilt: float
@@ -42,9 +39,7 @@ class Aim(NamedTuple):
 
 
 def compute_aim(sensor: Sensor) -> Aim:
-    """Aim of a sensor.
-
-    A sensor that looks straight down or up takes its heading from the upward direction of its image.
+    """Aim of a sensor; one that looks straight down or up takes its heading from the top of its image.
 
     >>> from toolkit.geometry import look
     >>> from toolkit.sensors.models import DepthCamera
@@ -58,22 +53,39 @@ def compute_aim(sensor: Sensor) -> Aim:
     return Aim(float(np.arctan2(turn[1, 0], turn[0, 0])), tilt, float(np.arctan2(turn[2, 1], turn[2, 2])))
 
 
-class Cells(NamedTuple):
-    """Cells of azimuth and elevation that hold rays.
+class Lookup(NamedTuple):
+    """Table of a sensor, and its aim there.
 
-    Azimuth is from the heading, elevation from straight down. The cells are numbered column after column; the number of
-    rays in each comes too.
+    tilt, roll: of the table (rad); heading: places of azimuth; more: places of elevation by which the sensor is tilted
+    more than the table.
     """
 
-    places: Int64[np.ndarray, " n"]
-    rays: Float32[np.ndarray, " n"]
+    model: SensorModel
+    tilt: float
+    roll: float
+    heading: np.float32
+    more: np.float32
+
+    @staticmethod
+    def of(sensor: Sensor) -> Lookup:
+        """Lookup in the table of nearest tilt."""
+        aim = compute_aim(sensor)
+        tilt = round(aim.tilt / TABLE_TILTS) * TABLE_TILTS
+        more = aim.tilt - tilt if abs(aim.tilt - tilt) >= 1e-6 else 0.0
+        turned, further = np.float32(aim.heading) * PER_TURN, np.float32(more) * PER_STEEP
+        return Lookup(sensor.model, tilt, round(aim.roll, 4) + 0.0, turned, further)
+
+    @property
+    def table(self) -> RayTable:
+        """The table, made once."""
+        return ray_table(self.model, self.tilt, self.roll)
 
 
 class RayTable:
     """Rays of a model, tilted and rolled (rad).
 
-    first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells: those of its rays,
-    for uses that need no fine grid.
+    first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells, cell_rays: cells with
+    rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each.
     """
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
@@ -92,15 +104,13 @@ class RayTable:
         self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
         np.add.accumulate(counts, axis=1, out=self._sums[1:, 1:])
         column, row = find_cells(azimuth, elevation)
-        cell, rays = np.unique(column * CELL_ROWS + row, return_counts=True)
-        self.cells = Cells(cell, rays.astype(np.float32))
+        self.cells, rays = np.unique(column * CELL_ROWS + row, return_counts=True)
+        self.cell_rays = rays.astype(np.float32)
 
-    def counts(self, rectangles: Rectangles, heading: Places, more: Places) -> tuple[Int64[np.ndarray, " m"], Counts]:
-        """Rectangles that hold rays, and their number.
-
-        heading: of the sensor (places of azimuth), more: its tilt beyond this table's (places of elevation); one
-        number, or one for each rectangle.
-        """
+    def counts(
+        self, rectangles: Rectangles, heading: np.float32, more: np.float32
+    ) -> tuple[Int64[np.ndarray, " m"], Counts]:
+        """Rectangles that hold rays, and their number. heading, more: of the sensor, as of `Lookup`."""
         left, right, low, high = rectangles.list_places(heading, more)
         begin = np.rint(left).astype(np.int32)
         width = np.rint(right).astype(np.int32) - begin
@@ -122,15 +132,16 @@ class RayTable:
 
     def _within(self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray) -> Counts:
         flat, across = self._sums.ravel(), self._sums.shape[1]
-        begin = np.minimum(begin, end) * across
-        end = end * across
+        begin, end = np.minimum(begin, end) * across, end * across
         counts: Counts = flat.take(end + up) - flat.take(end + low)
         counts -= flat.take(begin + up) - flat.take(begin + low)
         return counts
 
 
-@dataclass(frozen=True, eq=False)
-class Rectangles:
+ray_table = lru_cache(maxsize=MOST_TABLES)(RayTable)
+
+
+class Rectangles(NamedTuple):
     """Rectangles of azimuth and elevation of the world.
 
     left, right: in places of azimuth, right up to a turn farther; low, high: in places of elevation; cos, sin: of the
@@ -146,50 +157,27 @@ class Rectangles:
     tan: Float32[np.ndarray, " n"]
 
     @staticmethod
-    def of(
-        left: Float32[np.ndarray, " n"],
-        right: Float32[np.ndarray, " n"],
-        bottom: Float32[np.ndarray, " n"],
-        top: Float32[np.ndarray, " n"],
-    ) -> Rectangles:
-        """Build from angles (rad)."""
-        middle = (left + right) / 2
-        places = ((left + PI) * PER_TURN, (right + PI) * PER_TURN, (bottom + PI / 2) * PER_STEEP)
-        tan = np.clip(np.tan((bottom + top) / 2), -3, 3)
-        return Rectangles(*places, (top + PI / 2) * PER_STEEP, np.cos(middle), np.sin(middle), tan)
+    def of(left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Rectangles:
+        """Build from angles (n,) (rad, float32)."""
+        middle, tan = (left + right) / 2, np.clip(np.tan((bottom + top) / 2), -3, 3)
+        azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
+        return Rectangles(
+            *azimuths, (bottom + PI / 2) * PER_STEEP, (top + PI / 2) * PER_STEEP, np.cos(middle), np.sin(middle), tan
+        )
 
-    def take(self, rows: Int64[np.ndarray, " m"]) -> Rectangles:
-        """Some of the rectangles."""
-        return Rectangles(*(each.take(rows) for each in self._columns))
+    def list_places(self, heading: np.float32, more: np.float32) -> tuple[np.ndarray, ...]:
+        """Left, right, low and high from the heading on, to first order in the extra tilt.
 
-    def part(self, rows: slice) -> Rectangles:
-        """Adjacent rectangles, without copying."""
-        return Rectangles(*(each[rows] for each in self._columns))
-
-    @property
-    def _columns(self) -> tuple[Float32[np.ndarray, " n"], ...]:
-        return self.left, self.right, self.low, self.high, self.cos, self.sin, self.tan
-
-    def list_places(self, heading: Places, more: Places) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Left, right, low and high from the heading on.
-
-        They are for a sensor that is tilted more, to first order in the extra tilt. The middle decides for the whole
-        rectangle.
+        The middle decides for the whole rectangle.
         """
         left, right = self.left - heading, self.right - heading
-        if not np.any(more):
+        if not more:
             return left, right, self.low, self.high
         angle = heading / PER_TURN
         cos, sin = np.cos(angle), np.sin(angle)
         up = more * (self.cos * cos + self.sin * sin)
         aside = (more * PER_TURN / PER_STEEP) * self.tan * (self.sin * cos - self.cos * sin)
         return left + aside, right + aside, self.low + up, self.high + up
-
-
-@lru_cache(maxsize=MOST_TABLES)
-def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
-    """Cached ray table."""
-    return RayTable(model, tilt, roll)
 
 
 def find_cells(azimuth: Angles, elevation: Angles) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:

@@ -1,68 +1,37 @@
-"""`Surround`: the view from one place in all frames.
+"""`Surround`: the view from one place in some frames, laid out for use by one sensor after another.
 
-It is packed for disk and laid out for use by one sensor after another. Strips are kept in order of azimuth, so a sensor
-looks only at those ahead of it.
+Strips are kept in order of azimuth, so a sensor looks only at those ahead of it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from placement_env.fidelity.panorama.ray_table import (
-    AZIMUTHS,
-    PER_STEEP,
-    PER_TURN,
-    PI,
-    RayTable,
-    Rectangles,
-)
+from placement_env.fidelity.panorama.ray_table import AZIMUTHS, Lookup, RayTable, Rectangles
 from placement_env.fidelity.panorama.still import Still
-from toolkit.arrays import Float32, Float64, Int64, Shaped
-from toolkit.rendering.strips import BEYOND, WITHIN, Strips
+from placement_env.fidelity.traffic import Traffic, build_renderer, scored
+from toolkit.arrays import Float64, Int64
+from toolkit.points import Crop, has_centre_inside
+from toolkit.rendering.renderer import Moment
+from toolkit.rendering.strips import BEYOND, WITHIN, Counted, Strips, SuccessiveStrips, concatenate_strips
 from toolkit.sensors.sensor import SensorModel
+from toolkit.traffic.snapshots import Snapshot
 
-FINENESS = 16  # parts of a place of azimuth or elevation, for the sides
 ASIDE = 16  # places of azimuth by which slightly more tilt may move a strip
-
-
-class Packed(NamedTuple):
-    """Strips of one place, by left side.
-
-    left, width, low and high are in parts of a place (`FINENESS`); item: the object of each, numbered through all
-    frames; shows: what it shows.
-    """
-
-    left: Shaped[np.ndarray, " n"]
-    width: Shaped[np.ndarray, " n"]
-    low: Shaped[np.ndarray, " n"]
-    high: Shaped[np.ndarray, " n"]
-    item: Shaped[np.ndarray, " n"]
-    shows: Shaped[np.ndarray, " n"]
-
-    @staticmethod
-    def of(strips: Strips) -> Packed:
-        """Strips of one viewpoint."""
-        left, right = (
-            np.rint((each + PI) * PER_TURN * FINENESS).astype(np.int64) for each in (strips.left, strips.right)
-        )
-        low, high = (np.rint((each + PI / 2) * PER_STEEP * FINENESS) for each in (strips.bottom, strips.top))
-        begin = left % (AZIMUTHS * FINENESS)
-        order = np.argsort(begin, kind="stable")
-        angles = (begin, right - left, np.maximum(low, 0), high)
-        begin, width, low, high = (each[order].astype(np.uint16) for each in angles)
-        return Packed(
-            begin, width, low, high, strips.item[order].astype(np.uint32), strips.shows[order].astype(np.uint8)
-        )
+MOST_MOMENTS = 64  # frames whose scenes are kept
 
 
 class ScoredItems(NamedTuple):
-    """Scored objects among all.
+    """Scored objects among all of some frames.
 
-    place: of each object, numbered through all frames, its index among the scored ones, or their number if not scored;
-    frame: of each object; items, frames: numbers of scored objects and frames.
+    place: of each object its index among the scored ones, or their number if not scored; frame: of each object; items,
+    frames: numbers of scored objects and frames.
     """
 
     place: Int64[np.ndarray, " n"]
@@ -70,15 +39,26 @@ class ScoredItems(NamedTuple):
     items: int
     frames: int
 
+    @staticmethod
+    def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> ScoredItems:
+        """Scored objects of some classes (numbers) in some frames."""
+        masks = [scored(each.objects, traffic.site, labels) for each in snapshots]
+        counts, frame = (
+            np.concatenate([np.zeros(0, np.bool_), *masks]),
+            np.repeat(np.arange(len(masks)), list(map(len, masks))),
+        )
+        return ScoredItems(np.where(counts, np.cumsum(counts) - 1, counts.sum()), frame, int(counts.sum()), len(masks))
+
 
 @dataclass(frozen=True, eq=False)
 class Surround:
     """Strips of one place, ready for lookup.
 
     item: of each strip among the scored ones, or the number of these; frame: of each; widest: of all strips (places);
-    counts, far: whether its points count, and are far.
+    gains: by model, of a ray in each strip over the background: points sent, and far ones; stills: background by model.
     """
 
+    scored: ScoredItems
     rectangles: Rectangles
     item: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
@@ -87,50 +67,75 @@ class Surround:
     stills: dict[SensorModel, Still]
 
     @staticmethod
-    def of(packed: Packed, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
-        """Surround of packed strips. stills: standing scene seen from this place alone, by sensor model."""
-        left, width, low, high = (each.astype(np.float32) / np.float32(FINENESS) for each in packed[:4])
-        bottom, top = (each / PER_STEEP - PI / 2 for each in (low, high))
-        azimuth = left / PER_TURN - PI
-        rectangles = Rectangles.of(azimuth, (left + width) / PER_TURN - PI, bottom, top)
-        item = packed.item.astype(np.int64)
-        counts, far = packed.shows >= WITHIN, packed.shows == BEYOND
-        middle = azimuth + width / (2 * PER_TURN), (bottom + top) / 2
+    def of(strips: Strips, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
+        """Surround of the strips of one place. stills: standing scene seen from there, by sensor model."""
+        rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
+        turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
+        rectangles = rectangles._replace(left=rectangles.left - turns, right=rectangles.right - turns)
+        order = np.argsort(rectangles.left, kind="stable")
+        rectangles, strips = (
+            Rectangles(*(each[order] for each in rectangles)),
+            Strips(*(each[order] for each in strips)),
+        )
+        counts, far = strips.shows >= WITHIN, strips.shows == BEYOND
         gains = {}
         for model, still in stills.items():
-            sent, far_off = still.behind(np.zeros(len(item), np.int32), *middle)
-            gains[model] = (counts - sent, far - far_off)
-        place = np.where(counts, scored.place[item], scored.items)
-        widest = float(width.max(initial=0))
-        return Surround(rectangles, place, scored.frame[item], widest, gains, stills)
+            behind = still.behind((strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2)
+            gains[model] = (counts - behind[0], far - behind[1])
+        item, widest = np.where(counts, scored.place[strips.item], scored.items), rectangles.right - rectangles.left
+        return Surround(
+            scored, rectangles, item, scored.frame[strips.item], float(widest.max(initial=0)), gains, stills
+        )
 
     def seen(
-        self, model: SensorModel, table: RayTable, heading: float, more: float, scored: ScoredItems
+        self, lookup: Lookup
     ) -> tuple[Float64[np.ndarray, " items"], Float64[np.ndarray, " frames"], Float64[np.ndarray, " frames"]]:
-        """Points on each scored object, and points sent.
-
-        Points sent are per frame; the far ones among them come too. heading, more: as of `RayTable.counts`.
-        """
-        points = np.zeros(scored.items + 1)
-        alone = self.stills[model].of_cells(0, table.cells, heading / float(PER_TURN))
-        sent, far = (np.full(scored.frames, each) for each in alone)
-        more_sent, more_far = self.gains[model]
-        for part in self._ahead(table, heading):
-            rectangles = self.rectangles.part(part)
-            held, rays = table.counts(rectangles, np.float32(heading), np.float32(more))
-            points += np.bincount(self.item[part].take(held), rays, scored.items + 1)
+        """Points of a sensor on each scored object, points sent in each frame, and the far ones among them."""
+        table, items, frames = lookup.table, self.scored.items + 1, self.scored.frames
+        points, more_sent, more_far = np.zeros(items), *self.gains[lookup.model]
+        sent, far = (np.full(frames, each) for each in self.stills[lookup.model].alone(lookup))
+        for part in self._ahead(table, float(lookup.heading)):
+            held, rays = table.counts(
+                Rectangles(*(each[part] for each in self.rectangles)), lookup.heading, lookup.more
+            )
+            points += np.bincount(self.item[part].take(held), rays, items)
             frame = self.frame[part].take(held)
-            sent += np.bincount(frame, rays * more_sent[part].take(held), scored.frames)
-            far += np.bincount(frame, rays * more_far[part].take(held), scored.frames)
+            sent += np.bincount(frame, rays * more_sent[part].take(held), frames)
+            far += np.bincount(frame, rays * more_far[part].take(held), frames)
         return points[:-1], np.maximum(sent, 0), np.maximum(far, 0)
 
     def _ahead(self, table: RayTable, heading: float) -> list[slice]:
         """Strips that rays of a table may fall on."""
-        count, before = len(self.item), self.widest + ASIDE
+        before = self.widest + ASIDE
         length = table.columns + before + ASIDE
         if length >= AZIMUTHS:
-            return [slice(0, count)]
+            return [slice(0, len(self.item))]
         first = (table.first_column + heading - before) % AZIMUTHS
-        ends = [(first, min(first + length, AZIMUTHS)), (0.0, first + length - AZIMUTHS)]
-        left: Float32[np.ndarray, " n"] = self.rectangles.left
-        return [slice(*np.searchsorted(left, end).tolist()) for end in ends if end[1] > end[0]]
+        ends = [(first, first + length), (0.0, first + length - AZIMUTHS)]
+        return [slice(*np.searchsorted(self.rectangles.left, end).tolist()) for end in ends if end[1] > end[0]]
+
+
+def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> SuccessiveStrips:
+    """Finder of strips seen from places."""
+    return SuccessiveStrips(build_renderer(traffic), places, Counted(Crop.of(traffic.site), traffic.site.hybrid_radius))
+
+
+def find_place_strips(
+    successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int
+) -> list[Strips]:
+    """Strips of each place in some frames. Items are numbered through these frames."""
+    parts, first = [], 0
+    for k in frames:
+        fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
+        strips = successive.of(_build_moment(traffic, k), fine)
+        parts.append(strips._replace(item=strips.item + np.int32(first)))
+        first += len(fine)
+    whole = concatenate_strips(parts)
+    order = np.argsort(whole.viewpoint, kind="stable")
+    ends = np.searchsorted(whole.viewpoint[order], np.arange(places + 1))
+    return [Strips(*(each[order[begin:end]] for each in whole)) for begin, end in pairwise(ends)]
+
+
+@lru_cache(maxsize=MOST_MOMENTS)
+def _build_moment(traffic: Traffic, k: int) -> Moment:
+    return build_renderer(traffic).moment(traffic.snapshots[k])

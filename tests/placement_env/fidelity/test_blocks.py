@@ -25,7 +25,7 @@ class Numbers:
 
 
 def seen(look, blocks, run=Run(), reported=None):
-    return see_blocks(look, blocks, run, None if reported is None else reported.append)
+    return see_blocks(look, look.key, blocks, run, None if reported is None else reported.append)
 
 
 def test_blocks_come_in_their_order_and_report_their_ends():

@@ -7,6 +7,7 @@ import pytest
 from placement_env.fidelity import seeing
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
+from placement_env.setting import check_rendering
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
@@ -158,4 +159,4 @@ def test_a_range_that_ends_within_the_site_is_rendered_in_full(small_traffic, sm
     whole = see(small_traffic, mixed, rendering="full")
     assert not np.array_equal(seen.points[:3], whole.points[:3])
     with pytest.raises(ValueError, match="rendering must be one of auto, full, panorama, got 'fast'"):
-        seeing.check_rendering("fast")
+        check_rendering("fast")

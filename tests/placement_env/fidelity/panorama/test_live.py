@@ -67,8 +67,8 @@ def test_it_agrees_with_full_rendering_at_any_aim(traffic, view):
 def test_at_a_height_of_a_panorama_it_is_what_a_panorama_says(traffic, view):
     some = hung((0, 4.5, 0.7, 0.3, 0), (0, 4.5, 0.2, np.deg2rad(20.4), 0))
     found, looked = view.see(some), see(traffic, some, rendering="panorama")
-    assert np.abs(found.points - looked.points).max() <= 3  # packed to a sixteenth of a place
-    np.testing.assert_allclose(found.sent, looked.sent, rtol=0.01, atol=5)
+    np.testing.assert_array_equal(found.points, looked.points)
+    np.testing.assert_array_equal(found.sent, looked.sent)
 
 
 def test_between_two_heights_it_is_interpolated(view):

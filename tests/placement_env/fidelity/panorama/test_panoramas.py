@@ -73,6 +73,7 @@ def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
 
 def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_path):
     run = Run(cache=tmp_path)
+    monkeypatch.setattr(panoramas, "FRAMES_AT_ONCE", 4)
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
     assert len(run.memo) == 2
 

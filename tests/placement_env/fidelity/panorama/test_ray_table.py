@@ -12,6 +12,7 @@ from placement_env.fidelity.panorama.ray_table import (
     CELL_EDGES,
     PER_STEEP,
     PER_TURN,
+    Lookup,
     RayTable,
     Rectangles,
     cell_elevations,
@@ -71,10 +72,6 @@ def test_a_heading_turns_the_sensor_and_a_roll_counts():
     heading = np.pi / 2
     expected = counted(CAMERA, rects, heading, 0.3, 0.2)
     assert (np.abs(whole(table, rects, heading) - expected) <= 1 + 0.01 * expected).all()
-    headings = np.full(300, heading * PER_TURN, np.float32)
-    where, counts = table.counts(Rectangles.of(*rects), headings, np.zeros(300, np.float32))
-    np.testing.assert_array_equal(np.bincount(where, counts, 300), whole(table, rects, heading))
-    assert (counts > 0).all()
 
 
 def test_all_directions_hold_all_rays():
@@ -96,11 +93,13 @@ def test_a_little_more_tilt_is_made_up_for():
 
 def test_rays_of_cells():
     azimuth, elevation = angles(CAMERA, 0.0, 0.3)
-    cells = RayTable(CAMERA, 0.3, 0.0).cells
-    assert cells.rays.sum() == np.prod(CAMERA.shape)
+    table = RayTable(CAMERA, 0.3, 0.0)
+    assert table.cell_rays.sum() == np.prod(CAMERA.shape)
     column, row = find_cells(azimuth, elevation)
-    np.testing.assert_array_equal(cells.places, np.unique(column * (len(CELL_EDGES) - 1) + row))
-    np.testing.assert_array_equal(cells.rays, np.unique(column * (len(CELL_EDGES) - 1) + row, return_counts=True)[1])
+    np.testing.assert_array_equal(table.cells, np.unique(column * (len(CELL_EDGES) - 1) + row))
+    np.testing.assert_array_equal(
+        table.cell_rays, np.unique(column * (len(CELL_EDGES) - 1) + row, return_counts=True)[1]
+    )
     middle = CELL_COLUMNS // 2
     assert find_cells(np.array([0.001, -np.pi, np.pi]), np.array([-np.pi / 2, 0.0, np.pi / 2]))[0].tolist() == [
         middle,
@@ -126,6 +125,16 @@ def test_an_aim_is_that_of_the_pose(model, heading, tilt, roll):
     np.testing.assert_allclose(again, at, atol=1e-6)
     if tilt < 1.5:
         assert aim == pytest.approx((heading, tilt, roll))
+
+
+def test_a_sensor_is_looked_up_in_the_table_of_nearest_tilt():
+    level, tilted = (
+        Lookup.of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt)))) for tilt in (15.0, 15.4)
+    )
+    assert level.table is tilted.table
+    assert level[:3] == (CAMERA, pytest.approx(np.deg2rad(15.0)), 0.0)
+    np.testing.assert_allclose([level.heading / PER_TURN, tilted.heading / PER_TURN], 0.5, atol=1e-5)
+    np.testing.assert_allclose([level.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5)
 
 
 def test_a_table_is_made_once():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.occlusion import look_at
-from placement_env.fidelity.panorama.looking import Views, alone
+from placement_env.fidelity.panorama.ray_table import Lookup
 from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.geometry import look, pose
@@ -29,29 +29,25 @@ def empty(small_traffic):
 ], ids=lambda sensor: sensor.name)  # fmt: skip
 def test_it_is_what_rays_see(empty, sensor):
     exact = look_at(empty, build_renderer(empty), [sensor])
-    views = Views.of([sensor])
-    still = Still.of(build_renderer(empty), empty.site, views.viewpoints, sensor.model)
-    sent, far = alone(views, {sensor.model: still})
+    sent, far = Still.of(build_renderer(empty), empty.site, sensor.position, sensor.model).alone(Lookup.of(sensor))
     assert exact.sent[0, 0] > 150
-    assert sent[0] == pytest.approx(exact.sent[0, 0], rel=0.05)
-    assert far[0] == pytest.approx(exact.far[0, 0], rel=0.05, abs=20)
+    assert sent == pytest.approx(exact.sent[0, 0], rel=0.05)
+    assert far == pytest.approx(exact.far[0, 0], rel=0.05, abs=20)
 
 
 def test_behind_strips_it_is_that_of_the_direction(empty):
-    eyes = np.array([AT, (0.0, -10.0, 4.0)])
-    still = Still.of(build_renderer(empty), empty.site, eyes, LIDAR)
+    still = Still.of(build_renderer(empty), empty.site, np.array((0.0, -10.0, 4.0)), LIDAR)
     azimuth, elevation = np.meshgrid(np.arange(240) * np.deg2rad(1.5) - np.pi + 0.01, np.deg2rad([-60.2, -20.05, 40.3]))
     azimuth, elevation = (each.ravel().astype(np.float32) for each in (azimuth, elevation))
-    v = np.ones(720, np.int32)
-    sent, far = still.behind(v, azimuth, elevation)
+    sent, far = still.behind(azimuth, elevation)
     for turn in (2, -2):
-        again = still.behind(v, azimuth + np.float32(turn * np.pi), elevation)[0]
+        again = still.behind(azimuth + np.float32(turn * np.pi), elevation)[0]
         np.testing.assert_array_equal(again, sent)
     rows = [59, 120 + 99, 120 + 350 + 70]  # half degrees from -90, tenths from -30, half degrees from 5 on
-    np.testing.assert_allclose(sent, np.concatenate([still.sent[1][:, row] for row in rows]) / 250)
+    np.testing.assert_allclose(sent, still.sent.reshape(240, 640)[:, rows].T.ravel() / 250)
     assert sent[240:480].max() > 0.8
     assert (far <= sent).all()
-    assert (far > 0).any() == (still.far[1][:, rows] > 0).any()
+    assert (far > 0).any() == (still.far.reshape(240, 640)[:, rows] > 0).any()
     assert (still.far <= still.sent).all()
     assert still.far.max() > 0
     assert still.sent.dtype == np.uint8
