@@ -24,6 +24,10 @@ class Estimate(NamedTuple):
     recall: Float64[np.ndarray, " n"]
     kbit: Float64[np.ndarray, " n"]
 
+    def without_nan(self) -> Estimate:
+        """Figures with 0 where nothing was to be found."""
+        return Estimate(np.nan_to_num(self.ap), np.nan_to_num(self.recall), self.kbit)
+
 
 class ClassEstimates(NamedTuple):
     """Figures of n sensor sets for each of k classes.

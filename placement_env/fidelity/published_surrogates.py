@@ -40,14 +40,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.coverage import SentData
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import Estimate
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float64
 from toolkit.boxes import points_in_boxes
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, estimate_bits
+from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import find_scheme
 
 SLOPE, OFFSET = 0.152, 0.659
@@ -64,20 +64,20 @@ class PerceptionEntropy:
     def __init__(self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER) -> None:
         self._adds_points = not find_scheme(scheme).sends_boxes
         points = visibility.points.astype(np.float32)
-        self._sums = MemberSums(points if self._adds_points else np.where(points > 0, spread(points) ** -2, 0))
-        self._cost = _Cost(visibility, scheme, codec)
+        self._sums = MemberSums(points if self._adds_points else np.where(points > 0, _spread(points) ** -2, 0))
+        self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Scaled entropy score of each set. It is 1 for the least entropy, 0 for nothing seen."""
         score = np.zeros(len(subsets))
-        (most, least), objects = 2 * np.log(spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
+        (most, least), objects = 2 * np.log(_spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
         for block, sums in self._sums.blocks(subsets):
             log_spread = (
-                np.log(spread(sums)) if self._adds_points else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
+                np.log(_spread(sums)) if self._adds_points else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
             )
             entropy = 2 * log_spread.sum(axis=1, dtype=np.float64) / max(1, objects)
             score[block] = np.clip((most - entropy) / (most - least), 0, 1) if objects else 0.0
-        return self._cost.estimate(score, subsets)
+        return Estimate(score, score.copy(), self._sent.kbit(subsets))
 
 
 class InformationGain:
@@ -86,32 +86,30 @@ class InformationGain:
     name = "information gain"
 
     def __init__(self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER) -> None:
-        over = rasterize_boxes(visibility.boxes)
-        entropy, reached = cell_entropy(over, visibility), (visibility.points > 0).astype(np.float32) @ over > 0
+        over = _rasterize(visibility.boxes)
+        entropy, reached = _cell_entropy(over, visibility), (visibility.points > 0).astype(np.float32) @ over > 0
         uncertain = entropy > 0
         self._entropy = entropy[uncertain].astype(np.float32)
         self._sums = MemberSums(reached[:, uncertain].astype(np.uint16))
-        self._cost = _Cost(visibility, scheme, codec)
+        self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Share of all cells' entropy that a set removes."""
         gain, whole = np.zeros(len(subsets)), float(self._entropy.sum())
         for block, reaching in self._sums.blocks(subsets):
             gain[block] = np.where(reaching > 0, self._entropy, 0).sum(axis=1)
-        return self._cost.estimate(gain / whole if whole else gain, subsets)
+        share = gain / whole if whole else gain
+        return Estimate(share, share.copy(), self._sent.kbit(subsets))
 
 
-def spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+def _spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """σ = 1/AP - 1 of a number of points."""
     with np.errstate(divide="ignore"):
         return 1 / np.clip(SLOPE * np.log(points) + OFFSET, LOWEST, HIGHEST) - 1
 
 
-def rasterize_boxes(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V"]:
-    """Ground cells under a box, as 1.
-
-    A cell counts if its middle lies under a box; the cells span the boxes' centres.
-    """
+def _rasterize(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V"]:
+    """1 for ground cells with their middle under a box; the cells span the boxes' centres."""
     if not len(boxes):
         return np.zeros((0, 0), np.float32)
     low, high = np.floor(boxes[:, :2].min(axis=0) - 3), np.ceil(boxes[:, :2].max(axis=0) + 3)
@@ -122,22 +120,11 @@ def rasterize_boxes(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V
     return points_in_boxes(middles, flat).T.astype(np.float32)
 
 
-def cell_entropy(over: Float[np.ndarray, "O V"], visibility: Visibility) -> Float64[np.ndarray, " V"]:
-    """Entropy (nat) of each cell. It follows from the share of the frames in which some box is over it."""
+def _cell_entropy(over: Float[np.ndarray, "O V"], visibility: Visibility) -> Float64[np.ndarray, " V"]:
+    """Entropy (nat) of each cell, from the share of the frames in which some box is over it."""
     occupied = np.zeros((visibility.frames, over.shape[1]), bool)
     np.logical_or.at(occupied, visibility.frame, over > 0)
     p = occupied.mean(axis=0)
     certain = (p == 0) | (p == 1)
     p = np.where(certain, 0.5, p)
     return np.where(certain, 0.0, -p * np.log(p) - (1 - p) * np.log1p(-p))
-
-
-class _Cost:
-    """kbit of sets, computed as in `Coverage`."""
-
-    def __init__(self, visibility: Visibility, scheme: Scheme | str, codec: Codec) -> None:
-        boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
-        self._kbit = estimate_bits(find_scheme(scheme), codec, visibility, boxes) / (1000 * visibility.frames)
-
-    def estimate(self, score: Float64[np.ndarray, " n"], subsets: Bool[np.ndarray, "n C"]) -> Estimate:
-        return Estimate(score, score.copy(), subsets @ self._kbit)

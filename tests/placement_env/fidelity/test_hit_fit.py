@@ -22,7 +22,7 @@ def test_fit_finds_the_model_that_made_the_hits(made_visibility, hit_model):
     sets = SETS[:30]
     seen = made_visibility(12, 250, seed=5)
     surrogate = Surrogate(seen, "early", hit_model)
-    sums = np.stack([surrogate._parts[0]._sums(row[None])[0] for row in sets])
+    sums = np.stack([surrogate._parts[0].sums(row[None])[0] for row in sets])
     hits = np.random.default_rng(6).random(sums.shape) < hit_model.probability(sums)
     found = fit([Observed(seen, sets, hits, surrogate(sets).ap)], scheme="early", iou=0.7, source="test")
     estimate, truth = Surrogate(seen, "early", found)(sets), surrogate(sets)

@@ -159,8 +159,8 @@ def test_steps_of_several_shares_have_parties_of_their_own(junction):
 def test_steps_of_bulky_objects_are_worth_less_and_no_less_than_the_truth(junction):
     surrogate = junction("surrogate", 1).scored_by
     plain = cheapest.build_levels(surrogate, above=True)
-    surrogate._parts[0].visibility.boxes[:20, 3:6] = 8.0, 2.0, 2.0
-    bulky = Surrogate(surrogate._parts[0].visibility, "early", replace(MODEL, bulk=1.0))
+    surrogate._parts[0].evidence.visibility.boxes[:20, 3:6] = 8.0, 2.0, 2.0
+    bulky = Surrogate(surrogate._parts[0].evidence.visibility, "early", replace(MODEL, bulk=1.0))
     levels = cheapest.build_levels(bulky, above=True)
     np.testing.assert_array_equal(levels.known, plain.known)
     np.testing.assert_allclose(levels.gain[:, :20], plain.gain[:, :20] / 2, atol=1)
