@@ -1,8 +1,7 @@
-"""`Table`: the AP of every set of a site's sensors.
+"""`Table`: the AP of every set of a site's sensors, measured once for each scheme and IoU threshold with a detector.
 
-Each scheme and IoU threshold was measured once with a detector. The row number is a bit mask: sensor c belongs to the
-sets whose number has bit c. The tables of the built-in sites, with the shipped detectors, are in `exact/`; `make_table`
-makes them again.
+The row number is a bit mask: sensor c belongs to the sets whose number has bit c. The tables of the built-in sites,
+with the shipped detectors, are in `exact/`; `make_table` makes them again.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,19 +37,13 @@ from toolkit.sites.site import HYBRID_RADIUS, Site
 SHIPPED = Path(__file__).parent / "exact"
 
 
-def _no_more() -> Float64[np.ndarray, "0 0 0 0"]:
-    """Empty figures of classes beside the first."""
-    return np.zeros((0, 0, 0, 0))
-
-
 @dataclass(frozen=True)
 class Origin:
     """Origin of a table.
 
-    It names the site, the sensors, the digest of both (`hash_site`), the numbers of frames and of objects in them,
-    digests of the measured data and the detector, the noise seed, the code's commit, the site's hybrid radius (m), the
-    name of the sensors' error profile, the classes of the objects, and for each class the IoU threshold that replaces
-    each of `IOUS`.
+    place: digest of site and sensors (`hash_site`); frames, objects: numbers of these; recording, detector: digests;
+    seed: of the noise; hybrid_radius: m; errors: name of the sensors' error profile; ious: for each class the IoU
+    threshold that replaces each of `IOUS`.
     """
 
     site: str
@@ -85,8 +78,10 @@ class Table:
     ap: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
     recall: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
     kbit: Float64[np.ndarray, "sets schemes"] = field(repr=False)
-    more_ap: Float64[np.ndarray, "others _ _ _"] = field(default_factory=_no_more, repr=False)
-    more_recall: Float64[np.ndarray, "others _ _ _"] = field(default_factory=_no_more, repr=False)
+    more_ap: Float64[np.ndarray, "others _ _ _"] = field(default_factory=partial(np.zeros, (0, 0, 0, 0)), repr=False)
+    more_recall: Float64[np.ndarray, "others _ _ _"] = field(
+        default_factory=partial(np.zeros, (0, 0, 0, 0)), repr=False
+    )
 
     def __post_init__(self) -> None:
         shape = (1 << len(self.origin.sensors), len(PAPER_SCHEMES), len(IOUS))
@@ -96,15 +91,22 @@ class Table:
         if others and not self.more_ap.shape == self.more_recall.shape == (others, *shape):
             raise ValueError(f"a table of {self.origin.classes} needs {(others, *shape)}, got {self.more_ap.shape}")
 
-    def of_class(self, name: str) -> tuple[Float64[np.ndarray, "s k i"], Float64[np.ndarray, "s k i"]]:
-        """AP and recall (sets, schemes, ious) of a class. Raises ValueError for a class that was not measured."""
+    def column(
+        self, scheme: Scheme | str, name: str, iou: float
+    ) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
+        """AP and recall of all sets for a class, scheme and IoU threshold. Raises ValueError for one not measured."""
         if name not in self.origin.classes:
             raise ValueError(
                 f"this table holds {', '.join(self.origin.classes)}, not {name}: make one with coview table --classes, "
                 "or say --fidelity detector"
             )
         place = self.origin.classes.index(name)
-        return (self.more_ap[place - 1], self.more_recall[place - 1]) if place else (self.ap, self.recall)
+        ap, recall = (self.more_ap[place - 1], self.more_recall[place - 1]) if place else (self.ap, self.recall)
+        at = self.origin.ious[place]
+        if iou not in at:
+            raise ValueError(_without(scheme, at, iou, of="" if name == LABELS[VEHICLE] else f" of {name}"))
+        column = (slice(None), _scheme_number(scheme, iou), at.index(iou))
+        return ap[column], recall[column]
 
     @property
     def subsets(self) -> Bool[np.ndarray, "sets C"]:
@@ -120,10 +122,10 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class TableFidelity:
-    """Score sets by looking them up.
+    """Score sets by looking them up, as exactly as by detection, at no cost.
 
-    It is as exact as detection, at no cost. classes: that count, several combined. Raises ValueError for a scheme, IoU
-    threshold, class or codec that the table lacks.
+    classes: that count, several combined. Raises ValueError for a scheme, IoU threshold, class or codec that the table
+    lacks.
     """
 
     table: Table
@@ -140,26 +142,19 @@ class TableFidelity:
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set, of several classes combined."""
-        if len(self.classes.names) > 1:
-            return self.by_class(subsets).combined(self.classes)
-        rows, ((ap, recall),) = self.table.row(subsets), self._columns
-        return Estimate(ap[rows], recall[rows], self._kbit[rows])
+        return self.by_class(subsets).combined(self.classes)
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
         """Figures of each set for each class."""
         rows = self.table.row(subsets)
         ap, recall = (np.stack([column[rows] for column in of], axis=1) for of in zip(*self._columns, strict=True))
-        return ClassEstimates(ap, recall, self._kbit[rows])
-
-    @cached_property
-    def _kbit(self) -> Float64[np.ndarray, " sets"]:
-        return self.table.kbit[:, _scheme_number(self.scheme)]
+        return ClassEstimates(ap, recall, self.table.kbit[rows, _scheme_number(self.scheme)])
 
     @cached_property
     def _columns(self) -> list[tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]]:
         """AP and recall of all sets for each class."""
-        return [class_column(self.table, self.scheme, name, self.classes.get_iou(name, self.iou))
-                for name in self.classes.names]  # fmt: skip
+        ious = [(name, self.classes.get_iou(name, self.iou)) for name in self.classes.names]
+        return [self.table.column(self.scheme, name, iou) for name, iou in ious]
 
 
 class Best(NamedTuple):
@@ -172,10 +167,7 @@ class Best(NamedTuple):
 def best_sets(
     table: Table, scheme: Scheme | str = "early", iou: float = 0.7, top: int = 3, *, classes: Classes = VEHICLES
 ) -> dict[int, list[Best]]:
-    """Best sets of each number of sensors.
-
-    They are best first, as the paper's table lists them; the set of all sensors comes first.
-    """
+    """Best sets of each number of sensors, best first, as the paper's table lists them: all sensors come first."""
     subsets = table.subsets
     ap = TableFidelity(table, scheme, iou, classes=classes)(subsets).ap
     sizes = subsets.sum(axis=1)
@@ -198,19 +190,19 @@ def make_table(
     classes: Classes = VEHICLES,
     processes: Processes = Processes(),
 ) -> Table:
-    """Score every sensor set and write the table.
+    """Score every sensor set by detection, in each scheme and for each class, and write the table.
 
-    Every scheme is scored by detection, for each class. renders: the sensors' measurements, such as
-    `Renders.of(CoopDataset(path))`; frames: number of first frames to use; seed: of their noise, written down;
-    processes: report each frame once for each scheme. Detections are kept beside `out` until the table is complete, so
-    a killed run resumes. The table is the same either way.
+    renders: the sensors' measurements, such as `Renders.of(CoopDataset(path))`; frames: number of first frames to use;
+    seed: of their noise, written down; processes: report each frame once for each scheme. Detections are kept beside
+    `out` until the table is complete, so a killed run resumes with the same table.
     """
     out, subsets = Path(out), all_subsets(len(renders.sensors))
     memo = Cache(out.with_name(out.name + ".detections"))
     columns: list[list[ClassEstimates]] = []
     for done, scheme in enumerate(PAPER_SCHEMES):
         detected = Detected(renders, detector, scheme, memo=memo, frames=frames, processes=processes, classes=classes)
-        report = _after(processes, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
+        tell, before = processes.stage("frames scored", len(PAPER_SCHEMES) * detected.frames), done * detected.frames
+        report = tell and partial(_report, tell, before)
         columns.append(list(detected.class_estimates(subsets, progress=report).values()))
     origin = Origin(
         site=renders.site.name,
@@ -254,10 +246,9 @@ def save_table(table: Table, path: str | Path) -> None:
 
 
 def load_table(name: str | Path) -> Table:
-    """Table of a built-in site or a .npz file.
+    """Table of a built-in site (its name) or of a .npz file.
 
-    The site is given by its name, the file by its path. Raises FileNotFoundError for a missing table, ValueError where
-    the file is damaged or no table.
+    Raises FileNotFoundError for a missing table, ValueError where the file is damaged or no table.
     """
     path = Path(name) if Path(name).suffix == ".npz" else SHIPPED / f"{name}.npz"
     if not path.is_file():
@@ -266,35 +257,16 @@ def load_table(name: str | Path) -> Table:
     arrays = read_arrays(path)
     try:
         values: dict[str, Any] = parse_json(arrays.pop("origin").tobytes().decode())
-        radius = values.get("hybrid_radius", _hybrid_radius(values["site"]))
+        # a table without a radius was made when only the built-in sites had one of their own
+        site = values["site"]
+        usual = load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
         lists = {"sensors": tuple(values["sensors"]), "classes": tuple(values.get("classes", VEHICLES.names))}
         ious = tuple(tuple(map(float, each)) for each in values.get("ious", [IOUS]))
-        return Table(Origin(**values | lists | {"hybrid_radius": radius, "ious": ious}), **arrays)
+        return Table(
+            Origin(**values | lists | {"hybrid_radius": values.get("hybrid_radius", usual), "ious": ious}), **arrays
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with coview table") from None
-
-
-def _hybrid_radius(site: str) -> float:
-    """Hybrid radius of a table without one.
-
-    Such a table was made when only the built-in sites had a radius of their own.
-    """
-    return load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
-
-
-def class_column(
-    table: Table, scheme: Scheme | str, name: str, iou: float
-) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
-    """AP and recall of all sets for a class.
-
-    They are in a scheme at an IoU threshold. Raises ValueError where the table lacks them.
-    """
-    ap, recall = table.of_class(name)
-    at = table.origin.ious[table.origin.classes.index(name)]
-    if iou not in at:
-        raise ValueError(_without(scheme, at, iou, of="" if name == LABELS[VEHICLE] else f" of {name}"))
-    column = (slice(None), _scheme_number(scheme, iou), at.index(iou))
-    return ap[column], recall[column]
 
 
 def _scheme_number(scheme: Scheme | str, iou: float = IOUS[0]) -> int:
@@ -311,6 +283,5 @@ def _without(scheme: Scheme | str, ious: Sequence[float], iou: float, *, of: str
     )
 
 
-def _after(processes: Processes, before: int, total: int) -> Callable[[int], None] | None:
-    tell = processes.stage("frames scored", total)
-    return None if tell is None else lambda done: tell(before + done)
+def _report(tell: Callable[[int], None], before: int, done: int) -> None:
+    tell(before + done)

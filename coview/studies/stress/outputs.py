@@ -14,7 +14,7 @@ from coview.studies.stress.crossings import Crossing, best_schemes
 from coview.studies.stress.noticing import FalseAlarms, Noticed
 from coview.studies.stress.stressing import StressRow
 from placement_env.analysis.worth import failures
-from placement_env.fidelity.table import Table, class_column
+from placement_env.fidelity.table import Table
 from placement_env.report.charts import interval_bars
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
@@ -62,7 +62,7 @@ def exact_failures(
     found: list[ExactFailure] = []
     for scheme in PAPER_SCHEMES:
         for iou in known:
-            ap = class_column(table, scheme, label, iou)[0]
+            ap = table.column(scheme, label, iou)[0]
             for failing in range(1, min(2, len(names)) + 1):
                 left = failures(partial(_look_up, table, ap), np.ones(len(names), bool), failing=failing)
                 without = tuple(names[k] for k in left.most_missed)
