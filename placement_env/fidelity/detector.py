@@ -22,39 +22,77 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 
 from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
-from placement_env.fidelity.frame_detections import FrameDetections, Measured
 from placement_env.fidelity.traffic import scored
 from placement_env.protocol import ClassEstimates, Estimate
-from toolkit.arrays import Bool, Float64, Shaped
+from toolkit.arrays import Bool, Float32, Float64, Shaped
+from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import average_precision, matches, precision_recall
 from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import find_scheme
-from toolkit.detection.view import Cloud
-from toolkit.objects import LABELS, Detections, Detector, check_known
+from toolkit.detection.view import Captured, Cloud, View, together
+from toolkit.objects import LABELS, Detections, Detector, Objects, UnionDetector, check_known
+from toolkit.points import detect_on_ground, detect_unions_on_ground
 from toolkit.runtime.cache import Arrays, Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Processes
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
 
 IOUS = (0.7, 0.8, 0.9)
 FALSE_ALARM, IGNORED = -1, -2
 AT_ONCE = 500  # sets whose outcomes are held in memory
 
 
+@runtime_checkable
+class Measured(Protocol):
+    """Measurements of candidates in frames at a site, such as `placement_env.fidelity.renders.Renders`."""
+
+    site: Site
+    sensors: tuple[Sensor, ...]
+    frames: int
+
+    @property
+    def digest(self) -> str:
+        """Digest of everything behind the measurements except the sensors."""
+        ...
+
+    def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
+        """Points of candidate c in frame k, with noise. They lie inside the crop."""
+        ...
+
+    def objects(self, k: int) -> Objects:
+        """All objects present in frame k."""
+        ...
+
+
+@runtime_checkable
+class MeasuredImages(Protocol):
+    """Measurements of schemes and codecs that send images."""
+
+    @property
+    def scene(self) -> Callable[[int], EmptyScene]:
+        """Return the empty scene of candidate c."""
+        ...
+
+    def captured(self, k: int, c: int) -> Captured:
+        """Image behind candidate c's points in frame k."""
+        ...
+
+
 class Outcome(NamedTuple):
     """Detections of one set in one frame.
 
-    Each has a score and, at each IoU threshold, the index of the frame's scored object that it hit, or else FALSE_ALARM
-    or IGNORED. Also kept are the bits that each sensor of the set sent, and the class of each detection, None for all
-    vehicles.
+    truth: of each at each IoU threshold, the index of the frame's scored object that it hit, or FALSE_ALARM or IGNORED;
+    bits: sent by each sensor of the set; labels: class of each, None for all vehicles.
     """
 
     scores: Float64[np.ndarray, " n"]
@@ -71,10 +109,9 @@ class Outcome(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """Hits of one set at each of `Detected.ious`.
+    """Hits of one set in all frames at each of `Detected.ious`.
 
-    They cover all frames: the scored objects (frame after frame, in order) that were hit, with their score (0 if not
-    hit), and the scores of the false alarms.
+    hit: the scored objects that were hit, frame after frame; score: of the hit, else 0; false_alarms: their scores.
     """
 
     hit: Bool[np.ndarray, "ious objects"]
@@ -87,9 +124,9 @@ class Detected:
 
     The other fidelities approximate this one. scheme: how sets fuse, an object or a name; codec: of the data sent; iou:
     at which a detection counts; memo: where detections and outcomes are kept, or the path of its file, None for this
-    object's memory; frames: number of first frames to use; processes: that work on the frames, with the same figures;
-    classes: of the objects that count, several combined. Raises ValueError where these do not fit, for a class that the
-    detector does not know, and for a detector without `digest` with a memo that others share.
+    object's memory; processes: that work on the frames, with the same figures; classes: of the objects that count,
+    several combined. Raises ValueError where these do not fit, for a class that the detector does not know, and for a
+    detector without `digest` with a memo that others share.
     """
 
     name = "detector"
@@ -103,17 +140,15 @@ class Detected:
         codec: Codec = PAPER,
         iou: float = 0.7,
         memo: Cache | str | Path | None = None,
-        frames: int | None = None,
         processes: Processes = Processes(),
         classes: Classes = VEHICLES,
     ) -> None:
         check_iou(iou)
         check_known(detector, classes.names)
-        self.classes = classes
+        self.classes, self.processes = classes, processes
         self.renders, self.detector, self.iou = renders, detector, iou
         self.scheme, self.codec = find_scheme(scheme), check_codec(codec)
-        self.frames = len(_indices(renders.frames, frames))
-        self.processes = processes
+        self.frames = len(_indices(renders.frames, None))
         self.ious = tuple(sorted({*IOUS, iou}))
         self._scored: dict[int, np.ndarray] = {}
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
@@ -132,13 +167,10 @@ class Detected:
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set over all frames. AP and recall are NaN where no objects count."""
-        return self.partial(subsets, self.frames)
+        return self.estimates(subsets)[self.iou]
 
     def partial(self, subsets: Bool[np.ndarray, "n C"], frames: int | Sequence[int]) -> Estimate:
-        """Figures of each set over some frames.
-
-        They are the first frames, or those given. Adding frames later costs only the added ones.
-        """
+        """Figures of each set over some first frames, or those given. Adding frames costs only the added ones."""
         return self.estimates(subsets, frames)[self.iou]
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
@@ -151,10 +183,9 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """Figures of each set at each IoU threshold.
+        """Figures of each set at each of `ious`, which are `IOUS` and its own.
 
-        The thresholds `ious` are `IOUS` and its own. progress: called with the number of frames done, among those where
-        a set was not scored yet.
+        progress: called with the number of frames done, among those where a set was not scored yet.
         """
         by_class = self.class_estimates(subsets, frames, progress)
         return {iou: each.combined(self.classes) for iou, each in by_class.items()}
@@ -202,42 +233,27 @@ class Detected:
         frames: Sequence[int],
         progress: Callable[[int], None] | None = None,
     ) -> dict[tuple[int, ...], list[Outcome]]:
-        """Outcome of each set in each frame.
-
-        Sets are ascending indices. Outcomes come from the memo, or are computed and kept.
-        """
-        sets = list(sets)
-        kept: dict[tuple[int, ...], list[Any]] = {
-            chosen: self.memo.get([self._outcome_key(chosen, k) for k in frames]) for chosen in sets
-        }
-        missing = {place: [chosen for chosen in sets if kept[chosen][place] is None] for place in range(len(frames))}
-        tasks = [(place, frames[place], lacking) for place, lacking in missing.items() if lacking]
+        """Outcome of each set (ascending indices) in each frame, from the memo, or computed and kept."""
+        kept: dict[tuple[int, ...], list[Outcome | None]] = {}
+        for chosen in sets:
+            found = self.memo.get([self._outcome_key(chosen, k) for k in frames])
+            kept[chosen] = [None if arrays is None else Outcome(*arrays) for arrays in found]
+        missing = ((place, k, [c for c, row in kept.items() if row[place] is None]) for place, k in enumerate(frames))
+        tasks = [task for task in missing if task[2]]
         work = self.processes.map(_Scoring(self), tasks, progress=progress)
-        for (place, k, lacking), (found, detections) in zip(tasks, work, strict=True):
-            self.memo.put(
-                detections | {self._outcome_key(c, k): cast(Arrays, o) for c, o in zip(lacking, found, strict=True)}
-            )
-            for chosen, outcome in zip(lacking, found, strict=True):
+        for (place, k, lacking), (outcomes, detections) in zip(tasks, work, strict=True):
+            values = {self._outcome_key(c, k): cast(Arrays, o) for c, o in zip(lacking, outcomes, strict=True)}
+            self.memo.put(detections | values)
+            for chosen, outcome in zip(lacking, outcomes, strict=True):
                 kept[chosen][place] = outcome
-        return {chosen: [Outcome(*arrays) for arrays in row] for chosen, row in kept.items()}
+        return {chosen: [outcome for outcome in row if outcome is not None] for chosen, row in kept.items()}
 
     def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
-        """Detections of a set in frame k. The set is given as ascending indices; the order is that of its `Outcome`."""
-        frame = self.frame(k)
+        """Detections of a set (ascending indices) in frame k, in the order of its `Outcome`."""
+        frame = _FrameDetections(self, k)
         found = frame.fused(chosen).detections
         self.memo.put(frame.new)
         return found
-
-    def frame(self, k: int) -> FrameDetections:
-        """Detections in frame k, set by set. The memo's values are included."""
-
-        def key(clouds: Sequence[Cloud]) -> bytes:
-            return self.key(k, "detections", [c.sensor for c in clouds], [c.history for c in clouds])
-
-        def kept(key: bytes) -> Arrays | None:
-            return self.memo.get([key])[0]
-
-        return FrameDetections(self.renders, k, self.detector, self.scheme, self.codec, key=key, kept=kept)
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
         """Matched detections of a set in frame k."""
@@ -249,7 +265,7 @@ class Detected:
                 truth[row] = np.where(matched.ignored, truth[row], place[matched.truth])
         return Outcome(fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8))
 
-    def key(self, k: int, kind: str, sensors: Sequence[int], *more: Any) -> bytes:
+    def key(self, k: int, kind: str, sensors: Sequence[int], *more: object) -> bytes:
         """Cache key of a frame's value for some sensors."""
         return make_key(kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more)
 
@@ -292,7 +308,7 @@ class Detected:
 
 @dataclass(frozen=True)
 class _Scoring:
-    """Score some sets in one frame. The job returns their outcomes and the detections that were not kept yet."""
+    """Outcomes of some sets in one frame, and the detections that were not kept yet."""
 
     rules: Detected
 
@@ -300,16 +316,89 @@ class _Scoring:
         if not self.rules.processes.alone and "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)  # each core already has a process
         _, k, sets = task
-        frame = self.rules.frame(k)
+        frame = _FrameDetections(self.rules, k)
         frame.fuse_together(sets)
         return [self.rules.outcome(k, frame.fused(chosen)) for chosen in sets], frame.new
 
 
-def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
-    """AP, recall and kbit at each IoU threshold.
+class _FrameDetections:
+    """Joint detections of sensor sets in one frame. Those that were not kept are gathered in `new`."""
 
-    They are of one set, pooled as in `toolkit.detection.metrics.evaluate`.
-    """
+    def __init__(self, rules: Detected, k: int) -> None:
+        self._rules, self._k, self._site = rules, k, rules.renders.site
+        self._detected: dict[bytes, Detections] = {}
+        self._asked: dict[bytes, list[Cloud]] | None = None  # for the next round, of `fuse_together`
+        self._fused: dict[tuple[int, ...], Fused] = {(): Fused(Detections.empty(), np.zeros(0, np.int64))}
+        self.new: dict[bytes, Arrays] = {}
+        renders = rules.renders
+        images = renders if isinstance(renders, MeasuredImages) else None
+        self._view = View(
+            renders.site,
+            renders.sensors,
+            measure=partial(renders.clouds, k),
+            run=self._detections,
+            codec=rules.codec,
+            capture=None if images is None else partial(images.captured, k),
+            scene=None if images is None else images.scene,
+        )
+
+    def fused(self, chosen: tuple[int, ...]) -> Fused:
+        """Joint detections of a set, and its sensors' bits."""
+        if chosen not in self._fused:
+            self._fused[chosen] = self._rules.scheme.fuse(self._view, chosen)
+        return self._fused[chosen]
+
+    def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
+        """Fuse sets with shared batches of detections, for a detector that gains from many clouds at once.
+
+        Each set advances until it needs an unknown detection; all of these are then made together.
+        """
+        waiting = [chosen for chosen in sets if chosen]
+        while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
+            asked = self._asked = {}
+            waiting = [chosen for chosen in waiting if not self._goes_through(chosen)]
+            self._asked = None
+            clouds = list(dict.fromkeys(cloud for adding in asked.values() for cloud in adding))
+            if len(asked) < 2 or not clouds:
+                return
+            unions = np.array([[cloud in adding for cloud in clouds] for adding in asked.values()])
+            points = [cloud.points for cloud in clouds]
+            found = detect_unions_on_ground(self._rules.detector, points, unions, self._site)
+            for key, detections in zip(asked, found, strict=True):
+                self._keep(key, detections)
+
+    def _goes_through(self, chosen: tuple[int, ...]) -> bool:
+        try:
+            self.fused(chosen)
+        except _Unknown:
+            return False
+        return True
+
+    def _detections(self, clouds: Sequence[Cloud]) -> Detections:
+        """Joint detections in the points of some clouds."""
+        adding = [cloud for cloud in clouds if len(cloud.points)]
+        key = self._rules.key(self._k, "detections", [c.sensor for c in adding], [c.history for c in adding])
+        if key not in self._detected:
+            if (kept := self._rules.memo.get([key])[0]) is not None:
+                self._detected[key] = Detections(*kept)
+            elif self._asked is not None:
+                self._asked[key] = adding
+                raise _Unknown
+            else:
+                self._keep(key, detect_on_ground(self._rules.detector, together(adding), self._site))
+        return self._detected[key]
+
+    def _keep(self, key: bytes, found: Detections) -> None:
+        self._detected[key] = found
+        self.new[key] = found.boxes, found.scores, found.labels
+
+
+class _Unknown(Exception):
+    """A needed detection is left for a later batch."""
+
+
+def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
+    """AP, recall and kbit of one set at each IoU threshold, pooled as in `toolkit.detection.metrics.evaluate`."""
     scores = np.concatenate([each.scores for each in outcomes])
     truth = np.concatenate([each.truth for each in outcomes], axis=1)
     kbit = float(np.mean([each.bits.sum() for each in outcomes])) / 1000
@@ -322,7 +411,7 @@ def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "
 
 
 def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
-    """Frames as indices. The argument is a number of first frames, None for all, or the indices themselves."""
+    """Indices of the first frames, of all, or those given."""
     if isinstance(frames, float):
         raise ValueError(f"frames must be a whole number or a list of them, got {frames}")
     chosen = range(available)[:frames] if frames is None or isinstance(frames, int) else frames

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from placement_env.classes import VEHICLES, Classes
-from placement_env.fidelity.detector import IOUS, Detected
-from placement_env.fidelity.frame_detections import Measured
+from placement_env.fidelity.detector import IOUS, Detected, Measured
 from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float64, Int64
@@ -196,20 +195,20 @@ def make_table(
     seed: of their noise, written down; processes: report each frame once for each scheme. Detections are kept beside
     `out` until the table is complete, so a killed run resumes with the same table.
     """
-    out, subsets = Path(out), all_subsets(len(renders.sensors))
+    out, subsets, count = Path(out), all_subsets(len(renders.sensors)), len(range(renders.frames)[:frames])
     memo = Cache(out.with_name(out.name + ".detections"))
     columns: list[list[ClassEstimates]] = []
     for done, scheme in enumerate(PAPER_SCHEMES):
-        detected = Detected(renders, detector, scheme, memo=memo, frames=frames, processes=processes, classes=classes)
-        tell, before = processes.stage("frames scored", len(PAPER_SCHEMES) * detected.frames), done * detected.frames
-        report = tell and partial(_report, tell, before)
-        columns.append(list(detected.class_estimates(subsets, progress=report).values()))
+        detected = Detected(renders, detector, scheme, memo=memo, processes=processes, classes=classes)
+        tell = processes.stage("frames scored", len(PAPER_SCHEMES) * count)
+        report = tell and partial(_report, tell, done * count)
+        columns.append(list(detected.class_estimates(subsets, frames, report).values()))
     origin = Origin(
         site=renders.site.name,
         sensors=tuple(sensor.name for sensor in renders.sensors),
         place=hash_site(renders.site, renders.sensors),
-        frames=detected.frames,
-        objects=sum(int(detected.scored(k).sum()) for k in range(detected.frames)),
+        frames=count,
+        objects=sum(int(detected.scored(k).sum()) for k in range(count)),
         recording=renders.digest,
         detector=getattr(detector, "digest", ""),
         seed=seed,

@@ -223,7 +223,6 @@ CHANGES = {
     "pose": lambda: detected(replace(SCENE, sensors=(moved_sensor(), *SCENE.sensors[1:]))),
     "iou": lambda: detected(iou=0.55),
     "scheme": lambda: detected(scheme="late"),
-    "frames": lambda: detected(frames=2),
 }
 
 

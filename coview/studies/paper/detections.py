@@ -22,8 +22,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from placement_env.analysis.intervals import Interval, ap_interval
-from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS
-from placement_env.fidelity.frame_detections import Measured
+from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS, Measured
 from placement_env.fidelity.traffic import scored
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.boxes import iou_3d

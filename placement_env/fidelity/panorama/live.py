@@ -22,7 +22,7 @@ from placement_env.fidelity.visibility import Visibility, distances
 from toolkit.arrays import Float64
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import Strips
-from toolkit.runtime.cache import Cache, make_key
+from toolkit.runtime.cache import Arrays, Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import Mount
@@ -88,7 +88,7 @@ class LiveView:
         if not places:
             return []
         keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
-        found = [None] * len(keys) if self._cache is None else self._cache.get(keys)
+        found: list[Arrays | None] = [None] * len(keys) if self._cache is None else self._cache.get(keys)
         missing = [k for k, arrays in enumerate(found) if arrays is None]
         if missing:
             successive = successive_strips(self.traffic, np.array(places)[missing])

@@ -71,7 +71,7 @@ def _scored(how: str, dataset: CoopDataset, detector: OneByOne, scheme: str, mem
     """Processor seconds a frame of all sets in a scheme."""
     renders, subsets = Renders.of(dataset), all_subsets(len(dataset.sensors))
     start, detections, inside = process_time(), detector.detections, detector.seconds
-    Detected(renders, detector, scheme, memo=memo, frames=frames)(subsets)
+    Detected(renders, detector, scheme, memo=memo).partial(subsets, frames)
     seconds, each = (process_time() - start) / frames, (detector.detections - detections) / frames
     inside = (detector.seconds - inside) / frames
     print(f"{how:10} {scheme:7} {seconds:8.3f} s per frame, {each:5.0f} detections: {inside:.3f} s")

@@ -6,8 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected
-from placement_env.fidelity.frame_detections import Measured
+from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected, Measured
 from placement_env.fidelity.renders import Renders
 from placement_env.protocol import Fidelity
 from toolkit.boxes import count_points
@@ -114,10 +113,10 @@ def rows():
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_it_equals_evaluate_recording_to_the_last_digit(rows, scheme):
-    detected = Detected(Seen(Recording()), Guess(), scheme, iou=0.8, frames=2)
+    detected = Detected(Seen(Recording()), Guess(), scheme, iou=0.8)
     assert isinstance(detected, Fidelity)
     assert isinstance(detected.renders, Measured)
-    estimates = detected.estimates(SETS)
+    estimates = detected.estimates(SETS, 2)
     for iou, estimate in estimates.items():
         expected = [rows[scheme, tuple(np.flatnonzero(row).tolist()), iou] for row in SETS[1:]]
         assert estimate.ap[1:].tolist() == [row.ap for row in expected]
@@ -126,7 +125,7 @@ def test_it_equals_evaluate_recording_to_the_last_digit(rows, scheme):
         np.testing.assert_allclose(estimate.kbit[1:] / sizes, [row.kbit_per_sensor for row in expected], rtol=1e-14)
         assert (estimate.ap[0], estimate.recall[0], estimate.kbit[0]) == (0, 0, 0)
     assert 0.1 < estimates[0.7].ap.max() < 1
-    for mine, again in zip(detected(SETS), estimates[0.8], strict=True):
+    for mine, again in zip(detected.partial(SETS, 2), estimates[0.8], strict=True):
         np.testing.assert_array_equal(mine, again)
 
 
@@ -243,7 +242,6 @@ class Nameless:
     [
         ({"scheme": "middle"}, "early"),
         ({"iou": 1.5}, "iou"),
-        ({"frames": 0}, "a frame"),
         ({"detector": Nameless(), "memo": Cache()}, "digest"),
     ],
 )
@@ -251,6 +249,8 @@ def test_bad_requests_are_refused(options, message):
     arguments = {"renders": Seen(Recording()), "detector": Guess(), "scheme": "early", **options}
     with pytest.raises((ValueError, TypeError), match=message):
         Detected(**arguments)
+    with pytest.raises(ValueError, match="a frame"):
+        Detected(Seen(Recording()), Guess(), "early").partial(SETS, 0)
     with pytest.raises(ValueError, match="4 candidates"):
         Detected(Seen(Recording()), Nameless(), "early")(np.zeros((2, 5), bool))
 
@@ -259,10 +259,10 @@ def test_foreground_and_range_images_need_images_and_have_them_in_renders(small_
     with pytest.raises(ValueError, match="points alone, no images"):
         Detected(Seen(Recording()), Guess(), "foreground")(SETS[:2])
     renders, some = Renders(small_traffic, small_candidates), np.array([[True, False, True, False]])
-    paper = Detected(renders, Guess(), "early", frames=2)(some)
-    foreground = Detected(renders, Guess(), "foreground", frames=2)(some)
-    images = Detected(renders, Guess(), "early", codec=RangeImages(0.04), frames=2)(some)
-    late = Detected(renders, Guess(), "late", codec=RangeImages(), frames=2)(some)
+    paper = Detected(renders, Guess(), "early").partial(some, 2)
+    foreground = Detected(renders, Guess(), "foreground").partial(some, 2)
+    images = Detected(renders, Guess(), "early", codec=RangeImages(0.04)).partial(some, 2)
+    late = Detected(renders, Guess(), "late", codec=RangeImages()).partial(some, 2)
     assert 0 < foreground.kbit[0] < images.kbit[0] < paper.kbit[0]
     assert foreground.kbit[0] < 0.1 * paper.kbit[0]
     assert late.kbit[0] * 1000 % 4 == pytest.approx(0, abs=1e-6)

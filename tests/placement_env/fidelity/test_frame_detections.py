@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.frame_detections import Measured
+from placement_env.fidelity.detector import Detected, Measured
 from placement_env.fidelity.renders import Renders
 from toolkit.boxes import count_points
 from toolkit.detection.codec import PAPER
@@ -101,7 +100,7 @@ def test_schemes_at_once_detect_what_they_detect_one_by_one(small_traffic, small
     renders, some = Renders(small_traffic, small_candidates), np.array([[1, 0, 1, 0], [1, 0, 0, 0], [0, 0, 1, 0]], bool)
     for scheme, codec in (("foreground", PAPER), ("early", RangeImages(0.04))):
         alone, at_once = OneByOne(), AtOnce()
-        expected = Detected(renders, alone, scheme, codec=codec, frames=2)(some)
-        np.testing.assert_array_equal(Detected(renders, at_once, scheme, codec=codec, frames=2)(some), expected)
+        expected = Detected(renders, alone, scheme, codec=codec).partial(some, 2)
+        np.testing.assert_array_equal(Detected(renders, at_once, scheme, codec=codec).partial(some, 2), expected)
         assert at_once.asked
         assert at_once.calls + sum(at_once.asked) == alone.calls
