@@ -269,14 +269,17 @@ def _read_opendrive(path: Path) -> None:
     """Run all of `import_opendrive` but SUMO's netconvert."""
     import shapely
 
+    from toolkit.runtime.files import name_errors
     from toolkit.sites import opendrive
 
-    opendrive.opendrive_header(path, (0.0, 0.0))
-    window = shapely.box(-80, -80, 80, 80)
-    roads = opendrive.roads_near(path, window, 0.0, 3.5)
-    opendrive.surfaces(path, roads)
-    opendrive.steepest(roads, window)
-    opendrive.read_standing(path, roads)
+    with name_errors(path):
+        root = opendrive.read_opendrive(path, (0.0, 0.0))
+        window = shapely.box(-80, -80, 80, 80)
+        roads = opendrive.roads_near(root, window, 0.0, 3.5)
+        for road in roads:
+            list(opendrive.lanes(road))
+        opendrive.find_plane(roads, window, np.eye(4))
+        opendrive.read_standing(roads)
 
 
 def _table(path: Path) -> None:

@@ -158,14 +158,22 @@ def parse_json(text: str) -> Any:
     raise ValueError(f"{reason}: restore the file")
 
 
+@contextmanager
+def name_errors(where: str | Path) -> Iterator[None]:
+    """Put a file or field before the message of a ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
 def read_json(path: str | Path) -> Any:
     """Read a JSON file in UTF-8. Raises OSError; ValueError, in one line, for a damaged file."""
-    try:
-        return parse_json(Path(path).read_text(encoding="utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a JSON file") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    with name_errors(path):
+        try:
+            return parse_json(Path(path).read_text(encoding="utf-8-sig"))
+        except UnicodeDecodeError as error:
+            raise ValueError(f"not a text file (byte {error.start} is not UTF-8): give a JSON file") from None
 
 
 def replace_infinite(value: Any) -> Any:

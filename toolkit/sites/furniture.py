@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
+from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 Point = tuple[float, float]
@@ -110,19 +111,26 @@ def shelter(xmin: float, ymin: float, xmax: float, ymax: float) -> list[Solid]:
 
 
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: float = 0.15) -> list[Solid]:
-    """Kerbstones on the footway's side of the road's edges. They are pieces of at most 4 m."""
-    road = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
-    walk = shapely.union_all([shapely.Polygon(p) for p in footways])
-    solids: list[Solid] = []
+    """Kerbstones on the footway's side of the road's edges."""
+    road, walk = unite(lanes).buffer(0.01), unite(footways)
     if walk.is_empty:
-        return solids
+        return []
     edge = shapely.line_merge(shapely.intersection(walk.boundary, road)).simplify(0.02)
-    for part in shapely.get_parts(shapely.segmentize(edge, 4.0)):
-        for piece in pairwise(shapely.get_coordinates(part)):
-            stone = shapely.LineString(piece).buffer(width, cap_style="flat").difference(road)
-            stone = shapely.set_precision(stone, 1e-3)
-            if stone.geom_type == "Polygon" and stone.area > 0.02 and not stone.interiors:
-                solids.append(Solid(shapely.get_coordinates(stone.exterior)[:-1], 0.0, height, "kerb"))
+    return set_kerbs(edge, road, width, height, broken=False)
+
+
+def set_kerbs(
+    edge: shapely.Geometry, road: shapely.Geometry, width: float, height: float, *, broken: bool = True
+) -> list[Solid]:
+    """Kerbstones along `edge`, off `road`, in pieces of at most 4 m. broken: keep the rest of one cut in parts."""
+    solids = []
+    lines = [part for part in shapely.get_parts(shapely.segmentize(edge, 4.0)) if part.geom_type == "LineString"]
+    for piece in (piece for line in lines for piece in pairwise(shapely.get_coordinates(line))):
+        stone = shapely.LineString(piece).buffer(width, cap_style="flat").difference(road)
+        stone = shapely.set_precision(stone, 1e-3)
+        largest = max(shapely.get_parts(stone), key=shapely.area, default=shapely.Polygon())
+        if largest.area > 0.02 and not largest.interiors and (broken or stone.geom_type == "Polygon"):
+            solids.append(Solid(shapely.get_coordinates(largest.exterior)[:-1], 0.0, height, "kerb"))
     return solids
 
 

@@ -3,10 +3,7 @@
 SUMO's netconvert makes their roads. The site frame is centred at the given place, x along `heading`; `map_SE3_site`
 leads back to the map's coordinates: those of the OpenDRIVE file, or metres of a transverse Mercator map of WGS84
 (`geo_reference`) about the centre. The site has no sensors yet; mounts on lamp posts are real, mounts along the kerbs
-are suggestions, all at the price of one.
-
-Every imported site gets whole roads and kerbs. Where the map is silent, surroundings are drawn from a seed by the code
-that furnishes random sites, around everything that the map does have.
+are suggestions, all at the price of one. Where the map is silent, surroundings are drawn from a seed.
 """
 
 from __future__ import annotations
@@ -16,7 +13,6 @@ import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -25,23 +21,30 @@ import shapely
 
 from toolkit.arrays import Float, Float64
 from toolkit.geometry import STEEPEST, pose
+from toolkit.runtime.files import name_errors
 from toolkit.sites import furniture as f
 from toolkit.sites import opendrive, osm, osm_parking
 from toolkit.sites.furnishing import furnish
 from toolkit.sites.georeference import projection
 from toolkit.sites.network import (
+    FOOT,
     MOTOR,
     Polygons,
     convert,
     cut_polygons,
     enclose,
+    format_element,
+    format_xml,
+    lane_width,
+    list_lanes,
     list_polygons,
     list_users,
     parse_shape,
     road_polygons,
+    unite,
 )
 from toolkit.sites.site import Mount, Relief, Site, Solid
-from toolkit.sites.surroundings import POLE, Road, place_along, place_mounts
+from toolkit.sites.surroundings import POLE, Road, outline, place_along, place_mounts
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
@@ -60,39 +63,30 @@ ROUGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sit
 def find_tracks(network: str) -> shapely.Geometry:
     """Tracks of motor vehicles in a net.xml text. Over junctions with the room that both ends of a vehicle need."""
     tracks = []
-    for edge in ElementTree.fromstring(network).iter("edge"):
-        function = edge.get("function", "normal")
-        for lane in edge.iter("lane") if function in ("normal", "internal") else ():
-            if "passenger" in list_users(lane):
-                tracks.append(_track(lane))
-                tracks += _turning(parse_shape(lane)) if function == "internal" else []
+    for edge, lane in list_lanes(network, "normal", "internal"):
+        if "passenger" in list_users(lane):
+            tracks.append(_track(lane))
+            tracks += _turning(parse_shape(lane)) if edge.get("function") == "internal" else []
     return shapely.union_all(tracks)
 
 
-def find_turns(network: str, margin: float = CORNER_CUT) -> shapely.Geometry:
-    """Ground within `margin` m of bent tracks over junctions."""
+def find_turns(network: str) -> shapely.Geometry:
+    """Ground within `CORNER_CUT` of bent tracks over junctions."""
     bent = []
-    for edge in ElementTree.fromstring(network).iter("edge"):
-        for lane in edge.iter("lane") if edge.get("function") == "internal" else ():
-            points = parse_shape(lane)
-            straight = shapely.LineString(points[[0, -1]])
-            if (
-                "passenger" in list_users(lane)
-                and shapely.hausdorff_distance(shapely.LineString(points), straight) > 0.3
-            ):
+    for _, lane in list_lanes(network, "internal"):
+        if "passenger" in list_users(lane):
+            line = shapely.LineString(points := parse_shape(lane))
+            if line.hausdorff_distance(shapely.LineString(points[[0, -1]])) > 0.3:
                 bent += [_track(lane), *_turning(points)]
-    return shapely.union_all(bent).buffer(margin)
+    return shapely.union_all(bent).buffer(CORNER_CUT)
 
 
 def junction_corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
     """Carriageway and footway at the corners of a network's junctions."""
-    root = ElementTree.fromstring(network)
-    walking = [
-        lane for edge in root.iter("edge") if edge.get("function") == "walkingarea" for lane in edge.iter("lane")
-    ]
-    footway = shapely.union_all([enclose(lane) for lane in walking])
-    junctions = [enclose(j) for j in root.iter("junction") if j.get("type") not in ("internal", "dead_end")]
-    return shapely.union_all(junctions).difference(footway), footway
+    footway = shapely.union_all([enclose(lane) for _, lane in list_lanes(network, "walkingarea")])
+    junctions = ElementTree.fromstring(network).iter("junction")
+    ground = [enclose(junction) for junction in junctions if junction.get("type") not in ("internal", "dead_end")]
+    return shapely.union_all(ground).difference(footway), footway
 
 
 def whole_road(
@@ -108,65 +102,56 @@ def whole_road(
     Driven ground is carriageway, and a footway begins where the carriageway ends. fillings: carriageway and footway
     where the map is silent of both.
     """
-    window_of_work = window.buffer(2 * STUB)
-    paved = shapely.union_all([*lanes, tracks]).intersection(window_of_work)
-    walk = shapely.union_all(list(footways)).intersection(window_of_work)
-    paved = paved.union(fillings[0].intersection(window_of_work).difference(walk))
+    around = window.buffer(2 * STUB)
+    paved = shapely.union_all([*lanes, tracks]).intersection(around)
+    walk = shapely.union_all(list(footways)).intersection(around)
+    paved = paved.union(fillings[0].intersection(around).difference(walk))
     closed = _open_shape(_close_shape(paved, CRACK), THINNEST_ROAD)
-    walk = _close_shape(walk.union(fillings[1].intersection(window_of_work)), CRACK)
+    walk = _close_shape(walk.union(fillings[1].intersection(around)), CRACK)
     stubs = _close_shape(closed, STUB).difference(closed).intersection(walk)
     walk = _open_shape(walk.difference(closed.union(stubs)), SLIVER)
-    islets = [part for part in shapely.get_parts(walk) if part.area < ISLET and _within_road(part, closed)]
+    border = closed.buffer(0.1)
+    islets = [
+        part
+        for part in shapely.get_parts(walk)
+        if part.area < ISLET and part.boundary.intersection(border).length > 0.85 * part.boundary.length
+    ]
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
     pieces = cut_polygons([lane.intersection(carriageway) for lane in lanes] + [between], window)
-    carriageway = shapely.union_all([shapely.Polygon(p) for p in pieces])
+    carriageway = unite(pieces)
     walk = _open_shape(walk.difference(carriageway), SLIVER).difference(carriageway)
     return pieces, cut_polygons([walk], window)
 
 
 def kerbstones(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -> list[Solid]:
-    """Kerbstones between lanes and footways, on the footway's side.
-
-    In pieces of at most 4 m; none on ground where they are `lowered`, as at corners that vehicles cut.
-    """
-    carriageway = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
-    walk = shapely.union_all([shapely.Polygon(p) for p in footways])
+    """Kerbstones between lanes and footways, none on ground where they are `lowered`, as at corners vehicles cut."""
+    carriageway, walk = unite(lanes).buffer(0.01), unite(footways)
     if walk.is_empty:
         return []
-    edge = shapely.intersection(walk.boundary, carriageway.buffer(0.02)).simplify(0.02)
-    edge = edge.difference(lowered)
+    edge = shapely.intersection(walk.boundary, carriageway.buffer(0.02)).simplify(0.02).difference(lowered)
     edge = shapely.line_merge(edge) if edge.geom_type == "MultiLineString" else edge
-    solids = []
-    for part in shapely.get_parts(shapely.segmentize(edge, 4.0)):
-        corners = shapely.get_coordinates(part) if part.geom_type == "LineString" else ()
-        for piece in pairwise(corners):
-            stone = shapely.LineString(piece).buffer(KERB[0], cap_style="flat").difference(carriageway)
-            stones = shapely.get_parts(shapely.set_precision(stone, 1e-3))
-            largest = max(stones, key=shapely.area, default=shapely.Polygon())
-            if largest.area > 0.02 and not largest.interiors:
-                solids.append(Solid(shapely.get_coordinates(largest.exterior)[:-1], 0.0, KERB[1], "kerb"))
-    return solids
+    return f.set_kerbs(edge, carriageway, *KERB)
 
 
 def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[float, float]]]:
-    """Paths of the network's streets, with half their widths.
+    """Paths of the network's streets, with half their widths to the left and right (m).
 
-    The widths are to the left and right (m). Paths are within `reach` m of the site's middle. A path runs along the
-    lane nearest to the middle of the street, one for each direction. It goes straight on for 130 m where its edge
-    ends, since houses are drawn along 90 m.
+    Paths are within `reach` m of the site's middle. A path runs along the lane nearest to the middle of the street, one
+    for each direction. It goes straight on for 130 m where its edge ends, since houses are drawn along 90 m.
     """
+    edges: dict[ElementTree.Element, list[ElementTree.Element]] = {}
+    for edge, lane in list_lanes(network):
+        edges.setdefault(edge, []).append(lane)
     paths, widths = [], []
-    for edge in ElementTree.fromstring(network).iter("edge"):
-        lanes = list(edge.iter("lane"))
-        if edge.get("function", "normal") != "normal" or not any("passenger" in list_users(lane) for lane in lanes):
+    for lanes in edges.values():
+        if not any("passenger" in list_users(lane) for lane in lanes):
             continue
         line = shapely.LineString(parse_shape(lanes[-1])).intersection(shapely.Point(0, 0).buffer(reach))
         for part in shapely.get_parts(line):
             if part.geom_type == "LineString" and part.length > 10.0:
-                inner = float(lanes[-1].get("width", "3.2")) / 2
-                width = round(sum(float(lane.get("width", "3.2")) for lane in lanes) - inner, 3)
+                width = round(sum(map(lane_width, lanes)) - lane_width(lanes[-1]) / 2, 3)
                 path = shapely.get_coordinates(part)
                 ahead = (path[-1] - path[-2]) / np.hypot(*(path[-1] - path[-2]))
                 paths.append(np.vstack([path, path[-1] + 130.0 * ahead]))
@@ -175,34 +160,27 @@ def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "
 
 
 def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int) -> tuple[Site, str]:
-    """Furnish a site around the map's own `solids`.
+    """Furnish a site around the map's own `solids`; return a note of what was drawn too.
 
-    Returns a note of what was drawn too. The site has lanes, footways and bays; the uneven ground is drawn from `seed`.
-    Mounts stand on posts of their own, except for those on the map's lamp posts. Raises ValueError for a negative seed.
+    The site has lanes, footways and bays; the uneven ground is drawn from `seed`. Mounts stand on posts of their own,
+    except for those on the map's lamp posts. Raises ValueError for a negative seed.
     """
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
     rng = np.random.default_rng(seed)
     relief = replace(site.relief, amplitude=round(float(rng.uniform(0.0, ROUGHEST)), 3), seed=int(rng.integers(2**31)))
-    paths, widths = legs(site.network)
-    road = Road(paths, widths, site.lanes, site.footways)
-    drawn, bays = furnish(road, site.area, mounts, rng)
-    lamps = [shapely.Point(m.position[:2]).buffer(0.5) for m in mounts if m.name.startswith("lamp")]
-    ours = [*lamps, *(shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island"))]
-    ours += [shapely.Polygon(bay_outline(*bay)) for bay in site.parking]
+    drawn, bays = furnish(Road(*legs(site.network), site.lanes, site.footways), site.area, mounts, rng)
+    ours = [shapely.Point(m.position[:2]).buffer(0.5) for m in mounts if m.name.startswith("lamp")]
+    ours += [shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island")]
+    ours += [outline(*bay, MAP_BAY) for bay in site.parking]
     kept = _keep_apart([s for s in drawn if s.kind != "kerb"], shapely.union_all(ours).buffer(0.2))
     taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
-    free = [b for b in bays if not taken.intersects(shapely.Polygon(bay_outline(*b)))]
+    free = [bay for bay in bays if not taken.intersects(outline(*bay, MAP_BAY))]
     site = replace(site, relief=relief, parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]))
     said = Counter(s.kind for s in kept if s.kind not in ("trunk", "post"))
     counted = ", ".join(f"{n} {kind}" for kind, n in sorted(said.items()))
     note = f"drawn from seed {seed}, in no map: {counted} solids, {len(free)} bays, ground within {relief.amplitude} m"
     return replace(site, mounts=f.on_ground(mounts, site), solids=f.settle([*solids, *kept], relief)), note
-
-
-def bay_outline(x: float, y: float, yaw: float) -> Float64[np.ndarray, "4 2"]:
-    """Corners of a parking bay."""
-    return f.block(MAP_BAY, (x, y), yaw)
 
 
 def free_bays(
@@ -211,37 +189,34 @@ def free_bays(
     solids: Sequence[Solid],
     tracks: shapely.Geometry,
 ) -> Float64[np.ndarray, "n 3"]:
-    """Bays (x, y, yaw) in `window` without obstacles. They are free of solids and traffic."""
-    standing = shapely.union_all([shapely.Polygon(s.footprint) for s in solids if s.kind not in ("island", "kerb")])
+    """Bays (x, y, yaw) in `window` that are free of solids and traffic."""
+    standing = unite(s.footprint for s in solids if s.kind not in ("island", "kerb"))
     tracks = tracks.buffer(-0.3)
-    outlines = [(bay, shapely.Polygon(bay_outline(*bay))) for bay in bays]
-    outlines = [(bay, shape) for bay, shape in outlines if window.contains(shape) and not standing.intersects(shape)]
-    free = [bay for bay, shape in outlines if not tracks.intersects(shape.buffer(-0.25))]  # corners of slanted bays
+    ground = [(bay, outline(*bay, MAP_BAY)) for bay in bays]
+    ground = [(bay, shape) for bay, shape in ground if window.contains(shape) and not standing.intersects(shape)]
+    free = [bay for bay, shape in ground if not tracks.intersects(shape.buffer(-0.25))]  # corners of slanted bays
     return np.array(free, np.float64).reshape(-1, 3).round(4)
 
 
 def bays_along(middle: Float[np.ndarray, "k 2"], every: float = 6.4) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw along a parking lane's middle. They stand in line."""
+    """Bays x, y, yaw in line along a parking lane's middle."""
     line = shapely.LineString(middle)
     rows = place_along(line, np.arange(every / 2, line.length - every / 2, every), 0.5)
     return [(float(x), float(y), float(a)) for x, y, a in rows]
 
 
 def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
-    """Solids that stay clear of `ours`. They neither touch `ours` nor belong to one that does."""
+    """Solids that neither touch `ours` nor belong to one that does."""
     shapes = [shapely.Polygon(s.footprint) for s in solids]
-    groups = shapely.get_parts(
-        shapely.union_all([p for p, s in zip(shapes, solids, strict=True) if s.kind != "island"])
-    )
-    hit = shapely.union_all([group for group in groups if group.intersects(ours)])
+    groups = [shape for shape, s in zip(shapes, solids, strict=True) if s.kind != "island"]
+    hit = shapely.union_all([g for g in shapely.get_parts(shapely.union_all(groups)) if g.intersects(ours)])
     return [s for s, p in zip(solids, shapes, strict=True) if s.kind == "island" or not hit.intersects(p)]
 
 
 def _track(lane: ElementTree.Element) -> shapely.Geometry:
-    half = min(float(lane.get("width", "3.2")), WIDEST) / 2
-    points = parse_shape(lane)
-    if len(points) < 2:
+    if len(points := parse_shape(lane)) < 2:
         return shapely.Polygon()
+    half = min(lane_width(lane), WIDEST) / 2
     return shapely.LineString(points).simplify(0.05).buffer(half, cap_style="flat", quad_segs=4)
 
 
@@ -254,18 +229,8 @@ def _turning(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
     first, last = (d / max(np.hypot(*d), 1e-9) for d in (path[1] - path[0], path[-1] - path[-2]))
     line = shapely.LineString([path[0] - length * first, *path, path[-1] + length * last])
     at = np.arange(0.0, line.length - length, 0.5)
-    ends = zip(_interpolate(line, at), _interpolate(line, at + length), strict=True)
-    return [shapely.LineString(both).buffer(width / 2, cap_style="flat") for both in ends]
-
-
-def _interpolate(line: shapely.LineString, at: np.ndarray) -> Float64[np.ndarray, "n 2"]:
-    return shapely.get_coordinates(shapely.line_interpolate_point(line, at)).reshape(-1, 2)
-
-
-def _within_road(part: shapely.Geometry, carriageway: shapely.Geometry) -> bool:
-    """True if the carriageway encloses most of `part`. Most of the border of `part` is shared with it."""
-    shared = part.boundary.intersection(carriageway.buffer(0.1)).length
-    return bool(shared > 0.85 * part.boundary.length)
+    rear, front = (shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at, at + length))
+    return list(shapely.buffer(shapely.linestrings(np.stack([rear, front], axis=1)), width / 2, cap_style="flat"))
 
 
 def _open_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
@@ -284,36 +249,13 @@ LEAST_SLOPE = 0.005  # m per m; flatter ground counts as level
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
-_LANE_TYPES = f"""<types>
-    <type id="driving" speed="13.89" priority="5" allow="{MOTOR}"/>
-    <type id="sidewalk" speed="2.78" priority="0" allow="pedestrian"/>
-    <type id="walking" speed="2.78" priority="0" allow="pedestrian"/>
-    <type id="biking" speed="5.56" priority="0" allow="bicycle"/>
-    <type id="none" speed="1" priority="0" disallow="all"/>
-    <type id="parking" speed="1" priority="0" disallow="all"/>
-    <type id="shoulder" speed="1" priority="0" disallow="all"/>
-    <type id="border" speed="1" priority="0" disallow="all"/>
-    <type id="curb" speed="1" priority="0" disallow="all"/>
-    <type id="median" speed="1" priority="0" disallow="all"/>
-    <type id="restricted" speed="1" priority="0" disallow="all"/>
-</types>
-"""
-_OPENDRIVE_OPTIONS = (
-    "--opendrive.import-all-lanes",
-    "--opendrive.curve-resolution=1",
-    "--junctions.endpoint-shape",
-    "--no-warnings",
-)
+_USED_LANES = {"driving": (13.89, 5, MOTOR), "sidewalk": (2.78, 0, FOOT), "walking": (2.78, 0, FOOT)}
+_USED_LANES["biking"] = (5.56, 0, "bicycle")
+_UNUSED_LANES = ("none", "parking", "shoulder", "border", "curb", "median", "restricted")
+_OPENDRIVE_OPTIONS = ("--opendrive.import-all-lanes", "--opendrive.curve-resolution=1", "--junctions.endpoint-shape")
 _OSM_OPTIONS = (
-    "--osm.sidewalks",
-    "--crossings.guess",
-    "--geometry.remove",
-    "--roundabouts.guess",
-    "--junctions.join",
-    "--tls.guess-signals",
-    "--tls.discard-simple",
-    "--tls.join",
-    "--no-warnings",
+    *("--osm.sidewalks", "--crossings.guess", "--geometry.remove", "--roundabouts.guess", "--junctions.join"),
+    *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--no-warnings"),
 )
 
 
@@ -337,61 +279,65 @@ def import_opendrive(
 
     Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
-    path = _file(path, ".xodr")
-    x, y = _check_place(centre, size, heading)
-    geo_reference = opendrive.check_projection(opendrive.opendrive_header(path, (x, y)), path)
+    path, (x, y) = _check_file(path, ".xodr"), _check_place(centre, size, heading)
+    with name_errors(path):
+        root = opendrive.read_opendrive(path, (x, y))
+    geo_reference = opendrive.find_projection(root, path.name)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     window = shapely.Polygon(_corners(area, REACH) @ pose(yaw=heading)[:2, :2].T + [x, y])
+    used = [{"id": k, "speed": s, "priority": p, "allow": u} for k, (s, p, u) in _USED_LANES.items()]
+    unused = [{"id": kind, "speed": 1, "priority": 0, "disallow": "all"} for kind in _UNUSED_LANES]
     with tempfile.TemporaryDirectory() as folder:
-        types = Path(folder, "types.xml")
-        types.write_text(_LANE_TYPES, encoding="utf-8")
-        options = [f"--opendrive-files={path}", f"--type-files={types}", *_OPENDRIVE_OPTIONS]
+        types, whole = Path(folder, "types.xml"), Path(folder, "net.xml")
+        types.write_text(format_xml("types", (format_element("type", row) for row in [*used, *unused])), "utf-8")
+        options = [f"--opendrive-files={path}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, "--no-warnings"]
         network = _convert(options, path, (x, y))
         level, elsewhere, is_near = _elsewhere(network, window)
         if not is_near:
             raise ValueError(_no_road(path, (x, y)))
-        whole = Path(folder, "net.xml")  # netconvert cuts networks, but not OpenDRIVE maps
-        whole.write_text(network, encoding="utf-8")
+        whole.write_text(network, "utf-8")  # netconvert cuts networks, but not OpenDRIVE maps
         cut = [f"--sumo-net-file={whole}", f"--remove-edges.explicit={','.join(elsewhere)}"]
         network = _convert([*cut, "--junctions.endpoint-shape", "--crossings.guess", "--no-warnings"], path, (x, y))
     map_SE3_site = pose(x, y, level, yaw=heading)
-    site = Site(
-        name=name or path.stem,
-        area=area,
-        network=_in_site_frame(network, map_SE3_site),
-        map_SE3_site=map_SE3_site,
-        geo_reference=geo_reference,
-    )
-    roads = opendrive.roads_near(path, window, level, SAME_LEVEL)
-    there = opendrive.move_to_site(opendrive.read_standing(path, roads), map_SE3_site)
-    found = opendrive.surfaces(path, roads)
+    network = _in_site_frame(network, map_SE3_site)
+    with name_errors(path):
+        roads = opendrive.roads_near(root, window, level, SAME_LEVEL)
+        there = opendrive.move_to_site(opendrive.read_standing(roads), map_SE3_site)
+        found = [lane for road in roads for lane in opendrive.lanes(road)]
     shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
     paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
     walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
     if not paved:
         raise ValueError(_no_road(path, (x, y)))
-    reach = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
-    tracks, fillings = find_tracks(site.network), junction_corners(site.network)
-    lanes, footways = whole_road(paved, walked, tracks, reach, fillings=fillings)
-    parked = [lane for lane in found if lane.kind == "parking" and lane.width >= 1.8]
-    there.bays += [
-        bay
-        for lane in parked
-        for bay in bays_along(shapely.get_coordinates(opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)))
-    ]
+    reach, tracks = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre"), find_tracks(network)
+    lanes, footways = whole_road(paved, walked, tracks, reach, fillings=junction_corners(network))
+    for lane in found:
+        if lane.kind == "parking" and lane.width >= 1.8:
+            middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
+            there.bays.extend(bays_along(shapely.get_coordinates(middle)))
     solids, notes = opendrive.off_the_road(there, reach, lanes, tracks)
     relief, said = _slope(roads, opendrive.in_map(shapely.box(*area), map_SE3_site), map_SE3_site)
-    site, notes = replace(site, relief=relief), [*notes, *said]
-    site = replace(site, lanes=lanes, footways=footways, parking=free_bays(there.bays, reach, solids, tracks))
-    return _finish(site, path, (x, y), solids, lamps=np.array(there.lamps).reshape(-1, 2), seed=seed, notes=notes)
+    site = Site(
+        name or path.stem,
+        area,
+        lanes=lanes,
+        footways=footways,
+        parking=free_bays(there.bays, reach, solids, tracks),
+        network=network,
+        map_SE3_site=map_SE3_site,
+        geo_reference=geo_reference,
+        relief=relief,
+    )
+    lamps = np.array(there.lamps).reshape(-1, 2)
+    return _finish(site, path, (x, y), solids, lamps=lamps, seed=seed, notes=[*notes, *said])
 
 
 def _slope(
     roads: Sequence[opendrive.MapRoad], window: shapely.Geometry, map_SE3_site: np.ndarray
 ) -> tuple[Relief, list[str]]:
-    """Plane of the roads in a window, and notes. The plane is a relief; the window is one of the map."""
-    slope, off = opendrive.plane(roads, window, map_SE3_site)
-    rise, steepest = float(np.hypot(*slope)), opendrive.steepest(roads, window)
+    """Plane of the roads in a window of the map as a relief, and notes."""
+    slope, off, steepest = opendrive.find_plane(roads, window, map_SE3_site)
+    rise = float(np.hypot(*slope))
     if steepest <= LEAST_SLOPE:
         return Relief(), []
     if not LEAST_SLOPE < rise <= STEEPEST:
@@ -421,58 +367,55 @@ def import_osm(
 
     Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO.
     """
-    path = _file(path, ".osm")
-    longitude, latitude = _check_place(centre, size, heading)
-    extract = osm.read_map(path, (longitude, latitude), heading)
+    path, place = _check_file(path, ".osm"), _check_place(centre, size, heading)
+    extract = osm.read_map(path, place, heading)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     within = shapely.Polygon(_corners(area, REACH))
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
     if not pieces:
-        raise ValueError(_no_road(path, (longitude, latitude)))
+        raise ValueError(_no_road(path, place))
     parking = osm_parking.find_parking(extract, osm.ROADS, within, lefthand=lefthand)
-    map_SE3_site, driving = pose(yaw=heading), ["--lefthand"] if lefthand else []
+    map_SE3_site, driving, on_earth = pose(yaw=heading), ["--lefthand"] if lefthand else [], projection(*place)
     with tempfile.TemporaryDirectory() as folder:
         streets, types = Path(folder, "roads.osm"), Path(folder, "types.xml")
-        streets.write_text(osm.write_osm(pieces, extract), encoding="utf-8")
-        types.write_text(osm.road_types(), encoding="utf-8")
-        on_earth = projection(longitude, latitude)
+        streets.write_text(osm.write_osm(pieces, extract), "utf-8")
+        types.write_text(osm.road_types(), "utf-8")
         options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
-        network = _in_site_frame(_convert(options, path, (longitude, latitude)), map_SE3_site)
+        network = _in_site_frame(_convert(options, path, place), map_SE3_site)
         if parking and (strips := osm_parking.find_parking_strips(network, parking)):
             options = [*osm_parking.widen_network(Path(folder), strips), "--no-warnings", *driving]
             try:
                 network = _in_site_frame(convert(options), map_SE3_site)
             except ValueError as error:
                 notes.append(f"parking along the kerbs was left out ({error})")
+    window = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
+    lanes, footways = road_polygons(network, area)
+    paved, street = unite(lanes), unite([*lanes, *footways])
+    solids, cut = osm.buildings(extract, window, street.buffer(0.1))
+    houses = unite(solid.footprint for solid in solids)
+    squares = cut_polygons([each.difference(street).difference(houses) for each in osm.paths(extract, window)], window)
+    beside = street.union(houses)
+    solids += osm.barriers(extract, window, beside) + osm.trees(extract, window, beside)
+    posts, lamps = osm.furniture(extract, window, paved.union(houses))
+    walked = [shapely.Polygon(p).difference(paved) for p in (*footways, *squares)]
+    tracks = find_tracks(network)
+    lanes, footways = whole_road([shapely.Polygon(p) for p in lanes], walked, tracks, window)
+    solids += posts
+    taken = unite(solid.footprint for solid in solids).union(unite(lanes)).buffer(0.2)
+    bays = np.array(osm.bays(extract, window, taken), np.float64).reshape(-1, 3)
+    at_kerbs = free_bays(osm_parking.find_strip_bays(network, parking), window, solids, tracks)
     site = Site(
-        name=name or path.name.partition(".")[0],
-        area=area,
+        name or path.name.partition(".")[0],
+        area,
+        lanes=lanes,
+        footways=footways,
+        parking=np.concatenate([bays, at_kerbs]),
         network=network,
         map_SE3_site=map_SE3_site,
         geo_reference=on_earth,
     )
-    window = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
-    lanes, footways = road_polygons(site.network, area)
-    street_lanes = _union(lanes)
-    street = _union([*lanes, *footways])
-    solids, cut = osm.buildings(extract, window, street.buffer(0.1))
-    houses = _union([solid.footprint for solid in solids])
-    squares = cut_polygons(
-        [square.difference(street).difference(houses) for square in osm.paths(extract, window)], window
-    )
-    beside = street.union(houses)
-    solids += osm.barriers(extract, window, beside) + osm.trees(extract, window, beside)
-    posts, lamps = osm.furniture(extract, window, _union(lanes).union(houses))
-    walked = [shapely.Polygon(p).difference(street_lanes) for p in (*footways, *squares)]
-    paved, tracks = [shapely.Polygon(p) for p in lanes], find_tracks(site.network)
-    lanes, footways = whole_road(paved, walked, tracks, window)
-    taken = _union([solid.footprint for solid in (*solids, *posts)]).union(_union(lanes)).buffer(0.2)
-    bays = np.array(osm.bays(extract, window, taken), np.float64).reshape(-1, 3)
-    at_kerbs = free_bays(osm_parking.find_strip_bays(site.network, parking), window, [*solids, *posts], tracks)
-    site = replace(site, lanes=lanes, footways=footways, parking=np.concatenate([bays, at_kerbs]))
-    said = [*notes, *cut]
-    return _finish(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, seed=seed, notes=said)
+    return _finish(site, path, place, solids, lamps=lamps, seed=seed, notes=[*notes, *cut])
 
 
 def _finish(
@@ -485,23 +428,20 @@ def _finish(
     seed: int | None,
     notes: Sequence[str],
 ) -> Site:
-    """Add kerbs and mounts to a site. It is furnished if a seed is given."""
-    carriageway = _union(site.lanes)
-    if not carriageway.intersects(shapely.box(*site.area)):
+    """Add kerbs and mounts to a site, and furnish it if a seed is given."""
+    if not unite(site.lanes).intersects(shapely.box(*site.area)):
         raise ValueError(_no_road(path, centre))
     road = Road((), (), site.lanes, site.footways)
-    walls = _union([s.footprint for s in solids if s.top > 2.0]).buffer(0.3)
-    walls = walls.union(_union([bay_outline(*bay) for bay in site.parking]).buffer(0.3))
+    walls = unite(s.footprint for s in solids if s.top > 2.0).buffer(0.3)
+    walls = walls.union(shapely.union_all([outline(*bay, MAP_BAY) for bay in site.parking]).buffer(0.3))
     mounts = _lamp_mounts(lamps, road, site, walls)
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
-        near = shapely.MultiPoint(lamps).buffer(2.0) if len(lamps) else shapely.Polygon()
-        mounts += [
-            replace(mount, price=1.0) for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))
-        ]
+        near = shapely.MultiPoint(lamps).buffer(2.0)
+        mounts += [replace(m, price=1.0) for m in drawn if not near.intersects(shapely.Point(m.position[:2]))]
     stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
     if seed is None:
-        poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
+        poles = [f.post(*m.position[:2].tolist(), POLE) for m in mounts if m.name.startswith("pole")]
         made = replace(site, solids=f.settle([*solids, *poles, *stones], site.relief), mounts=f.on_ground(mounts, site))
     else:
         made, note = furnish_site(site, mounts, [*solids, *stones], seed)
@@ -512,7 +452,7 @@ def _finish(
 
 
 def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
-    """Mounts on the lamp posts around the area. They are in and near the area, on brackets over the road."""
+    """Mounts on brackets over the road, on the lamp posts in and near the area."""
     mounts: list[Mount] = []
     near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
     for lamp in lamps:
@@ -524,7 +464,7 @@ def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geome
     return mounts
 
 
-def _file(path: str | Path, suffix: str) -> Path:
+def _check_file(path: str | Path, suffix: str) -> Path:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no map {str(path)!r}: give an {suffix} file")
@@ -546,48 +486,41 @@ def _no_road(path: Path, centre: tuple[float, float]) -> str:
 
 
 def _convert(options: Sequence[str], path: Path, centre: tuple[float, float]) -> str:
-    try:
+    with name_errors(path):
         network = convert(options)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     if ElementTree.fromstring(network).find("edge") is None:
         raise ValueError(_no_road(path, centre))
     return network
 
 
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
-    """Height of the nearest road, and edges to remove.
+    """Height of the nearest road, edges to remove, and True if any edge is left.
 
-    Edges to remove lie outside `window`, or on another storey than the road nearest to its middle. The last value is
-    True if any edge is left.
+    Edges to remove lie outside `window`, or on another storey than the road nearest to its middle.
     """
     heights, near = {}, set()
     nearest, level = np.inf, 0.0
-    for edge in ElementTree.fromstring(network).iter("edge"):
+    for edge, lane in list_lanes(network):
         name = edge.get("id", "")
-        for lane in edge.iter("lane") if edge.get("function") is None else ():
-            points = [(*map(float, p.split(",")), 0.0)[:3] for p in lane.get("shape", "").split()]
-            line = shapely.LineString(points)
-            distance, heights[name] = line.distance(window.centroid), float(np.mean([z for _, _, z in points]))
-            near |= {name} if line.intersects(window) else set()
-            if distance < nearest:
-                here = line.interpolate(line.project(window.centroid))
-                nearest, level = distance, here.z
+        points = [(*map(float, p.split(",")), 0.0)[:3] for p in lane.get("shape", "").split()]
+        line = shapely.LineString(points)
+        distance, heights[name] = line.distance(window.centroid), float(np.mean([z for _, _, z in points]))
+        near |= {name} if line.intersects(window) else set()
+        if distance < nearest:
+            nearest, level = distance, line.interpolate(line.project(window.centroid)).z
     far = [name for name, height in heights.items() if name not in near or abs(height - level) > SAME_LEVEL]
     return round(level, 3), far, len(far) < len(heights)
 
 
 def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> str:
-    """Turn a net.xml text into the site's coordinates. It is in the map's coordinates before, and flat after."""
-    x, y = map_SE3_site[:2, 3]
-    turn = map_SE3_site[:2, :2]
+    """Turn a net.xml text from the map's coordinates into the site's, without heights."""
+    (x, y), turn = map_SE3_site[:2, 3], map_SE3_site[:2, :2]
     root = ElementTree.fromstring(network)
     for element in root.iter():
         if "shape" in element.attrib:
-            points = [p.split(",")[:2] for p in element.attrib["shape"].split()]
-            moved = (np.array(points, np.float64).reshape(-1, 2) - [x, y]) @ turn
-            outline = element.tag == "junction" or "_w" in element.get("id", "").partition(":")[2]
-            moved = _repair(moved) if outline and len(moved) > 2 else moved
+            moved = (parse_shape(element) - [x, y]) @ turn
+            closed = element.tag == "junction" or "_w" in element.get("id", "").partition(":")[2]
+            moved = _repair(moved) if closed and len(moved) > 2 else moved
             element.set("shape", " ".join(f"{a:.3f},{b:.3f}" for a, b in moved))
         if element.tag == "junction":
             a, b = (np.array([float(element.get("x", 0)), float(element.get("y", 0))]) - [x, y]) @ turn
@@ -598,19 +531,15 @@ def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> st
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _repair(outline: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
+def _repair(ring: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
     """Largest part of an outline that crosses itself. If it has no area, it becomes a strip."""
-    shape = shapely.Polygon(outline.round(3))
+    shape = shapely.Polygon(ring.round(3))
     if shape.is_valid:
-        return outline
+        return ring
     polygons = [p for p in list_polygons(shapely.set_precision(shapely.make_valid(shape), 1e-3)) if p.area > 0]
-    strip = shapely.LineString(outline).buffer(0.05, cap_style="square", join_style="mitre").convex_hull
+    strip = shapely.LineString(ring).buffer(0.05, cap_style="square", join_style="mitre").convex_hull
     return shapely.get_coordinates(max(polygons, key=shapely.area, default=strip).exterior)[:-1]
 
 
 def _corners(area: Float[np.ndarray, "4"], margin: float) -> Float64[np.ndarray, "4 2"]:
-    return f.rectangle(area[0] - margin, area[1] - margin, area[2] + margin, area[3] + margin)
-
-
-def _union(polygons: Sequence[np.ndarray]) -> shapely.Geometry:
-    return shapely.union_all([shapely.Polygon(p) for p in polygons])
+    return f.rectangle(*(area + margin * np.array([-1, -1, 1, 1])))

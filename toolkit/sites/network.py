@@ -1,7 +1,6 @@
-"""Road networks, made by SUMO's netconvert, and road surfaces.
+"""Road networks, made by SUMO's netconvert of maps or of plain nodes and edges, and road surfaces.
 
-netconvert runs on plain nodes and edges or on maps. Plain input is rows of attributes, named as SUMO's plain XML names
-them. Coordinates stay as given: network coordinates are site coordinates.
+Plain input is rows of attributes, named as SUMO's plain XML names them, in site coordinates.
 https://sumo.dlr.de/docs/Networks/PlainXML.html
 """
 
@@ -13,7 +12,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -29,13 +28,8 @@ FOOT = "pedestrian"
 _RAIL = {"tram", "rail", "rail_urban", "rail_electric", "rail_fast", "subway", "cable_car", "ship"}
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 _OPTIONS = (
-    "--offset.disable-normalization",
-    "--no-turnarounds",
-    "--walkingareas",
-    "--junctions.corner-detail=6",
-    "--junctions.internal-link-detail=20",
-    "--precision=3",
-    "--default.lanewidth=3.5",
+    *("--offset.disable-normalization", "--no-turnarounds", "--walkingareas", "--precision=3"),
+    *("--junctions.corner-detail=6", "--junctions.internal-link-detail=20", "--default.lanewidth=3.5"),
 )
 
 XmlAttributes = Mapping[str, Any]
@@ -45,10 +39,7 @@ Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]
 def street(
     lanes: int = 1, *, width: float = 3.5, footway: float = 2.0, shoulder: float = 0.0, speed: float = 13.9
 ) -> list[XmlAttributes]:
-    """Lanes of one direction, from the kerb inwards.
-
-    A footway, a shoulder without traffic and `lanes` lanes; widths in m.
-    """
+    """Lanes of one direction, from the kerb inwards: footway, shoulder without traffic, lanes. Widths in m."""
     rows: list[XmlAttributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
     rows += [{"width": shoulder, "disallow": "all", "speed": speed}] if shoulder else []
     return rows + [{"width": width, "allow": MOTOR, "speed": speed} for _ in range(lanes)]
@@ -71,9 +62,7 @@ def build_network(
     roundabouts: Iterable[XmlAttributes] = (),
     options: Sequence[str] = (),
 ) -> str:
-    """Build the net.xml text of a network.
-
-    The same rows give the same text.
+    """Build the net.xml text of a network. The same rows give the same text.
 
     nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
     `street` makes them; crossings: node, edges, width, priority, None to let netconvert guess them; roundabouts: nodes,
@@ -81,12 +70,17 @@ def build_network(
 
     Raises ValueError with netconvert's own words if it refuses the rows, ImportError without SUMO.
     """
-    guess = ["--crossings.guess"] if crossings is None else []
+    guess, ways = ["--crossings.guess"] if crossings is None else [], []
+    for edge in edges:
+        lanes = edge.get("lanes", ())
+        inside = "".join(format_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes))
+        attributes = {key: value for key, value in edge.items() if key != "lanes"}
+        ways.append(format_element("edge", {"numLanes": max(1, len(lanes)), **attributes}, inside))
     with tempfile.TemporaryDirectory() as folder:
         files = {
-            "node": _xml("nodes", (_element("node", row) for row in nodes)),
-            "edge": _xml("edges", [*map(_edge, edges), *(_element("roundabout", row) for row in roundabouts)]),
-            "connection": _xml("connections", (_element("crossing", row) for row in crossings or ())),
+            "node": format_xml("nodes", (format_element("node", row) for row in nodes)),
+            "edge": format_xml("edges", [*ways, *(format_element("roundabout", row) for row in roundabouts)]),
+            "connection": format_xml("connections", (format_element("crossing", row) for row in crossings or ())),
         }
         for kind, text in files.items():
             Path(folder, kind).write_text(text, encoding="utf-8")
@@ -111,77 +105,70 @@ def convert(options: Sequence[str]) -> str:
 
 
 def netconvert() -> Path:
-    """Path of SUMO's netconvert. It is looked for in the installed eclipse-sumo, below $SUMO_HOME and on the PATH."""
+    """Path of SUMO's netconvert: in the installed eclipse-sumo, below $SUMO_HOME or on the PATH."""
     package = importlib.util.find_spec("sumo")
     homes = [Path(package.origin).parent] if package and package.origin else []
     homes += [Path(os.environ["SUMO_HOME"])] if "SUMO_HOME" in os.environ else []
-    found = [home / "bin" / "netconvert" for home in homes if (home / "bin" / "netconvert").is_file()]
-    on_path = shutil.which("netconvert")
-    if not found and not on_path:
+    programs = (home / "bin" / "netconvert" for home in homes)
+    found = next((program for program in programs if program.is_file()), shutil.which("netconvert"))
+    if not found:
         raise ImportError("a road network needs SUMO's netconvert, which is not installed: pip install coview[sim]")
-    return found[0] if found else Path(str(on_path))
+    return Path(found)
 
 
 def road_polygons(
     network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
 ) -> tuple[Polygons, Polygons]:
-    """Road polygons of a net.xml text, for wheels and feet.
-
-    Wheels and feet have separate polygons.
+    """Road polygons of a net.xml text, for wheels and for feet.
 
     Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas. Simple polygons within `margin` (m)
     around `area` (xmin ymin xmax ymax).
     """
-    root = ElementTree.fromstring(network)
     xmin, ymin, xmax, ymax = area
     window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
     lanes: list[shapely.Geometry] = []
     footways: list[shapely.Geometry] = []
-    for edge in root.iter("edge"):
-        function = edge.get("function", "normal")
-        if function == "internal":
-            continue
-        for lane in edge.iter("lane"):
-            users = list_users(lane)
-            if function == "walkingarea":
-                footways.append(enclose(lane))
-            elif not users <= _RAIL or not users:
-                only_feet = function != "crossing" and "pedestrian" in users and "passenger" not in users
-                (footways if only_feet else lanes).append(_strip(lane))
+    for edge, lane in list_lanes(network, "normal", "crossing", "walkingarea", "connector"):
+        users, function = list_users(lane), edge.get("function")
+        if function == "walkingarea":
+            footways.append(enclose(lane))
+        elif not users <= _RAIL or not users:
+            strip = shapely.LineString(parse_shape(lane)).buffer(
+                lane_width(lane) / 2, cap_style="flat", join_style="mitre", mitre_limit=2
+            )
+            only_feet = function != "crossing" and "pedestrian" in users and "passenger" not in users
+            (footways if only_feet else lanes).append(strip)
     corners = shapely.union_all(footways)
-    junctions = [enclose(j) for j in root.iter("junction") if j.get("type") != "internal"]
+    junctions = [enclose(j) for j in ElementTree.fromstring(network).iter("junction") if j.get("type") != "internal"]
     lanes += [junction.difference(corners) for junction in junctions]
     return cut_polygons(lanes, window), cut_polygons(footways, window)
 
 
 def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float]]:
-    """Strips of a net.xml text without traffic, by edge.
+    """Strips of a net.xml text without traffic, by edge: middle line (k, 2) as traffic goes, and width (m)."""
+    unused = [(str(edge.get("id")), lane) for edge, lane in list_lanes(network) if not list_users(lane)]
+    return {edge: (parse_shape(lane), lane_width(lane)) for edge, lane in unused}
 
-    Of each the middle line (k, 2) in the direction of traffic and its width (m).
-    """
-    root = ElementTree.fromstring(network)
-    unused = [
-        (str(edge.get("id")), lane)
-        for edge in root.iter("edge")
-        if edge.get("function", "normal") == "normal"
-        for lane in edge.iter("lane")
-        if not list_users(lane)
-    ]
-    return {edge: (parse_shape(lane), float(lane.get("width", "3.2"))) for edge, lane in unused}
+
+def list_lanes(network: str, *functions: str) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
+    """Edges and lanes of a net.xml text. functions: of the edges, normal ones by default."""
+    for edge in ElementTree.fromstring(network).iter("edge"):
+        if edge.get("function", "normal") in (functions or ("normal",)):
+            yield from ((edge, lane) for lane in edge.iter("lane"))
+
+
+def lane_width(lane: ElementTree.Element) -> float:
+    """Width of a lane (m)."""
+    return float(lane.get("width", "3.2"))
 
 
 def list_users(lane: ElementTree.Element) -> set[str]:
-    """List the users of a lane, in SUMO's words. The lane is one of a net.xml text."""
+    """Users of a net.xml text's lane, in SUMO's words."""
     allowed = set(lane.get("allow", "").split()) or {"all"}
     forbidden = set(lane.get("disallow", "").split())
     if "all" in forbidden:
         return set()
     return (set(f"{MOTOR} {FOOT}".split()) | _RAIL if "all" in allowed else allowed) - forbidden
-
-
-def _strip(lane: ElementTree.Element) -> shapely.Geometry:
-    half = float(lane.get("width", "3.2")) / 2
-    return shapely.LineString(parse_shape(lane)).buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
 
 
 def enclose(element: ElementTree.Element) -> shapely.Geometry:
@@ -201,8 +188,13 @@ def parse_shape(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:
     return np.array(points, np.float64).reshape(-1, 2)
 
 
+def unite(polygons: Iterable[Float[np.ndarray, "_ 2"]]) -> shapely.Geometry:
+    """Union of outlines."""
+    return shapely.union_all([shapely.Polygon(outline) for outline in polygons])
+
+
 def cut_polygons(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
-    """Simple polygons of `shapes` in `window`, 0.1 m² and more. On a grid of 1 mm."""
+    """Simple polygons of `shapes` in `window`, 0.1 m² and more, on a grid of 1 mm."""
     cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
     simple = (piece for shape in cut for part in list_polygons(shape) for piece in _without_holes(part))
     return tuple(shapely.get_coordinates(piece.exterior)[:-1] for piece in simple if piece.area > 0.1)
@@ -219,23 +211,16 @@ def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
         return [polygon]
     x = shapely.Polygon(polygon.interiors[0]).centroid.x
     xmin, ymin, xmax, ymax = polygon.bounds
-    halves = (
-        polygon.intersection(half) for half in (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax))
-    )
-    return [piece for half in halves for part in list_polygons(half) for piece in _without_holes(part)]
+    sides = (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax))
+    return [p for side in sides for part in list_polygons(polygon.intersection(side)) for p in _without_holes(part)]
 
 
-def _xml(root: str, elements: Iterable[str]) -> str:
+def format_xml(root: str, elements: Iterable[str]) -> str:
+    """XML text of a root with elements, one a line."""
     return f"<{root}>\n" + "\n".join(elements) + f"\n</{root}>\n"
 
 
-def _element(tag: str, attributes: XmlAttributes, inside: str = "") -> str:
+def format_element(tag: str, attributes: XmlAttributes, inside: str = "") -> str:
+    """XML text of an element."""
     written = " ".join(f"{key}={quoteattr(str(value))}" for key, value in attributes.items())
     return f"<{tag} {written}>{inside}</{tag}>"
-
-
-def _edge(row: XmlAttributes) -> str:
-    lanes = row.get("lanes", ())
-    inside = "".join(_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes))
-    attributes = {key: value for key, value in row.items() if key != "lanes"}
-    return _element("edge", {"numLanes": max(1, len(lanes)), **attributes}, inside)

@@ -12,22 +12,19 @@ from toolkit.sites.furniture import post, rectangle
 from toolkit.sites.opendrive import (
     Cubics,
     Standing,
-    check_projection,
     cubics,
+    find_plane,
+    find_projection,
     in_map,
     in_site,
     lanes,
     move_to_site,
     number,
     off_the_road,
-    opendrive_header,
-    plane,
+    read_opendrive,
+    read_road,
     read_standing,
-    reference_line,
     roads_near,
-    standing_beside,
-    steepest,
-    surfaces,
 )
 
 LANES = (
@@ -61,7 +58,7 @@ def line_of(*shapes, x=10.0, y=5.0, heading=0.0, elevation=""):
         text += f'<geometry s="{start}" x="{x}" y="{y}" hdg="{heading}" length="{length}">{shape}</geometry>'
         start += length
     profile = f"<elevationProfile>{elevation}</elevationProfile>"
-    return reference_line(ElementTree.fromstring(f'<road id="7"><planView>{text}</planView>{profile}</road>'))
+    return read_road(ElementTree.fromstring(f'<road id="7"><planView>{text}</planView>{profile}</road>'))
 
 
 def test_line_and_the_side_of_t():
@@ -133,8 +130,12 @@ def test_damaged_geometry():
 WINDOW = shapely.box(-40, -40, 40, 40)
 
 
+def near(path, window, level, storey):
+    return roads_near(read_opendrive(path, (0.0, 0.0)), window, level, storey)
+
+
 def test_lanes_lie_side_by_side(street, tmp_path):
-    (road,) = roads_near(street(tmp_path), WINDOW, 0.0, 3.5)
+    (road,) = near(street(tmp_path), WINDOW, 0.0, 3.5)
     found = [(lane.kind, lane.outline.bounds, lane.width) for lane in lanes(road)]
     assert found == [
         ("driving", (-50, 0.5, 50, 4.0), 3.5),
@@ -148,26 +149,25 @@ def test_lanes_lie_side_by_side(street, tmp_path):
 
 def test_other_storeys_and_places_are_left_out(street, tmp_path):
     high = street(tmp_path, elevation='<elevation s="0" a="6"/>')
-    assert roads_near(high, WINDOW, 0.0, 3.5) == []
-    assert len(roads_near(high, WINDOW, 4.0, 3.5)) == 1
-    assert roads_near(high, shapely.box(500, 500, 510, 510), 6.0, 3.5) == []
+    assert near(high, WINDOW, 0.0, 3.5) == []
+    assert len(near(high, WINDOW, 4.0, 3.5)) == 1
+    assert near(high, shapely.box(500, 500, 510, 510), 6.0, 3.5) == []
 
 
 def test_steepest_slope_within_the_window(street, tmp_path):
     path = street(tmp_path, elevation='<elevation s="0" a="0" b="-0.04"/><elevation s="95" a="-3.8" b="0.3"/>')
-    there = roads_near(path, WINDOW, 0.0, 5.0)
-    assert steepest(there, WINDOW) == pytest.approx(0.04)
-    assert steepest(there, WINDOW.buffer(20.0)) == pytest.approx(0.3)
-    assert steepest([], WINDOW) == 0.0
+    there = near(path, WINDOW, 0.0, 5.0)
+    assert find_plane(there, WINDOW, np.eye(4))[2] == pytest.approx(0.04)
+    assert find_plane(there, WINDOW.buffer(20.0), np.eye(4))[2] == pytest.approx(0.3)
 
 
-def test_damaged_numbers_name_the_file(street, tmp_path):
+def test_damaged_numbers(street, tmp_path):
     path = street(tmp_path, lanes='<lanes><laneSection s="zero"/></lanes>')
-    with pytest.raises(ValueError, match=r"street\.xodr: <laneSection> needs a finite number as s, got 'zero'"):
-        surfaces(path, roads_near(path, WINDOW, 0.0, 3.5))
+    with pytest.raises(ValueError, match="<laneSection> needs a finite number as s, got 'zero'"):
+        list(lanes(near(path, WINDOW, 0.0, 3.5)[0]))
     path = street(tmp_path, elevation='<elevation s="0" a="up"/>')
-    with pytest.raises(ValueError, match=r"street\.xodr: <elevation> needs a finite number as a, got 'up'"):
-        roads_near(path, WINDOW, 0.0, 3.5)
+    with pytest.raises(ValueError, match="<elevation> needs a finite number as a, got 'up'"):
+        near(path, WINDOW, 0.0, 3.5)
 
 
 def test_frames_are_inverse():
@@ -179,41 +179,43 @@ def test_frames_are_inverse():
 
 def test_the_plane_of_the_roads_in_the_frame_of_the_site(street, tmp_path):
     path = street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/>')
-    there = roads_near(path, WINDOW, 0.0, 5.0)
-    along, off = plane(there, WINDOW, pose(5.0, 2.0, 1.0))
+    there = near(path, WINDOW, 0.0, 5.0)
+    along, off, _ = find_plane(there, WINDOW, pose(5.0, 2.0, 1.0))
     assert along == pytest.approx((-0.04, 0.0))  # one road says nothing of the slope across it
     assert off == pytest.approx(0.0, abs=1e-9)
-    turned, _ = plane(there, WINDOW, pose(yaw=np.pi / 2))
+    turned, *_ = find_plane(there, WINDOW, pose(yaw=np.pi / 2))
     assert turned == pytest.approx((0.0, 0.04))
     bent = street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/><elevation s="50" a="1" b="0.0"/>')
-    slope, off = plane(roads_near(bent, WINDOW, 0.0, 5.0), WINDOW, np.eye(4))
+    slope, off, _ = find_plane(near(bent, WINDOW, 0.0, 5.0), WINDOW, np.eye(4))
     assert -0.04 < slope[0] < 0.0
     assert 0.05 < off < 1.0
-    assert plane([], WINDOW, np.eye(4)) == ((0.0, 0.0), 0.0)
+    assert find_plane([], WINDOW, np.eye(4)) == ((0.0, 0.0), 0.0, 0.0)
 
 
 def test_place_and_projection(street, tmp_path):
     path = street(tmp_path)
-    assert opendrive_header(path, (0.0, 0.0)) is None
-    with pytest.raises(ValueError, match=r"street\.xodr: centre 900 0 lies outside the map"):
-        opendrive_header(path, (900.0, 0.0))
-    text = path.read_text().replace('revMinor="7"/>', "><geoReference>+proj=utm +zone=32</geoReference></header>")
-    path.write_text(text)
-    assert opendrive_header(path, (0.0, 0.0)) == "+proj=utm +zone=32"
-
-
-def test_a_projection_that_names_none_is_said(tmp_path):
-    assert check_projection("+proj=utm +zone=32", tmp_path / "a.xodr") == "+proj=utm +zone=32"
-    assert check_projection("EPSG:25832", tmp_path / "a.xodr") == "EPSG:25832"
-    with pytest.warns(UserWarning, match=r"a\.xodr: its geoReference names no projection \('\+lat_0=4'\)"):
-        assert check_projection("+lat_0=4", tmp_path / "a.xodr") is None
+    assert find_projection(read_opendrive(path, (0.0, 0.0)), path.name) is None
+    with pytest.raises(ValueError, match="centre 900 0 lies outside the map"):
+        read_opendrive(path, (900.0, 0.0))
+    text = path.read_text()
+    for named, found in (("+proj=utm +zone=32", True), ("EPSG:25832", True), ("+lat_0=4", False)):
+        path.write_text(text.replace('revMinor="7"/>', f"><geoReference>{named}</geoReference></header>"))
+        root = read_opendrive(path, (0.0, 0.0))
+        if found:
+            assert find_projection(root, path.name) == named
+        else:
+            with pytest.warns(UserWarning, match=r"street\.xodr: its geoReference names no projection \('\+lat_0=4'\)"):
+                assert find_projection(root, path.name) is None
+    path.write_text('<?xml version="1.0" encoding="klingon"?><OpenDRIVE/>')
+    with pytest.raises(ValueError, match="damaged one"):
+        read_opendrive(path, (0.0, 0.0))
 
 
 @pytest.fixture
 def found(street, tmp_path):
     def read(objects="", signals="") -> Standing:
         path = street(tmp_path, objects, signals)
-        return standing_beside(roads_near(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
+        return read_standing(near(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
 
     return read
 
@@ -325,9 +327,3 @@ def test_what_would_stop_traffic_is_left_out_and_said():
         "objects of types that are not known were left out: 2 'dragon', 1 'elf'",
     ]
     assert off_the_road(Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()) == ([], [])
-
-
-def test_damage_names_the_file(street, tmp_path):
-    path = street(tmp_path, objects='<object type="tree" s="5" t="x"/>')
-    with pytest.raises(ValueError, match=r"street\.xodr: <object> needs a finite number as t, got 'x'"):
-        read_standing(path, roads_near(path, WINDOW, 0.0, 3.5))

@@ -6,8 +6,9 @@ import shapely
 
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import VEHICLE
-from toolkit.sites.maps import bay_outline, find_tracks
+from toolkit.sites.maps import MAP_BAY, find_tracks
 from toolkit.sites.osm_parking import Parking
+from toolkit.sites.surroundings import outline
 from toolkit.traffic.snapshots import simulate
 
 
@@ -111,10 +112,10 @@ def test_a_turned_site_keeps_its_junction_whole(tmp_path, imported, east_west, u
     road, tracks = union(site.lanes), find_tracks(site.network)
     assert tracks.intersection(shapely.box(*site.area)).difference(road.buffer(0.1)).area < 0.5
     for bay in site.parking:
-        outline = shapely.Polygon(bay_outline(*bay))
-        assert outline.difference(road).area < 0.05
-        assert outline.intersection(tracks).area < 0.05
-        assert not any(shapely.Polygon(s.footprint).intersects(outline.buffer(-0.05)) for s in site.solids)
+        ground = outline(*bay, MAP_BAY)
+        assert ground.difference(road).area < 0.05
+        assert ground.intersection(tracks).area < 0.05
+        assert not any(shapely.Polygon(s.footprint).intersects(ground.buffer(-0.05)) for s in site.solids)
 
 
 def test_vehicles_park_there_and_traffic_passes(tmp_path, imported, east_west):
