@@ -1,6 +1,4 @@
-"""OpenStreetMap extracts in metres around a centre.
-
-They give roads for netconvert, and the solids beside them.
+"""OpenStreetMap extracts in metres around a centre: roads for netconvert, and the solids beside them.
 
 Extracts are untidy: ways refer to nodes that were cut off, relations to missing members, values are free text. What
 cannot be used is left out; only a file that is no map is refused. https://wiki.openstreetmap.org/wiki/OSM_XML
@@ -21,15 +19,14 @@ from io import BufferedIOBase
 from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float64
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import inverse_project, project
-from toolkit.sites.network import MOTOR, cut_polygons, list_polygons
+from toolkit.sites.network import MOTOR, cut_polygons, format_element, format_xml, list_polygons
 from toolkit.sites.site import Solid
 
 Tags = Mapping[str, str]
@@ -39,7 +36,7 @@ AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in
 
 @dataclass(frozen=True)
 class Way:
-    """Line or outline of a map. It has (k, 2) metres, the k ids of its nodes, and its tags."""
+    """Line or outline of a map: (k, 2) metres, the k ids of its nodes, and its tags."""
 
     line: Float64[np.ndarray, "k 2"] = field(repr=False)
     nodes: tuple[str, ...]
@@ -67,9 +64,7 @@ class Extract:
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
-    """Read a map in metres around `centre`.
-
-    Files are .osm, .osm.xml or either with .gz.
+    """Read a map (.osm, .osm.xml, or either with .gz) in metres around `centre`.
 
     centre: longitude, latitude; heading: of x (rad counter-clockwise from east). Raises ValueError if the file is no
     OSM XML, is damaged or empty, or `centre` lies outside it.
@@ -97,44 +92,43 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     if not points:
         raise ValueError(f"{path}: the map is empty: it has no node with a latitude and longitude")
     degrees = np.array(list(points.values()))
-    _check_centre(path, centre, degrees, np.array(bounds))
+    edges = np.array(bounds) if bounds and np.isfinite(bounds).all() else np.tile(degrees, 2)
+    low, high = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
+    if not ((low - AT_THE_EDGE <= centre) & (centre <= high + AT_THE_EDGE)).all():
+        raise ValueError(
+            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans longitude {low[0]:.6g} to "
+            f"{high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}: give --centre LONGITUDE LATITUDE inside it"
+        )
     position = dict(zip(points, project(degrees, centre) @ _turn(-heading).T, strict=True))
-    ways = {name: way for name, raw in raw_ways.items() if (way := _way(*raw, position)) is not None}
+    ways = {}
+    for name, (references, tags) in raw_ways.items():
+        known = [node for node in references if node in position]
+        nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
+        if len(nodes) > 1:
+            ways[name] = Way(np.array([position[node] for node in nodes]), tuple(nodes), tags)
     places = tuple((position[name], tags) for name, tags in place_tags.items())
     return Extract(centre, heading, tuple(ways.values()), tuple(_areas(ways, relations)), places)
 
 
-def to_degrees(extract: Extract, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-    """Longitude and latitude of points of the extract."""
-    return inverse_project(points @ _turn(extract.heading).T, extract.centre)
-
-
-def metres(text: str) -> float | None:
-    """Parse a length as mappers write it.
-
-    Of several lengths the greatest counts. Returns None if it is not positive.
+def metres(text: str | None) -> float | None:
+    """Parse a length as mappers write it. Of several the greatest counts; None if it is not positive.
 
     >>> [metres(text) for text in ("12", "12 m", "3;4", "40'", "7,5", "tall", "-2")]
     [12.0, 12.0, 4.0, 12.192, 7.5, None, None]
     """
-    found = [_metres(part.strip().lower().replace(",", ".")) for part in text.split(";")]
-    lengths = [length for length in found if length is not None and 0 < length < 1000]
-    return max(lengths, default=None)
-
-
-def _metres(text: str) -> float | None:
-    feet = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:'|ft|feet)\s*(?:(\d+(?:\.\d+)?)\s*(?:\"|''|in)?)?", text)
-    if feet:
-        return round(0.3048 * (float(feet[1]) + float(feet[2] or 0) / 12), 4)
-    plain = re.fullmatch(r"~?\s*(\d+(?:\.\d+)?)\s*(?:m|metres?|meters?)?", text)
-    return float(plain[1]) if plain else None
+    lengths = []
+    for part in (text or "").lower().replace(",", ".").split(";"):
+        feet = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:'|ft|feet)\s*(?:(\d+(?:\.\d+)?)\s*(?:\"|''|in)?)?", part.strip())
+        plain = re.fullmatch(r"~?\s*(\d+(?:\.\d+)?)\s*(?:m|metres?|meters?)?", part.strip())
+        if feet:
+            lengths.append(round(0.3048 * (float(feet[1]) + float(feet[2] or 0) / 12), 4))
+        elif plain:
+            lengths.append(float(plain[1]))
+    return max((length for length in lengths if 0 < length < 1000), default=None)
 
 
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
-    """Yield the file's elements, each released before the next.
-
-    Raises ValueError in one line if the file is not OSM XML.
-    """
+    """Yield the file's elements, each released before the next. Raises ValueError if the file is not OSM XML."""
     if path.name.lower().endswith((".pbf", ".o5m", ".bz2", ".zip")):
         raise ValueError(f"{path}: only .osm, .osm.xml and .osm.gz are read: convert it first (osmium cat -o map.osm)")
     try:
@@ -151,7 +145,7 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
                     if element.get("action") != "delete" and element.get("visible") != "false":
                         yield element
                     root.clear()
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError) as error:
         raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise ValueError(f"{path}: damaged gzip file ({error}): download the map again") from None
@@ -174,24 +168,6 @@ def _degrees(element: ElementTree.Element, key: str) -> float:
         return float("nan")
 
 
-def _check_centre(path: Path, centre: tuple[float, float], degrees: np.ndarray, bounds: np.ndarray) -> None:
-    usable = len(bounds) > 0 and np.isfinite(bounds).all()
-    low = bounds[:, :2].min(axis=0) if usable else degrees.min(axis=0)
-    high = bounds[:, 2:].max(axis=0) if usable else degrees.max(axis=0)
-    if not ((low - AT_THE_EDGE <= centre) & (centre <= high + AT_THE_EDGE)).all():
-        raise ValueError(
-            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans longitude {low[0]:.6g} to "
-            f"{high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}: give --centre LONGITUDE LATITUDE inside it"
-        )
-
-
-def _way(references: list[str], tags: Tags, position: Mapping[str, np.ndarray]) -> Way | None:
-    """Way through the nodes that the extract holds. Returns None for fewer than two. Repeated nodes count once."""
-    known = [node for node in references if node in position]
-    nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
-    return Way(np.array([position[node] for node in nodes]), tuple(nodes), tags) if len(nodes) > 1 else None
-
-
 def _areas(
     ways: Mapping[str, Way], relations: list[tuple[list[tuple[str, str]], Tags]]
 ) -> Iterator[tuple[shapely.Polygon, Tags]]:
@@ -207,7 +183,7 @@ def _areas(
 
 
 def _rings(ways: Iterable[Way]) -> shapely.Geometry:
-    """Ground enclosed by rings. A ring may be made of several ways."""
+    """Ground enclosed by rings, which may be made of several ways."""
     lines = [shapely.LineString(way.line) for way in ways]
     return shapely.union_all([shapely.Polygon(ring.exterior) for ring in shapely.get_parts(shapely.polygonize(lines))])
 
@@ -232,17 +208,18 @@ ROADS = {
 }
 ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
 _PATHS = ("footway", "path", "pedestrian", "steps", "corridor")
-_PASSED_ON = ("oneway", "junction", "lanes", "lanes:forward", "lanes:backward", "maxspeed")
 _SIDES = ("both", "left", "right", "no")
+_RULES = {"oneway": "yes|no|true|false|1|0|-1", "junction": "roundabout|circular", "maxspeed": r"\d+( mph)?"}
+_RULES |= dict.fromkeys(("lanes", "lanes:forward", "lanes:backward"), "[1-8]")  # tags passed on, as far as they fit
 
 
 def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
-    """Roads for vehicles within `window`, and notes.
+    """Roads for vehicles within `window`, cut at its edge, and notes.
 
-    They are cut at the window's edge. They have the tags meant for netconvert. Tunnels and bridges over another road
-    are left out and noted.
+    They have the tags meant for netconvert. Tunnels and bridges over another road are left out and noted.
     """
-    drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and not _is_private(way.tags)]
+    drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and way.tags.get("area") != "yes"]
+    drivable = [w for w in drivable if w.tags.get("service") not in ("driveway", "parking_aisle", "drive-through")]
     near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
     street = [way for way in near if not _below(way.tags)]
     ground = [way for way in street if not _above(way.tags)]
@@ -256,22 +233,22 @@ def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
     shapes: list[shapely.Geometry] = [
         polygon
         for polygon, tags in extract.areas
-        if tags.get("highway") in ("pedestrian", "footway") or tags.get("area:highway") in ("pedestrian", "footway")
+        if {tags.get("highway"), tags.get("area:highway")} & {"pedestrian", "footway"}
     ]
     for way in extract.ways:
         is_area = way.is_closed and way.tags.get("area") == "yes"
         if way.tags.get("highway") in _PATHS and not is_area and not _below(way.tags) and not _above(way.tags):
-            width = np.clip(metres(way.tags.get("width", "")) or 2.0, 1.0, 10.0)
+            width = np.clip(metres(way.tags.get("width")) or 2.0, 1.0, 10.0)
             shapes.append(shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2))
-    clipped = [shape.intersection(window) for shape in shapes if shape.intersects(window)]
-    return [part for shape in clipped for part in list_polygons(shape)]
+    return [part for shape in shapes if shape.intersects(window) for part in list_polygons(shape.intersection(window))]
 
 
 def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
     """Format `pieces` as OSM XML."""
     pieces = list(pieces)
     position = {node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)}
-    degrees = to_degrees(extract, np.array(list(position.values())).reshape(-1, 2))
+    points = np.array(list(position.values())).reshape(-1, 2)
+    degrees = inverse_project(points @ _turn(extract.heading).T, extract.centre)
     signals = {tuple(xy.round(3)) for xy, tags in extract.places if tags.get("highway") == "traffic_signals"}
     text = ['<osm version="0.6">']
     number = {node: i for i, node in enumerate(position, start=1)}
@@ -280,38 +257,26 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
         text.append(f'<node id="{number[node]}" lon="{longitude:.9f}" lat="{latitude:.9f}">{tag}</node>')
     for way_number, way in enumerate(pieces, start=1):
         inside = "".join(f'<nd ref="{number[node]}"/>' for node in way.nodes)
-        inside += "".join(f"<tag k={quoteattr(key)} v={quoteattr(value)}/>" for key, value in way.tags.items())
-        text.append(f'<way id="{way_number}">{inside}</way>')
+        inside += "".join(format_element("tag", {"k": key, "v": value}) for key, value in way.tags.items())
+        text.append(format_element("way", {"id": way_number}, inside))
     return "\n".join([*text, "</osm>\n"])
 
 
 def road_types() -> str:
     """SUMO's type file for the roads of `roads`."""
-    rows = [
-        f'<type id="highway.{kind}" numLanes="{lanes}" speed="{speed}" priority="{priority}" oneway="false" '
-        f'width="{1.8 if kind == "cycleway" else 3.25}" allow="{_users(kind)}"/>'
-        for kind, (lanes, speed, priority, _) in ROADS.items()
-    ]
-    return "\n".join(["<types>", *rows, "</types>\n"])
-
-
-def _users(kind: str) -> str:
-    if kind.startswith("motorway"):
-        return " ".join(user for user in MOTOR.split() if user not in ("bicycle", "moped"))
-    return "bicycle" if kind == "cycleway" else MOTOR
-
-
-def _is_private(tags: Tags) -> bool:
-    return tags.get("service") in ("driveway", "parking_aisle", "drive-through") or tags.get("area") == "yes"
-
-
-def _layer(tags: Tags) -> int:
-    found = re.fullmatch(r"\s*([+-]?\d+)\s*", tags.get("layer", "0"))
-    return int(found[1]) if found else 0
+    rows = []
+    for kind, (lanes, speed, priority, _) in ROADS.items():
+        motorway = " ".join(user for user in MOTOR.split() if user not in ("bicycle", "moped"))
+        users = motorway if kind.startswith("motorway") else "bicycle" if kind == "cycleway" else MOTOR
+        row = {"id": f"highway.{kind}", "numLanes": lanes, "speed": speed, "priority": priority, "oneway": "false"}
+        rows.append(format_element("type", {**row, "width": 1.8 if kind == "cycleway" else 3.25, "allow": users}))
+    return format_xml("types", rows)
 
 
 def _below(tags: Tags) -> bool:
-    return tags.get("tunnel", "no") not in ("no", "building_passage") or (_layer(tags) < 0 and "tunnel" in tags)
+    layer = re.fullmatch(r"\s*([+-]?\d+)\s*", tags.get("layer", "0"))
+    sunk = layer is not None and int(layer[1]) < 0 and "tunnel" in tags
+    return sunk or tags.get("tunnel", "no") not in ("no", "building_passage")
 
 
 def _above(tags: Tags) -> bool:
@@ -326,12 +291,11 @@ def _crosses(bridge: Way, road: Way) -> bool:
 
 
 def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
-    """Cut a way to its pieces within `window`. They get new nodes at its edge."""
+    """Cut a way to its pieces within `window`, which get new nodes at its edge."""
     tags = _road_tags(way.tags, lefthand)
     step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
     line, nodes = way.line[::step], way.nodes[::step]
-    points: list[np.ndarray] = []
-    names: list[str] = []
+    pieces: list[list[tuple[str, np.ndarray]]] = [[]]  # nodes and points
     for (start, end), (first, last) in zip(pairwise(line), pairwise(nodes), strict=True):
         inside = shapely.LineString([start, end]).intersection(window)
         if inside.geom_type != "LineString" or inside.is_empty:
@@ -340,26 +304,22 @@ def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
         ends = ends[np.argsort(np.hypot(*(ends - start).T))]
         for xy, corner, name in ((ends[0], start, first), (ends[-1], end, last)):
             own = name if np.hypot(*(xy - corner)) < 1e-6 else f"{first}_{last}_{'in' if corner is start else 'out'}"
-            if own != name and corner is start and points:
-                yield Way(np.array(points), tuple(names), tags)
-                points, names = [], []
-            if not names or names[-1] != own:
-                points.append(xy)
-                names.append(own)
-        if names[-1] != last:
-            yield Way(np.array(points), tuple(names), tags)
-            points, names = [], []
-    if len(points) > 1:
-        yield Way(np.array(points), tuple(names), tags)
+            if own != name and corner is start and pieces[-1]:
+                pieces.append([])
+            if not pieces[-1] or pieces[-1][-1][0] != own:
+                pieces[-1].append((own, xy))
+        if own != last:
+            pieces.append([])
+    for piece in pieces:
+        if len(piece) > 1:
+            yield Way(np.array([xy for _, xy in piece]), tuple(name for name, _ in piece), tags)
 
 
 def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
     """Clean tags for netconvert."""
-    kind = tags["highway"]
-    ring = tags.get("junction") in ("roundabout", "circular")
-    passed = {key: tags[key].strip().lower() for key in _PASSED_ON if key in tags}
-    rules = {"oneway": "yes|no|true|false|1|0|-1", "junction": "roundabout|circular", "maxspeed": r"\d+( mph)?"}
-    passed = {key: value for key, value in passed.items() if re.fullmatch(rules.get(key, "[1-8]"), value)}
+    kind, ring = tags["highway"], tags.get("junction") in ("roundabout", "circular")
+    given = {key: tags.get(key, "").strip().lower() for key in _RULES}
+    passed = {key: value for key, value in given.items() if re.fullmatch(_RULES[key], value)}
     if passed.get("oneway") == "-1" or tags.get("oneway") == "reverse" or (ring and "oneway" not in passed):
         passed["oneway"] = "yes"
     usual = ("left" if lefthand else "right") if ring else "both"
@@ -368,12 +328,11 @@ def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
 
 
 def _sidewalk(tags: Tags) -> str | None:
-    """Footways beside a road. They are both, left, right or no; None if unknown."""
+    """Footways beside a road: both, left, right or no; None if unknown."""
     plain = tags.get("sidewalk", "")
     if plain in _SIDES or plain in ("none", "yes", "separate"):
         return {"none": "no", "yes": "both", "separate": "both"}.get(plain, plain)
-    sides = {side: tags.get(f"sidewalk:{side}") for side in ("both", "left", "right")}
-    has = [side for side, value in sides.items() if value in ("yes", "separate")]
+    has = [side for side in ("both", "left", "right") if tags.get(f"sidewalk:{side}") in ("yes", "separate")]
     return ("both" if "both" in has or len(has) == 2 else has[0]) if has else None
 
 
@@ -392,24 +351,29 @@ _BARRIERS = {
 
 
 def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
-    """Buildings that reach into `window`, and notes.
+    """Buildings that reach into `window`, cut off at `road`, and notes.
 
-    They are cut off at `road`. A building with parts (building:part) is made of them; its own outline stands where
-    there are none.
+    A building with parts (building:part) is made of them; its own outline stands where there are none.
     """
-    parts = [(p, tags) for p, tags in extract.areas if tags.get("building:part", "") not in _NO_BUILDING]
-    parts = [(p, tags) for p, tags in parts if p.intersects(window)]
-    covered = shapely.union_all([p for p, _ in parts])
-    whole = [(p, tags) for p, tags in extract.areas if tags.get("building", "") not in _NO_BUILDING]
-    whole = [(p.difference(covered), tags) for p, tags in whole if p.intersects(window) and not _underground(tags)]
+    near = [(shape, tags) for shape, tags in extract.areas if shape.intersects(window)]
+    parts = [(shape, tags) for shape, tags in near if tags.get("building:part", "") not in _NO_BUILDING]
+    covered = shapely.union_all([shape for shape, _ in parts])
+    whole = [(shape, tags) for shape, tags in near if tags.get("building", "") not in _NO_BUILDING]
+    whole = [(shape.difference(covered), tags) for shape, tags in whole if not _underground(tags)]
     solids, cut, reach = [], 0, window.buffer(FARTHEST_END)
     for shape, tags in [*parts, *whole]:
-        base, top = _levels(tags)
+        storeys = metres(tags.get("building:levels"))
+        top = metres(tags.get("height")) or metres(tags.get("building:height"))
+        top = top or (storeys * STOREY if storeys else DEFAULT_HEIGHT)
+        base = metres(tags.get("min_height")) or (metres(tags.get("building:min_level")) or 0.0) * STOREY
+        if tags.get("building") == "roof" and not base:
+            base = top - 0.5
+        base = base if base < top - 0.1 else 0.0
         rest = shape.difference(road)
         cut += bool(shape.area - rest.area > 0.1)
-        solids += [Solid(ring, base, top, "building") for ring in cut_polygons([rest], reach) if _area(ring) > 1.0]
-    notes = [f"{cut} buildings reached over a road and were cut back to its edge"] if cut else []
-    return solids, notes
+        rings = [ring for ring in cut_polygons([rest], reach) if shapely.Polygon(ring).area > 1.0]
+        solids += [Solid(ring, base, top, "building") for ring in rings]
+    return solids, [f"{cut} buildings reached over a road and were cut back to its edge"] if cut else []
 
 
 def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
@@ -419,7 +383,7 @@ def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry)
         draw, usual = _BARRIERS.get(way.tags.get("barrier", ""), (None, 0.0))
         if draw is None:
             continue
-        height = min(metres(way.tags.get("height", "")) or usual, 10.0)
+        height = min(metres(way.tags.get("height")) or usual, 10.0)
         line = shapely.LineString(way.line).intersection(window).difference(road.buffer(0.5))
         for part in shapely.get_parts(shapely.line_merge(line) if line.geom_type == "MultiLineString" else line):
             piece = part.simplify(0.05)
@@ -430,21 +394,22 @@ def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry)
 
 def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
     """Single trees and rows of trees within `window`. Crowns keep off `road`; trees too near it are left out."""
-    rows = [way for way in extract.ways if way.tags.get("natural") == "tree_row"]
     found = [(xy, tags) for xy, tags in extract.places if tags.get("natural") == "tree"]
-    found += [(xy, row.tags) for row in rows for xy in _every(row, 8.0)]
+    for row in (way for way in extract.ways if way.tags.get("natural") == "tree_row"):
+        line = shapely.LineString(row.line)
+        found += [(xy, row.tags) for xy in shapely.get_coordinates(line.interpolate(np.arange(0.0, line.length, 8.0)))]
     solids: list[Solid] = []
     for (x, y), tags in found:
         room = road.distance(shapely.Point(x, y)) - 0.1
-        crown = min((metres(tags.get("diameter_crown", "")) or 4.0) / 2, room, 6.0)
+        crown = min((metres(tags.get("diameter_crown")) or 4.0) / 2, room, 6.0)
         if crown > 0.5 and window.contains(shapely.Point(x, y)):
-            height = float(np.clip(metres(tags.get("height", "")) or 7.0, 2.0, 40.0))
+            height = float(np.clip(metres(tags.get("height")) or 7.0, 2.0, 40.0))
             solids += f.tree(float(x), float(y), height, crown, min(2.3, 0.4 * height))
     return solids
 
 
 def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], np.ndarray]:
-    """Street furniture off `road`, and (n, 2) street lamps. The furniture is posts, signs, bins and benches."""
+    """Posts, signs, bins and benches off `road`, and (n, 2) street lamps."""
     solids: list[Solid] = []
     lamps: list[np.ndarray] = []
     clear = road.buffer(0.4)
@@ -454,7 +419,7 @@ def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
             continue
         if tags.get("highway") == "street_lamp":
             lamps.append(xy)
-            solids.append(f.post(x, y, min(metres(tags.get("height", "")) or 6.0, 15.0), 0.09))
+            solids.append(f.post(x, y, min(metres(tags.get("height")) or 6.0, 15.0), 0.09))
         elif tags.get("power") == "pole" or tags.get("man_made") in ("utility_pole", "mast", "flagpole"):
             solids.append(f.post(x, y, 8.0, 0.12))
         elif "traffic_sign" in tags or tags.get("highway") in ("stop", "give_way"):
@@ -469,10 +434,7 @@ def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
 
 
 def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[tuple[float, float, float]]:
-    """Parking bays x, y, yaw within `window`, off `road`.
-
-    They are the map's spaces (amenity=parking_space) of a car's size.
-    """
+    """Parking spaces of a car's size (x, y, yaw; amenity=parking_space) within `window`, off `road`."""
     found = []
     for shape, tags in extract.areas:
         if tags.get("amenity") != "parking_space" or not window.contains(shape) or road.intersects(shape):
@@ -487,27 +449,5 @@ def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> 
     return found
 
 
-def _levels(tags: Tags) -> tuple[float, float]:
-    """Base and top of a building (m)."""
-    storeys = metres(tags.get("building:levels", ""))
-    top = metres(tags.get("height", "")) or metres(tags.get("building:height", ""))
-    top = top or (storeys * STOREY if storeys else DEFAULT_HEIGHT)
-    lowest = metres(tags.get("building:min_level", "")) or 0.0
-    base = metres(tags.get("min_height", "")) or lowest * STOREY
-    if tags.get("building") == "roof" and not base:
-        base = top - 0.5
-    return (base, top) if base < top - 0.1 else (0.0, top)
-
-
 def _underground(tags: Tags) -> bool:
     return tags.get("location") == "underground" or tags.get("layer", "0").strip().startswith("-")
-
-
-def _every(row: Way, spacing: float) -> Iterator[Float64[np.ndarray, "2"]]:
-    line = shapely.LineString(row.line)
-    for at in np.arange(0.0, line.length, spacing):
-        yield shapely.get_coordinates(line.interpolate(at))[0]
-
-
-def _area(ring: Float64[np.ndarray, "_ 2"]) -> float:
-    return float(shapely.Polygon(ring).area)
