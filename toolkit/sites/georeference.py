@@ -1,7 +1,4 @@
-"""Sites on earth.
-
-Functions convert site metres ↔ longitude and latitude, give compass bearings, and write GeoJSON (RFC 7946) for GIS
-tools.
+"""Sites on earth: site metres ↔ longitude and latitude, compass bearings, and GeoJSON (RFC 7946) for GIS tools.
 
 Site → map is `map_SE3_site`; map → earth is the PROJ string `geo_reference`. The transverse Mercator maps that coview
 makes of OpenStreetMap extracts (`projection`) are computed here, all others by pyproj. North is the map's +y: its angle
@@ -18,7 +15,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
@@ -28,8 +25,10 @@ from shapely.geometry.polygon import orient
 from toolkit.arrays import Float, Float64
 from toolkit.geometry import invert, transform
 from toolkit.sensors.models import name_in_words
-from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
+
+if TYPE_CHECKING:
+    from pyproj import Transformer
 
 _EQUATOR, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS84: radius (m), first eccentricity squared
 WGS84 = "EPSG:4326"
@@ -45,10 +44,7 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
         return None
     xy = np.asarray(xy, np.float64)
     on_map = transform(site.map_SE3_site, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
-    centre = _own_centre(site.geo_reference)
-    if centre is not None:
-        return inverse_project(on_map, centre)
-    return _transform(_transformer(site, site.geo_reference, inverse=True), on_map, site)
+    return _convert(site, site.geo_reference, on_map, inverse=True)
 
 
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
@@ -60,19 +56,12 @@ def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.nda
         raise ValueError(
             f"site {site.name!r} does not say where on earth it is (geo_reference): give the site's metres"
         )
-    lon_lat = np.asarray(lon_lat, np.float64)
-    centre = _own_centre(site.geo_reference)
-    if centre is not None:
-        on_map = project(lon_lat, centre)
-    else:
-        on_map = _transform(_transformer(site, site.geo_reference, inverse=False), lon_lat, site)
+    on_map = _convert(site, site.geo_reference, np.asarray(lon_lat, np.float64), inverse=False)
     return transform(invert(site.map_SE3_site), np.column_stack([on_map, np.zeros(len(on_map))]))[:, :2]
 
 
 def bearing_deg(site: Site, heading: float) -> float:
-    """Compass bearing (degrees in 0..360) of a site heading.
-
-    heading: rad, counter-clockwise from +x; the bearing is clockwise from the map's north.
+    """Compass bearing (degrees in 0..360, clockwise from the map's north) of a heading (rad, from the site's +x).
 
     >>> bearing_deg(Site("example", np.array([0.0, 0, 10, 10])), np.pi)
     270.0
@@ -113,7 +102,7 @@ def inverse_project(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float
     return guess
 
 
-def _meridian(latitude: Any) -> Any:
+def _meridian(latitude: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
     """Distance along the meridian from the equator (Snyder, equation 3-21)."""
     e2 = _ECCENTRICITY2
     return _EQUATOR * (
@@ -124,29 +113,33 @@ def _meridian(latitude: Any) -> Any:
     )
 
 
-def _own_centre(geo_reference: str) -> tuple[float, float] | None:
-    """Longitude and latitude of our map's zero. Returns None for a map that is not ours."""
-    zero = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", geo_reference)
+def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -> Float64[np.ndarray, "n 2"]:
+    """Convert degrees to metres of the site's map; `inverse`: back."""
+    zero = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", reference)
     centre = (float(zero[2]), float(zero[1])) if zero else None
-    return centre if centre is not None and projection(*centre) == geo_reference else None
-
-
-def _transformer(site: Site, geo_reference: str, *, inverse: bool) -> Any:
-    """Transformer between degrees and the site's map; `inverse`: to degrees."""
+    if centre is not None and projection(*centre) == reference:  # a map of ours
+        return inverse_project(points, centre) if inverse else project(points, centre)
     try:
-        return _proj(geo_reference, inverse)
+        turned = np.stack(_proj(reference, inverse).transform(*points.T), axis=1)
     except ImportError:
         needs = "needs pyproj: pip install 'coview[report]'"
-        raise ImportError(f"the map of site {site.name!r} ({geo_reference}) {needs}", name="pyproj") from None
+        raise ImportError(f"the map of site {site.name!r} ({reference}) {needs}", name="pyproj") from None
     except ValueError:
         raise ValueError(
-            f"geo_reference of site {site.name!r} names no projection that PROJ knows, got {geo_reference[:90]!r}: "
+            f"geo_reference of site {site.name!r} names no projection that PROJ knows, got {reference[:90]!r}: "
             "correct it in the site file, or set it to null"
         ) from None
+    lost = np.flatnonzero(~np.isfinite(turned).all(axis=1))
+    if len(lost):
+        raise ValueError(
+            f"the map of site {site.name!r} ({reference[:90]}) does not reach {points[lost[0]].tolist()}: correct "
+            "geo_reference or the coordinates"
+        )
+    return turned
 
 
 @lru_cache(maxsize=8)  # to make one takes longer than to use it
-def _proj(geo_reference: str, inverse: bool) -> Any:
+def _proj(geo_reference: str, inverse: bool) -> Transformer:
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
@@ -154,21 +147,9 @@ def _proj(geo_reference: str, inverse: bool) -> Any:
         crs = CRS.from_user_input(geo_reference)
         if not crs.is_projected:
             raise ValueError("degrees are no map in metres")
-        source, target = (crs, WGS84) if inverse else (WGS84, crs)
-        return Transformer.from_crs(source, target, always_xy=True)
+        return Transformer.from_crs(*((crs, WGS84) if inverse else (WGS84, crs)), always_xy=True)
     except ProjError as error:
         raise ValueError(str(error)) from None
-
-
-def _transform(transformer: Any, points: np.ndarray, site: Site) -> Float64[np.ndarray, "n 2"]:
-    turned = np.stack(transformer.transform(*points.T), axis=1)
-    lost = np.flatnonzero(~np.isfinite(turned).all(axis=1))
-    if len(lost):
-        raise ValueError(
-            f"the map of site {site.name!r} ({str(site.geo_reference)[:90]}) does not reach "
-            f"{points[lost[0]].tolist()}: correct geo_reference or the coordinates"
-        )
-    return turned
 
 
 DEGREE_DECIMALS, METRE_DECIMALS = 8, 3  # of coordinates: 1 mm both
@@ -189,10 +170,7 @@ def site_geojson(site: Site) -> str:
 
 
 def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
-    """GeoJSON feature of points or polygons of the site frame.
-
-    In longitude and latitude, or in metres if the site does not say where on earth it is.
-    """
+    """GeoJSON feature of points or polygons of the site frame, in degrees, or metres without a place on earth."""
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
     def moved(xy: np.ndarray) -> np.ndarray:
@@ -208,7 +186,7 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
 
 
 def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
-    """GeoJSON feature of a mount. It is named as in files of poles."""
+    """GeoJSON feature of a mount, as in files of poles."""
     limits = {"min_height": mount.min_height, "max_height": mount.max_height}
     values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
     if mount.max_sensors > 1:
@@ -217,7 +195,7 @@ def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
 
 
 def feature_collection(features: Iterable[_Json], **members: Any) -> str:
-    """Text of a FeatureCollection with a bbox. Each feature is a line."""
+    """Text of a FeatureCollection with a bbox, one feature a line."""
     kept = list(features)
     lines = ",\n".join(json.dumps(each, allow_nan=False, ensure_ascii=False) for each in kept)
     corners = np.array([shapely.bounds(shapely.geometry.shape(each["geometry"])) for each in kept]).reshape(-1, 4)
@@ -230,38 +208,26 @@ def feature_collection(features: Iterable[_Json], **members: Any) -> str:
 
 def _layers(site: Site) -> Iterator[_Json]:
     yield feature(site, shapely.box(*site.area), layer="area", name=site.name, height=site.height)
-    for i, lane in enumerate(site.lanes):
-        yield feature(site, shapely.Polygon(lane), layer="lane", name=f"lane{i:03}")
-    for i, footway in enumerate(site.footways):
-        yield feature(site, shapely.Polygon(footway), layer="footway", name=f"footway{i:03}")
+    for layer, outlines in (("lane", site.lanes), ("footway", site.footways)):
+        for i, outline in enumerate(outlines):
+            yield feature(site, shapely.Polygon(outline), layer=layer, name=f"{layer}{i:03}")
     for i, solid in enumerate(site.solids):
         heights = {"base": solid.base, "top": solid.top, "height": round(solid.top - solid.base, 6)}
         name = f"{solid.kind}{i:03}"
         yield feature(site, shapely.Polygon(solid.footprint), layer="solid", name=name, kind=solid.kind, **heights)
     for i, (x, y, yaw) in enumerate(site.parking.tolist()):
-        bearing = _tenth(bearing_deg(site, yaw))
+        bearing = round(bearing_deg(site, yaw), 1) % 360.0
         yield feature(site, shapely.Point(x, y), layer="parking", name=f"bay{i:03}", bearing_deg=bearing)
     yield from (mount_feature(site, mount) for mount in site.mounts)
-    yield from (_sensor(site, sensor) for sensor in site.sensors)
-
-
-def _sensor(site: Site, sensor: Sensor) -> _Json:
-    forward = sensor.world_SE3_body[:3, 0]
-    bearing = bearing_deg(site, float(np.arctan2(forward[1], forward[0])))
-    tilt = float(np.rad2deg(np.arctan2(-forward[2], np.hypot(forward[0], forward[1]))))
-    height = float(sensor.position[2] - site.ground(sensor.position[:2]))
-    return feature(
-        site,
-        shapely.Point(sensor.position[:2]),
-        layer="sensor",
-        name=sensor.name,
-        model=name_in_words(type(sensor.model).__name__),
-        height=round(height, 3),
-        bearing_deg=_tenth(bearing),
-        tilt_deg=round(tilt, 1) + 0.0,
-    )
-
-
-def _tenth(bearing: float) -> float:
-    """Bearing to 0.1 degree, never 360."""
-    return round(bearing, 1) % 360.0
+    for sensor in site.sensors:
+        x, y, z = sensor.world_SE3_body[:3, 0]
+        yield feature(
+            site,
+            shapely.Point(sensor.position[:2]),
+            layer="sensor",
+            name=sensor.name,
+            model=name_in_words(type(sensor.model).__name__),
+            height=round(float(sensor.position[2] - site.ground(sensor.position[:2])), 3),
+            bearing_deg=round(bearing_deg(site, float(np.arctan2(y, x))), 1) % 360.0,
+            tilt_deg=round(float(np.rad2deg(np.arctan2(-z, np.hypot(x, y)))), 1) + 0.0,
+        )

@@ -1,15 +1,15 @@
-"""Parking along the kerbs of an OpenStreetMap extract.
+"""Parking along the kerbs of an OpenStreetMap extract: strips beside the lanes of the roads, and bays on them.
 
-It has strips beside the lanes of the roads, and bays on them. Both tagging schemes are read, parking:SIDE with
-parking:SIDE:orientation and the older parking:lane:SIDE, and areas of amenity=parking beside a road. netconvert knows
-no such strips: they are put into the plain network that it writes, and it is run again. A strip lies between lanes and
-footway, also where vehicles stand half or all on the kerb. https://wiki.openstreetmap.org/wiki/Street_parking
+Both tagging schemes are read, parking:SIDE with parking:SIDE:orientation and the older parking:lane:SIDE, and areas of
+amenity=parking beside a road. netconvert knows no such strips: they are put into the plain network that it writes, and
+it is run again. A strip lies between lanes and footway, also where vehicles stand half or all on the kerb.
+https://wiki.openstreetmap.org/wiki/Street_parking
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
-from toolkit.sites.network import list_users, parse_shape
+from toolkit.sites.network import list_lanes, list_users, parse_shape
 from toolkit.sites.osm import Extract, Tags
 from toolkit.sites.surroundings import ANGLES, bays_between
 
@@ -36,7 +36,7 @@ Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: no parkin
 
 
 class Sides(NamedTuple):
-    """Parking on both sides of a lane. One side is at the kerb. The kerb is on the right where traffic keeps right."""
+    """Parking on both sides of a lane. The kerb is on the right where traffic keeps right."""
 
     kerb: Angle = None
     inner: Angle = None
@@ -44,24 +44,17 @@ class Sides(NamedTuple):
 
 @dataclass(frozen=True)
 class Parking:
-    """Parking along roads.
-
-    roads: each road's line with the angles left and right of it; areas: beside roads, with their angles; lefthand:
-    traffic keeps left.
-    """
+    """Parking: each road's line with the angles left and right of it, and areas beside roads with their angles."""
 
     roads: tuple[tuple[shapely.LineString, tuple[Angle, Angle]], ...]
     areas: tuple[tuple[shapely.Polygon, int], ...] = ()
-    lefthand: bool = False
+    lefthand: bool = False  # traffic keeps left
 
     def __bool__(self) -> bool:
         return bool(self.areas) or any(angles != (None, None) for _, angles in self.roads)
 
     def beside(self, lane: shapely.LineString, at: float) -> Sides:
-        """Parking on both sides of a lane, at one place.
-
-        It is at the kerb and on the other side, `at` m along the lane.
-        """
+        """Parking on both sides of a lane, `at` m along it."""
         spot, ahead = lane.interpolate(at), _direction(lane, at)
         tagged: tuple[Angle, Angle] = (None, None)
         nearest = _NEAR
@@ -70,18 +63,13 @@ class Parking:
             cosine, distance = float(ahead @ _direction(line, line.project(spot))), float(line.distance(spot))
             if distance < nearest and abs(cosine) > _ALIKE:
                 tagged, nearest = (left, right) if cosine > 0 else (right, left), distance
-        across = np.array([-ahead[1], ahead[0]])
-        left, right = (
-            self._area(spot, side) if angle is None else angle
-            for angle, side in zip(tagged, (across, -across), strict=True)
-        )
-        return Sides(left, right) if self.lefthand else Sides(right, left)
-
-    def _area(self, spot: shapely.Point, across: Float64[np.ndarray, "2"]) -> Angle:
-        """Angle of the first area of parking from `spot` on."""
-        ray = shapely.LineString([spot, shapely.Point(shapely.get_coordinates(spot)[0] + _NEAR * across)])
-        hit = [(float(ray.intersection(shape).distance(spot)), angle) for shape, angle in self.areas]
-        return min((each for each in hit if np.isfinite(each[0])), default=(0.0, None))[1]
+        found = list(tagged)
+        for side, across in enumerate(_NEAR * np.array([[-ahead[1], ahead[0]], [ahead[1], -ahead[0]]])):
+            if found[side] is None:  # the first area on this side
+                ray = shapely.LineString([spot, shapely.Point(shapely.get_coordinates(spot)[0] + across)])
+                hits = [(float(ray.intersection(shape).distance(spot)), angle) for shape, angle in self.areas]
+                found[side] = min((hit for hit in hits if np.isfinite(hit[0])), default=(0.0, None))[1]
+        return Sides(*found) if self.lefthand else Sides(*found[::-1])
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
@@ -89,53 +77,41 @@ class Parking:
 
 
 class _Street(NamedTuple):
-    """Edge for motor vehicles.
-
-    lanes: from the kerb inwards; inner: the innermost lane for motor vehicles; two_way: the road's other direction lies
-    beyond it.
-    """
+    """Edge for motor vehicles; lanes from the kerb inwards."""
 
     name: str
     lanes: list[ElementTree.Element]
-    inner: shapely.LineString
-    two_way: bool
+    inner: shapely.LineString  # the innermost lane for motor vehicles
+    two_way: bool  # the road's other direction lies beyond it
 
 
 def find_parking(extract: Extract, kinds: Collection[str], window: shapely.Geometry, *, lefthand: bool) -> Parking:
     """Parking along the roads of `kinds` (highway=...) within `window`."""
-    roads = [(shapely.LineString(way.line), way.tags) for way in extract.ways if way.tags.get("highway") in kinds]
+    lines = [(shapely.LineString(way.line), way.tags) for way in extract.ways if way.tags.get("highway") in kinds]
+    roads = [(line, (_angle(tags, "left"), _angle(tags, "right"))) for line, tags in lines if line.intersects(window)]
     areas = [
         (shape, _ORIENTATIONS.get(tags.get("orientation", ""), 0))
         for shape, tags in extract.areas
-        if tags.get("amenity") == "parking" and tags.get("parking") in _BESIDE_ROAD
+        if tags.get("amenity") == "parking" and tags.get("parking") in _BESIDE_ROAD and shape.intersects(window)
     ]
-    near = [(line, tags) for line, tags in roads if line.intersects(window)]
-    return Parking(
-        tuple((line, (_angle(tags, "left"), _angle(tags, "right"))) for line, tags in near),
-        tuple((shape, angle) for shape, angle in areas if shape.intersects(window)),
-        lefthand,
-    )
+    return Parking(tuple(roads), tuple(areas), lefthand)
 
 
 def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
-    """Parking angles of the edges that get strips.
-
-    There is one for both sides.
-
-    network: net.xml text in the extract's frame; the commonest angle counts.
-    """
+    """Angles on both sides of the edges that get strips; the commonest counts. network: in the extract's frame."""
     found = {}
     for street in _streets(network):
         seen = [parking.beside(street.inner, at) for at in np.arange(_EVERY / 2, street.inner.length, _EVERY)]
-        kerb, inner = (_usual([sides[side] for sides in seen]) for side in (0, 1))
-        sides = Sides(kerb, None if street.two_way else inner)
+        kerb, inner = (Counter(sides[k] for sides in seen if sides[k] is not None) for k in (0, 1))
+        usual = [angles.most_common(1)[0][0] if angles.total() >= _LEAST else None for angles in (kerb, inner)]
+        sides = Sides(usual[0], None if street.two_way else usual[1])
         if sides != Sides():
             found[street.name] = sides
     return found
 
 
 def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
-    """Options of netconvert for a network with strips. The plain network is in `folder`."""
+    """Options of netconvert for the plain network in `folder` with strips."""
     edges, connections = (ElementTree.parse(folder / f"plain.{kind}.xml") for kind in ("edg", "con"))
     first = {str(edge.get("id")): _widen(edge, found.get(str(edge.get("id")), Sides())) for edge in edges.iter("edge")}
     for connection in connections.iter("connection"):
@@ -151,7 +127,7 @@ def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
 
 
 def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw on a network's parking strips. Vehicles stand in them as the map says. network: a net.xml text."""
+    """Bays x, y, yaw on a network's parking strips, as the map says."""
     found: list[tuple[float, float, float]] = []
     for street in _streets(network):
         inside = False
@@ -167,23 +143,25 @@ def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, 
 
 
 def _streets(network: str) -> Iterator[_Street]:
-    edges = {
-        str(edge.get("id")): list(edge.iter("lane"))
-        for edge in ElementTree.fromstring(network).iter("edge")
-        if edge.get("function", "normal") == "normal"
-    }
+    edges: dict[str, list[ElementTree.Element]] = {}
+    for edge, lane in list_lanes(network):
+        edges.setdefault(str(edge.get("id")), []).append(lane)
     driven = {name: [lane for lane in lanes if "passenger" in list_users(lane)] for name, lanes in edges.items()}
     for name, lanes in edges.items():
         other = name[1:] if name.startswith("-") else f"-{name}"
-        if driven[name] and len(parse_shape(driven[name][-1])) > 1:
-            yield _Street(name, lanes, shapely.LineString(parse_shape(driven[name][-1])), bool(driven.get(other)))
+        if driven[name] and len(line := parse_shape(driven[name][-1])) > 1:
+            yield _Street(name, lanes, shapely.LineString(line), bool(driven.get(other)))
 
 
 def _widen(edge: ElementTree.Element, sides: Sides) -> int:
-    """Give an edge its strips. Returns the first lane number that moves."""
+    """Give an edge its strips; return the first lane number that moves."""
     lanes = edge.findall("lane") or [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
     first = next((i for i, lane in enumerate(lanes) if "passenger" in list_users(lane)), 0)
-    wide = [*lanes[:first], *_strip(sides.kerb), *lanes[first:], *_strip(sides.inner)]
+    kerb, inner = (
+        [] if angle is None else [ElementTree.Element("lane", disallow="all", width=f"{ANGLES[angle]:.3f}")]
+        for angle in sides
+    )
+    wide = [*lanes[:first], *kerb, *lanes[first:], *inner]
     for lane in edge.findall("lane"):
         edge.remove(lane)
     for index, lane in enumerate(wide):
@@ -193,25 +171,14 @@ def _widen(edge: ElementTree.Element, sides: Sides) -> int:
     return first if sides.kerb is not None else len(wide)
 
 
-def _strip(angle: Angle) -> list[ElementTree.Element]:
-    return [] if angle is None else [ElementTree.Element("lane", disallow="all", width=f"{ANGLES[angle]:.3f}")]
-
-
-def _usual(angles: Sequence[Angle]) -> Angle:
-    """Commonest angle; None if parking is rare."""
-    parked = [angle for angle in angles if angle is not None]
-    return Counter(parked).most_common(1)[0][0] if len(parked) >= _LEAST else None
-
-
 def _direction(line: shapely.LineString, at: float) -> Float64[np.ndarray, "2"]:
     """Unit vector along a line, `at` m from its start."""
-    ends = shapely.get_coordinates([line.interpolate(max(at - 0.5, 0.0)), line.interpolate(at + 0.5)])
-    ahead = ends[1] - ends[0]
+    (ahead,) = np.diff(shapely.get_coordinates(line.interpolate([max(at - 0.5, 0.0), at + 0.5])), axis=0)
     return ahead / max(float(np.hypot(*ahead)), 1e-9)
 
 
 def _angle(tags: Tags, side: str) -> Angle:
-    """Parking angle on one side of a road. side: left or right."""
+    """Parking angle on one side of a road, left or right."""
 
     def said(key: str, rest: str = "") -> str:
         return (tags.get(f"{key}:{side}{rest}") or tags.get(f"{key}:both{rest}") or "").strip().lower()
