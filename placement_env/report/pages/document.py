@@ -8,12 +8,13 @@ and a policy in the page forbids every request. The scene is held as data until 
 from __future__ import annotations
 
 import json
+import math
 import tempfile
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from toolkit.viewing.scene import POLICY, scene_script, script_data
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from placement_env.report.pages.scene import Scene
 
 _FOLDER = Path(__file__).parent
+NONE = "–"  # for an undefined figure
 
 
 @dataclass(frozen=True)
@@ -33,16 +35,38 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table. unit: of its numbers, "" without; number: whether it holds numbers, aligned right."""
+    """Column of a table. unit: of its numbers; digits: after the point, None for texts, which are aligned left."""
 
     title: str
     unit: str = ""
-    number: bool = True
+    digits: int | None = 1
 
     @property
     def heading(self) -> str:
         """Title with unit."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
+
+    @property
+    def number(self) -> bool:
+        """True for a column of numbers, which are aligned right."""
+        return self.digits is not None
+
+    def cell(self, value: Cell | str | float | None) -> Cell:
+        """Cell of this column. A dash stands for an undefined number."""
+        if isinstance(value, Cell | str):
+            return value if isinstance(value, Cell) else Cell(value)
+        return Cell(
+            number(value, self.digits or 0), None if value is None or not math.isfinite(value) else float(value)
+        )
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Format a figure with this many decimals.
+
+    >>> number(0.9), number(None), number(float("nan"))
+    ('0.900', '–', '–')
+    """
+    return f"{value:,.{digits}f}" if value is not None and math.isfinite(value) else NONE
 
 
 @dataclass(frozen=True)
@@ -63,17 +87,12 @@ class Bullets:
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table with the sentence above it. Raises ValueError for a row without a cell for each column."""
+    """A table with the sentence above it."""
 
     caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     kind: ClassVar[str] = "table"
-
-    def __post_init__(self) -> None:
-        for row in self.rows:
-            if len(row) != len(self.columns):
-                raise ValueError(f"{self.caption!r} has {len(self.columns)} columns, got a row of {len(row)} cells")
 
 
 @dataclass(frozen=True)
@@ -96,6 +115,7 @@ class SceneView:
 
 
 ReportBlock = Paragraph | Bullets | TableBlock | Drawing | SceneView
+Content = tuple[str, *tuple[ReportBlock, ...]]  # of a section: its conclusion, then its blocks
 
 
 @dataclass(frozen=True)
@@ -118,13 +138,16 @@ class Document:
     language: str = "en"
 
 
-def table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> tuple[TableBlock, ...]:
-    """Return a table, or nothing without rows.
+def table(
+    caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell | str | float | None]]
+) -> tuple[TableBlock, ...]:
+    """Return a table of formatted values, or nothing without rows. Raises ValueError for a row of another length.
 
     >>> table("Links", [Column("Pole")], [])
     ()
     """
-    return (TableBlock(caption, tuple(columns), tuple(tuple(row) for row in rows)),) if rows else ()
+    cells = tuple(tuple(c.cell(value) for c, value in zip(columns, row, strict=True)) for row in rows)
+    return (TableBlock(caption, tuple(columns), cells),) if rows else ()
 
 
 def to_html(document: Document, scene: Scene | None) -> str:
@@ -158,45 +181,29 @@ def _data_address(svg: str) -> str:
 
 
 def to_pdf(document: Document) -> bytes:
-    """Return the PDF, set by typst.
-
-    The same document gives the same bytes.
+    """Return the PDF, set by typst. The same document gives the same bytes.
 
     All texts are passed as data, so none of them is read as markup. Raises ValueError if a drawing is not SVG.
     """
     import typst
 
+    content = asdict(document)
     with tempfile.TemporaryDirectory(prefix="coview-report-") as folder:
-        _write_project(document, Path(folder))
+        drawings = 0
+        for section, of_section in zip(document.sections, content["sections"], strict=True):
+            for block, values in zip(section.blocks, of_section["blocks"], strict=True):
+                values["kind"] = block.kind
+                if isinstance(block, TableBlock):
+                    values["columns"] = [{"heading": c.heading, "number": c.number} for c in block.columns]
+                if isinstance(block, Drawing):
+                    values["file"] = f"drawing{drawings}.svg"
+                    Path(folder, values["file"]).write_text(values.pop("svg"), encoding="utf-8")
+                    drawings += 1
+        Path(folder, "content.json").write_text(json.dumps(content), encoding="utf-8")
+        Path(folder, "report.typ").write_bytes((_FOLDER / "report.typ").read_bytes())
         try:
             pages = typst.compile(str(Path(folder, "report.typ")), root=folder, ignore_system_fonts=True, timestamp=0)
         except typst.TypstError as error:
             raise ValueError(f"the PDF cannot be set: {error.message}: the drawings must be SVG") from error
     assert isinstance(pages, bytes)
     return pages
-
-
-def _write_project(document: Document, folder: Path) -> None:
-    """Write template, data and drawings into a folder for typst."""
-    sections, drawings = [], 0
-    for section in document.sections:
-        blocks = []
-        for block in section.blocks:
-            values = _block_values(block)
-            svg = values.pop("svg", None)
-            if svg is not None:
-                values["file"] = f"drawing{drawings}.svg"
-                Path(folder, values["file"]).write_text(svg, encoding="utf-8")
-                drawings += 1
-            blocks.append(values)
-        sections.append({"title": section.title, "conclusion": section.conclusion, "blocks": blocks})
-    content = {"title": document.title, "subtitle": document.subtitle, "language": document.language}
-    Path(folder, "content.json").write_text(json.dumps(content | {"sections": sections}), encoding="utf-8")
-    Path(folder, "report.typ").write_bytes((_FOLDER / "report.typ").read_bytes())
-
-
-def _block_values(block: ReportBlock) -> dict[str, Any]:
-    values = {"kind": block.kind, **asdict(block)}
-    for of_column, column in zip(values.get("columns", ()), getattr(block, "columns", ()), strict=True):
-        of_column["heading"] = column.heading
-    return values

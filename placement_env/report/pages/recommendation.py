@@ -1,7 +1,4 @@
-"""Sections on what to build.
-
-They are the answer, the chosen set and its rivals, links, materials, mounting, and the method.
-"""
+"""Sections on what to build: the answer, the chosen set and its rivals, links, materials, mounting and the method."""
 
 from __future__ import annotations
 
@@ -15,60 +12,47 @@ from placement_env.report.content import CONFIDENCE, Plan, PlanOption
 from placement_env.report.maps import plan_view
 from placement_env.report.pages.document import (
     Bullets,
-    Cell,
     Column,
+    Content,
     Drawing,
     Paragraph,
     ReportBlock,
     SceneView,
-    Section,
+    TableBlock,
+    number,
     table,
 )
 from placement_env.report.pages.wording import (
     JUDGED_COLUMNS,
-    NOTHING_CHOSEN,
     ap_figure,
     ap_text,
     count_text,
-    figure_cell,
-    format_cells,
+    in_percent,
     join_names,
-    number,
+    judged_cells,
     percent,
     price_column,
     price_text,
-    share_cell,
-    text_cell,
+    text_columns,
 )
 from toolkit.sites.site import Site
 
-OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP"), *JUDGED_COLUMNS)
 
-
-def requirement_section(plan: Plan) -> Section:
+def answer(plan: Plan) -> Content:
     """Answer to the question, with obstacles and reading help."""
-    blocks: list[ReportBlock] = []
-    if plan.verdict.reasons:
-        blocks += [Paragraph("What stands in the way:"), Bullets(plan.verdict.reasons)]
-    blocks.append(
-        Paragraph(
-            "AP (average precision) rates from 0 to 1 how well the detector finds vehicles: 1 means that it finds "
-            "every vehicle and reports none that is not there. A vehicle counts as found if the intersection of the "
-            f"reported box and the true box is at least {iou_text(plan.iou)} of their union (IoU). Every AP comes with "
-            f"an interval, which contains it with {CONFIDENCE:.0%} confidence, and with the number of vehicles it was "
-            "measured on: few vehicles make a wide interval. Every AP was measured on traffic that the search for the "
-            "best set never saw. A kbit is a thousand bits; data are stated per sensor and frame, at ten frames a "
-            "second."
-        )
+    obstacles = (Paragraph("What stands in the way:"), Bullets(plan.verdict.reasons)) if plan.verdict.reasons else ()
+    help_text = (
+        "AP (average precision) rates from 0 to 1 how well the detector finds vehicles: 1 means that it finds "
+        "every vehicle and reports none that is not there. A vehicle counts as found if the intersection of the "
+        f"reported box and the true box is at least {iou_text(plan.iou)} of their union (IoU). Every AP comes with "
+        f"an interval, which contains it with {CONFIDENCE:.0%} confidence, and with the number of vehicles it was "
+        "measured on: few vehicles make a wide interval. Every AP was measured on traffic that the search for the "
+        "best set never saw. A kbit is a thousand bits; data are stated per sensor and frame, at ten frames a "
+        "second."
     )
-    asked = [(Cell(str(key).replace("_", " ")), Cell(value_text(value))) for key, value in plan.question.items()]
-    columns = (Column("Asked", number=False), Column("Value", number=False))
-    return Section(
-        "requirement",
-        "The answer" if plan.verdict.met is None else "Is the requirement met?",
-        plan.verdict.sentence,
-        (*blocks, *table("The question that this plan answers", columns, asked)),
-    )
+    asked = [(str(key).replace("_", " "), value_text(value)) for key, value in plan.question.items()]
+    question = table("The question that this plan answers", text_columns("Asked", "Value"), asked)
+    return plan.verdict.sentence, *obstacles, Paragraph(help_text), *question
 
 
 def value_text(value: object) -> str:
@@ -82,12 +66,8 @@ def value_text(value: object) -> str:
     return ", ".join(map(value_text, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def chosen_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
+def chosen_set(plan: Plan, chosen: PlanOption, site: Site, ground: Ground | None) -> Content:
     """The set to build, and why."""
-    key, title = "chosen", "The chosen set, and why"
-    if plan.chosen is None:
-        return Section(key, title, NOTHING_CHOSEN)
-    chosen = plan.chosen
     judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "the detector did not judge it"
     if chosen.counted is not None and chosen.counted is not chosen.judged:
         judged += f", and {ap_text(chosen.counted)} {_cases_text(chosen)}, as the question asks"
@@ -110,52 +90,47 @@ def chosen_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
         "Drag to turn the junction, scroll to zoom; hide sensors and boxes with the switches.",
         "The junction in 3D, with points, vehicles and detections of some frames, is in report.html beside this file.",
     )
-    return Section(key, title, conclusion, (*((Bullets(plan.why),) if plan.why else ()), view, scene))
+    return conclusion, *((Bullets(plan.why),) if plan.why else ()), view, scene
 
 
-def front_section(plan: Plan) -> Section:
+def front(plan: Plan, chosen: PlanOption) -> Content:
     """Gain from more money or a faster link."""
-    key, title = "front", "What more money or faster links buy"
-    if plan.chosen is None:
-        return Section(key, title, NOTHING_CHOSEN)
     if len(plan.front) < 2:
-        return Section(key, title, "No other set beats the chosen one in AP, data sent or price.")
+        return ("No other set beats the chosen one in AP, data sent or price.",)
     judged = [(option, option.counted) for option in plan.front if option.counted is not None]
-    best = max(judged, key=lambda each: each[1].ap, default=None)
-    cheapest = min(plan.front, key=lambda each: each.price)
-    prices = (
-        f"the cheapest costs {price_text(cheapest.price, plan.currency)}"
-        if best is None
-        else f"prices start at {price_text(cheapest.price, plan.currency)}, and the highest AP, "
-        f"{ap_figure(best[1])}, costs {price_text(best[0].price, plan.currency)}"
-    )
-    conclusion = f"No set beats these {len(plan.front)} in AP, data sent and price at once: {prices}."
+    cheapest = price_text(min(each.price for each in plan.front), plan.currency)
+    prices = f"the cheapest costs {cheapest}"
+    if judged:
+        best, ap = max(judged, key=lambda each: each[1].ap)
+        highest = f"the highest AP, {ap_figure(ap)}, costs {price_text(best.price, plan.currency)}"
+        prices = f"prices start at {cheapest}, and {highest}"
     drawing = Drawing(
-        front_chart(plan.front, _when_compared(plan, plan.chosen), plan.currency),
-        f"The chosen set costs {price_text(plan.chosen.price, plan.currency)} and sends "
-        f"{number(plan.chosen.kbit_per_sensor, 0)} kbit per sensor and frame.",
+        front_chart(plan.front, _when_compared(plan, chosen), plan.currency),
+        f"The chosen set costs {price_text(chosen.price, plan.currency)} and sends "
+        f"{number(chosen.kbit_per_sensor, 0)} kbit per sensor and frame.",
         "AP over kbit per sensor and over price for every set that no other beats in all three",
     )
-    options = table("Sets that no other beats in AP, kbit and price at once", *_option_table(plan, plan.front))
-    return Section(key, title, conclusion, (*_explain_traffic(plan, plan.chosen), drawing, *options))
+    return (
+        f"No set beats these {len(plan.front)} in AP, data sent and price at once: {prices}.",
+        *_explain_traffic(plan, chosen),
+        drawing,
+        *_option_table("Sets that no other beats in AP, kbit and price at once", plan, chosen, plan.front),
+    )
 
 
-def alternatives_section(plan: Plan) -> Section:
+def alternatives(plan: Plan, chosen: PlanOption) -> Content:
     """Sets that the measurements cannot tell from the chosen one."""
-    key, title = "alternatives", "Sets that are nearly as good"
-    if plan.chosen is None:
-        return Section(key, title, NOTHING_CHOSEN)
     close = plan.near_optimal
     if not close:
-        return Section(key, title, "No other judged set has an interval that overlaps that of the chosen set.")
-    cheaper = sum(each.price < plan.chosen.price for each in close)
+        return ("No other judged set has an interval that overlaps that of the chosen set.",)
+    cheaper = sum(each.price < chosen.price for each in close)
     conclusion = (
         f"The judged traffic cannot tell {count_text(len(close), 'other set')} from the chosen one, because the "
         f"intervals overlap; {cheaper or 'none'} of them {'is' if cheaper < 2 else 'are'} cheaper."
     )
-    options = (_when_compared(plan, plan.chosen), *close)
-    sets = table("The chosen set and the sets whose interval overlaps its own", *_option_table(plan, options))
-    return Section(key, title, conclusion, (*_explain_traffic(plan, plan.chosen), *sets))
+    caption = "The chosen set and the sets whose interval overlaps its own"
+    sets = _option_table(caption, plan, chosen, (_when_compared(plan, chosen), *close))
+    return conclusion, *_explain_traffic(plan, chosen), *sets
 
 
 def _when_compared(plan: Plan, chosen: PlanOption) -> PlanOption:
@@ -164,138 +139,112 @@ def _when_compared(plan: Plan, chosen: PlanOption) -> PlanOption:
 
 
 def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
-    """Explain why the chosen set has another AP here. The comparison is with the rest of the report."""
-    compared = _when_compared(plan, chosen)
-    if compared.counted is None or chosen.counted is None:
+    """Explain why the chosen set has another AP here than in the rest of the report."""
+    compared, cases = _when_compared(plan, chosen).counted, _cases_text(chosen)
+    if compared is None or chosen.counted is None:
         return ()
-    cases = _cases_text(chosen)
     asked = (Paragraph(f"The AP of each set in this section is that {cases}, as the question asks."),) if cases else ()
-    if compared.counted == chosen.counted:
+    if compared == chosen.counted:
         return asked
     return (
         *asked,
         Paragraph(
             "The AP of each set in this section is from the traffic on which the sets were compared. There the chosen "
-            f"set has {ap_figure(compared.counted)}; its {ap_figure(chosen.counted)} in the rest of the report is from "
+            f"set has {ap_figure(compared)}; its {ap_figure(chosen.counted)} in the rest of the report is from "
             "other traffic, which had no say in the choice and is therefore the figure to trust."
         ),
     )
 
 
 def _cases_text(chosen: PlanOption) -> str:
-    """Cases behind the AP by which sets are compared. It is "" for the intact set in all traffic."""
+    """Cases behind the AP by which sets are compared, "" for the intact set in all traffic."""
     left = "" if chosen.left is None else "after the failures"
     levels = "" if chosen.over_levels is None else "over the levels of traffic"
     errors = "" if chosen.over_errors is None else "over the error profiles"
     return " and ".join(each for each in (left, levels, errors) if each)
 
 
-def _option_table(plan: Plan, options: Sequence[PlanOption]) -> tuple[tuple[Column, ...], list[tuple[Cell, ...]]]:
-    columns = (*OPTION_COLUMNS, Column("per sensor", "kbit"), price_column("price", plan.currency))
-    rows = []
-    for option in options:
-        mark = " (chosen)" if plan.chosen is not None and option.sensors == plan.chosen.sensors else ""
-        rows.append(
-            (
-                text_cell(join_names(option.sensors) + mark),
-                figure_cell(option.predicted, 3),
-                *format_cells(option.counted),
-                figure_cell(option.kbit_per_sensor),
-                figure_cell(option.price, 2),
-            )
+def _option_table(
+    caption: str, plan: Plan, chosen: PlanOption, options: Sequence[PlanOption]
+) -> tuple[TableBlock, ...]:
+    predicted, costs = Column("predicted AP", digits=3), price_column("price", plan.currency)
+    columns = (*text_columns("Sensors"), predicted, *JUDGED_COLUMNS, Column("per sensor", "kbit"), costs)
+    rows = [
+        (
+            join_names(each.sensors) + (" (chosen)" if each.sensors == chosen.sensors else ""),
+            *(each.predicted, *judged_cells(each.counted), each.kbit_per_sensor, each.price),
         )
-    return columns, rows
+        for each in options
+    ]
+    return table(caption, columns, rows)
 
 
-def links_section(plan: Plan) -> Section:
+def links(plan: Plan) -> Content:
     """Load of the links against their capacity."""
-    key, title = "links", "What the links carry"
-    if plan.chosen is None or not plan.links:
-        return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "No link carries anything.")
-    narrow = [each for each in plan.links if not each.fits]
-    fullest = max(plan.links, key=lambda each: each.share)
+    if not plan.links:
+        return ("No link carries anything.",)
+    narrow = [each.pole for each in plan.links if not each.fits]
+    fullest, total = max(plan.links, key=lambda each: each.share), sum(each.mbit_s for each in plan.links)
     conclusion = (
-        f"{count_text(len(narrow), 'link')} of {len(plan.links)} cannot carry what is sent: "
-        f"{join_names([each.pole for each in narrow])}."
+        f"{count_text(len(narrow), 'link')} of {len(plan.links)} cannot carry what is sent: {join_names(narrow)}."
         if narrow
         else f"Every link carries what is sent; the fullest, at {fullest.pole}, is used to {percent(fullest.share)}: "
         f"its largest frames need {number(fullest.peak_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s."
     )
-    columns = (
-        Column("Pole", number=False),
-        *(Column(name, "Mbit/s") for name in ("mean", "largest frame", "capacity")),
-        Column("used", "%"),
-        Column("fits", number=False),
-    )
+    loads = [Column(name, "Mbit/s", 2) for name in ("mean", "largest frame", "capacity")]
+    columns = (*text_columns("Pole"), *loads, Column("used", "%"), *text_columns("fits"))
     rows = [
-        (
-            text_cell(each.pole),
-            *(figure_cell(value, 2) for value in (each.mbit_s, each.peak_mbit_s, each.capacity_mbit_s)),
-            share_cell(each.share),
-            text_cell("yes" if each.fits else "no"),
-        )
-        for each in plan.links
+        (e.pole, e.mbit_s, e.peak_mbit_s, e.capacity_mbit_s, in_percent(e.share), "yes" if e.fits else "no")
+        for e in plan.links
     ]
-    alt = "Mbit/s of each link against its capacity: " + "; ".join(
-        f"{each.pole}: {number(each.mbit_s, 2)} of {number(each.capacity_mbit_s, 2)}" for each in plan.links
+    each = "; ".join(f"{e.pole}: {number(e.mbit_s, 2)} of {number(e.capacity_mbit_s, 2)}" for e in plan.links)
+    drawing = Drawing(
+        link_chart(plan.links),
+        f"All links together carry {number(total, 2)} Mbit/s to the fusion centre.",
+        f"Mbit/s of each link against its capacity: {each}",
     )
-    total = sum(each.mbit_s for each in plan.links)
-    caption = f"All links together carry {number(total, 2)} Mbit/s to the fusion centre."
-    drawing = Drawing(link_chart(plan.links), caption, alt)
-    return Section(key, title, conclusion, (drawing, *table(f"Load at {RATE:g} frames a second", columns, rows)))
+    return conclusion, drawing, *table(f"Load at {RATE:g} frames a second", columns, rows)
 
 
-def materials_section(plan: Plan) -> Section:
+def materials(plan: Plan) -> Content:
     """Items to order."""
-    key, title = "materials", "Bill of materials"
-    if plan.chosen is None or not plan.materials:
-        return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "There is nothing to order.")
-    total, dearest = sum(each.price for each in plan.materials), max(plan.materials, key=lambda each: each.price)
-    conclusion = (
-        f"The total is {price_text(total, plan.currency)}; the largest part, "
-        f"{price_text(dearest.price, plan.currency)}, is “{dearest.item}” "
-        f"({dearest.count} at {price_text(dearest.unit_price, plan.currency)})."
+    if not plan.materials:
+        return ("There is nothing to order.",)
+    dearest = max(plan.materials, key=lambda each: each.price)
+    total, part, each = (
+        price_text(price, plan.currency)
+        for price in (sum(item.price for item in plan.materials), dearest.price, dearest.unit_price)
     )
-    columns = (
-        Column("Item", number=False),
-        Column("count"),
-        price_column("each", plan.currency),
-        price_column("total", plan.currency),
-    )
-    rows = [
-        (text_cell(e.item), figure_cell(float(e.count), 0), figure_cell(e.unit_price, 2), figure_cell(e.price, 2))
-        for e in plan.materials
-    ]
     units = () if plan.currency else (Paragraph("Prices are in units of one ordinary pole."),)
-    return Section(key, title, conclusion, (*units, *table("What to order", columns, rows)))
-
-
-def schedule_section(plan: Plan) -> Section:
-    """Place and aim of each sensor."""
-    key, title = "schedule", "Mounting schedule"
-    if plan.chosen is None or not plan.sensors:
-        return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "There is nothing to mount.")
-    heights = [sensor.height for sensor in plan.sensors]
-    poles = len({sensor.pole for sensor in plan.sensors})
-    conclusion = (
-        f"Mount {count_text(len(plan.sensors), 'sensor')} on {count_text(poles, 'pole')}, "
-        + (f"{min(heights):.1f} to {max(heights):.1f}" if max(heights) - min(heights) >= 0.05 else f"{heights[0]:.1f}")
-        + " m above the foot of the pole."
+    prices = (price_column(title, plan.currency) for title in ("each", "total"))
+    columns = (*text_columns("Item"), Column("count", digits=0), *prices)
+    rows = [(item.item, item.count, item.unit_price, item.price) for item in plan.materials]
+    return (
+        f"The total is {total}; the largest part, {part}, is “{dearest.item}” ({dearest.count} at {each}).",
+        *units,
+        *table("What to order", columns, rows),
     )
+
+
+def schedule(plan: Plan) -> Content:
+    """Place and aim of each sensor."""
+    if not plan.sensors:
+        return ("There is nothing to mount.",)
+    low, high = (pick(sensor.height for sensor in plan.sensors) for pick in (min, max))
+    heights = f"{low:.1f} to {high:.1f}" if high - low >= 0.05 else f"{plan.sensors[0].height:.1f}"
+    poles = count_text(len({sensor.pole for sensor in plan.sensors}), "pole")
     on_earth = all(s.longitude is not None and s.latitude is not None for s in plan.sensors)
-    degrees = (Column("longitude", "°"), Column("latitude", "°")) if on_earth else ()
     columns = (
-        *(Column(name, number=False) for name in ("Sensor", "Pole", "Model")),
-        *(Column(name, "m") for name in ("east x", "north y", "height")),
-        *degrees,
+        *text_columns("Sensor", "Pole", "Model"),
+        *(Column(name, "m", 2) for name in ("east x", "north y", "height")),
+        *(Column(name, "°", 6) for name in (("longitude", "latitude") if on_earth else ())),
         *(Column(name, "°") for name in ("bearing", "tilt down")),
     )
     rows = [
         (
-            *(text_cell(text) for text in (s.name, s.pole, s.model)),
-            *(figure_cell(value, 2) for value in (s.x, s.y, s.height)),
-            *(figure_cell(value, 6) for value in ((s.longitude, s.latitude) if on_earth else ())),
-            *(figure_cell(value, 1) for value in (s.bearing_deg, s.tilt_deg)),
+            *(s.name, s.pole, s.model, s.x, s.y, s.height),
+            *((s.longitude, s.latitude) if on_earth else ()),
+            *(s.bearing_deg, s.tilt_deg),
         )
         for s in plan.sensors
     ]
@@ -303,10 +252,14 @@ def schedule_section(plan: Plan) -> Section:
     note += "height is above the foot of the pole. x and y are metres in the frame of the site."
     if not on_earth:
         note += " The site has no geographic reference, so there are no longitudes and latitudes."
-    return Section(key, title, conclusion, (Paragraph(note), *table("Sensor by sensor", columns, rows)))
+    return (
+        f"Mount {count_text(len(plan.sensors), 'sensor')} on {poles}, {heights} m above the foot of the pole.",
+        Paragraph(note),
+        *table("Sensor by sensor", columns, rows),
+    )
 
 
-def method_section(plan: Plan) -> Section:
+def method(plan: Plan) -> Content:
     """Computation, assumptions, unknowns and provenance."""
     judged = plan.chosen.judged if plan.chosen else None
     amount = f", {count_text(judged.vehicles, judged.kind)} in {count_text(judged.frames, 'frame')}" if judged else ""
@@ -326,10 +279,9 @@ def method_section(plan: Plan) -> Section:
     for heading, sentences in (("What it assumes:", plan.assumptions), ("What it does not know:", plan.unknown)):
         if sentences:
             blocks += [Paragraph(heading), Bullets(sentences)]
-    rows = [(text_cell(name), text_cell(value)) for name, value in _flatten(plan.provenance)]
-    columns = (Column("Input, seed or version", number=False), Column("Value", number=False))
     caption = "Origin of the figures: the same inputs, seeds and versions give the same plan"
-    return Section("method", "How this was worked out", conclusion, (*blocks, *table(caption, columns, rows)))
+    origin = table(caption, text_columns("Input, seed or version", "Value"), [*_flatten(plan.provenance)])
+    return conclusion, *blocks, *origin
 
 
 def _flatten(provenance: Mapping[str, object], before: str = "") -> Iterator[tuple[str, str]]:

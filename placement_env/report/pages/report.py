@@ -7,62 +7,60 @@ from pathlib import Path
 from placement_env.cases import iou_text
 from placement_env.handover.ground import Ground
 from placement_env.report.content import Plan, Planned
-from placement_env.report.pages.document import Document, to_html, to_pdf
-from placement_env.report.pages.performance import (
-    detection_section,
-    failures_section,
-    ground_section,
-    order_section,
-    schemes_section,
-    worth_section,
-)
-from placement_env.report.pages.recommendation import (
-    alternatives_section,
-    chosen_section,
-    front_section,
-    links_section,
-    materials_section,
-    method_section,
-    requirement_section,
-    schedule_section,
-)
+from placement_env.report.pages import performance, recommendation
+from placement_env.report.pages.document import Content, Document, Section, to_html, to_pdf
 from placement_env.report.pages.scene import build_scene
 from toolkit.runtime.files import writing_together
 from toolkit.sites.site import Site
 
 REPORT_FILES = ("report.html", "report.pdf")
+TITLES = {
+    "requirement": "Is the requirement met?",
+    "chosen": "The chosen set, and why",
+    "ground": "What the sensors see of the ground",
+    "detection": "How well vehicles are detected, and where",
+    "schemes": "Sending points or sending detections",
+    "front": "What more money or faster links buy",
+    "worth": "What each sensor is worth",
+    "failures": "What is left when sensors fail",
+    "links": "What the links carry",
+    "materials": "Bill of materials",
+    "schedule": "Mounting schedule",
+    "order": "Which sensor to build first",
+    "alternatives": "Sets that are nearly as good",
+    "method": "How this was worked out",
+}
+NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
 
 
 def build_document(plan: Plan, site: Site, ground: Ground | None) -> Document:
     """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
-    sections = (
-        requirement_section(plan),
-        chosen_section(plan, site, ground),
-        ground_section(plan, site, ground),
-        detection_section(plan),
-        schemes_section(plan),
-        front_section(plan),
-        worth_section(plan),
-        failures_section(plan),
-        links_section(plan),
-        materials_section(plan),
-        schedule_section(plan),
-        order_section(plan),
-        alternatives_section(plan),
-        method_section(plan),
-    )
-    subtitle = (
-        f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
-        if plan.detector
-        else "No set was judged"
-    )
-    return Document(f"Deployment plan for {plan.site}", subtitle, sections)
+    content: dict[str, Content] = dict.fromkeys(TITLES, (NOTHING_CHOSEN,))
+    content["requirement"] = recommendation.answer(plan)
+    content["ground"] = performance.visible_ground(plan, site, ground)
+    content["method"] = recommendation.method(plan)
+    if plan.chosen is not None:
+        content |= {
+            "chosen": recommendation.chosen_set(plan, plan.chosen, site, ground),
+            "detection": performance.detection(plan),
+            "schemes": performance.schemes(plan),
+            "front": recommendation.front(plan, plan.chosen),
+            "worth": performance.worth(plan),
+            "failures": performance.failures(plan, plan.chosen),
+            "links": recommendation.links(plan),
+            "materials": recommendation.materials(plan),
+            "schedule": recommendation.schedule(plan),
+            "order": performance.order(plan),
+            "alternatives": recommendation.alternatives(plan, plan.chosen),
+        }
+    titles = TITLES | ({"requirement": "The answer"} if plan.verdict.met is None else {})
+    sections = tuple(Section(key, titles[key], content[key][0], content[key][1:]) for key in titles)
+    judged = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
+    return Document(f"Deployment plan for {plan.site}", judged if plan.detector else "No set was judged", sections)
 
 
 def write_report(planned: Planned, out: Path) -> None:
-    """Write `REPORT_FILES` into a folder, made if missing.
-
-    Writes both or neither; the same plan gives the same bytes.
+    """Write `REPORT_FILES` into a folder, made if missing. Both are written or neither, with the same bytes each time.
 
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written.
     """

@@ -3,52 +3,51 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from placement_env.cases import IoUs, iou_text
 from placement_env.report.content import CONFIDENCE, Judgement
-from placement_env.report.pages.document import Cell, Column
+from placement_env.report.pages.document import NONE, Cell, Column, number
 
-NONE = "–"  # for an undefined figure
-NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
 JUDGED_COLUMNS = (
-    Column("AP"),
+    Column("AP", digits=3),
     Column(f"{CONFIDENCE:.0%} interval"),
     Column("found", "%"),
-    Column("vehicles"),
-    Column("frames"),
+    Column("vehicles", digits=0),
+    Column("frames", digits=0),
 )
 
 
-def number(value: float | None, digits: int = 3) -> str:
-    """Format a figure with this many decimals.
-
-    >>> number(0.9), number(None), number(float("nan"))
-    ('0.900', '–', '–')
-    """
-    return f"{value:,.{digits}f}" if value is not None and math.isfinite(value) else NONE
-
-
-def figure_cell(value: float | None, digits: int = 1) -> Cell:
-    """Cell of a figure."""
-    defined = value is not None and math.isfinite(value)
-    return Cell(number(value, digits), value if defined else None)
+def judged_cells(judged: Judgement | None) -> tuple[Cell | str | float | None, ...]:
+    """Values of `JUDGED_COLUMNS`; dashes without anything to detect."""
+    if judged is None:
+        return None, "no vehicle", None, 0, None
+    interval = Cell(interval_text(judged), judged.low)
+    return judged.ap, interval, 100 * judged.recall, judged.vehicles, judged.frames
 
 
-def iou_cell(iou: IoUs) -> Cell:
-    """Cell of an IoU threshold, or of several. Of several the mean counts."""
-    return figure_cell(iou) if isinstance(iou, float) else Cell(iou_text(iou))
+def text_columns(*titles: str) -> tuple[Column, ...]:
+    """Columns of texts."""
+    return tuple(Column(title, digits=None) for title in titles)
 
 
-def text_cell(text: object) -> Cell:
-    """Cell of a text."""
-    return Cell(str(text))
+def price_column(title: str, currency: str) -> Column:
+    """Column of prices."""
+    return Column(title, currency or "units", 2)
+
+
+def in_percent(share: float | None) -> float | None:
+    """Share in percent, for a cell."""
+    return None if share is None else 100 * share
+
+
+def iou_value(iou: IoUs) -> float | str:
+    """IoU threshold for a cell; words for several, whose mean counts."""
+    return iou if isinstance(iou, float) else iou_text(iou)
 
 
 def percent(share: float | None) -> str:
-    """Format a share in percent.
-
-    A share that is neither 0 nor 100 % is never rounded to it.
+    """Format a share in percent. A share that is neither 0 nor 100 % is never rounded to it.
 
     >>> percent(0.934), percent(0.0004), percent(1.0)
     ('93%', 'under 1%', '100%')
@@ -60,28 +59,16 @@ def percent(share: float | None) -> str:
     return "over 99%" if 0.99 < share < 1 else f"{100 * share:.0f}%"
 
 
-def share_cell(share: float | None) -> Cell:
-    """Cell of a share, in percent without the sign."""
-    return figure_cell(None if share is None else 100 * share)
-
-
 def price_text(price: float, currency: str) -> str:
-    """Format a price.
-
-    Without a currency it is in units of one ordinary pole.
+    """Format a price. Without a currency it is in units of one ordinary pole.
 
     >>> price_text(1250.0, "EUR"), price_text(1.0, ""), price_text(2.5, "")
     ('1,250 EUR', '1 unit', '2.5 units')
     """
-    digits = 0 if price == round(price) else 2
-    text = f"{price:,.{digits}f}"
-    text = text.rstrip("0").rstrip(".") if "." in text and not currency else text
-    return f"{text} {currency}" if currency else f"{text} unit{'s' * (price != 1)}"
-
-
-def price_column(title: str, currency: str) -> Column:
-    """Column of prices."""
-    return Column(title, currency or "units")
+    text = f"{price:,.{0 if price == round(price) else 2}f}"
+    if currency:
+        return f"{text} {currency}"
+    return f"{text.rstrip('0').rstrip('.') if '.' in text else text} unit{'s' * (price != 1)}"
 
 
 def count_text(count: int, noun: str) -> str:
@@ -114,23 +101,15 @@ def ap_text(judged: Judgement) -> str:
 
 
 def ap_figure(judged: Judgement) -> str:
-    """AP with interval and number of vehicles. The word AP is left out."""
+    """AP with interval and number of vehicles, without the word AP."""
     return f"{number(judged.ap)} ({interval_text(judged)}, {count_text(judged.vehicles, judged.kind)})"
+
+
+def list_aps(judged: Iterable[tuple[str, Judgement]]) -> str:
+    """AP of each name, for screen readers."""
+    return "; ".join(f"{name}: {ap_text(each)}" for name, each in judged)
 
 
 def interval_text(judged: Judgement) -> str:
     """Both ends of the interval."""
     return f"{number(judged.low)}–{number(judged.high)}"
-
-
-def format_cells(judged: Judgement | None) -> tuple[Cell, ...]:
-    """Cells of `JUDGED_COLUMNS`; dashes without anything to detect."""
-    if judged is None:
-        return (Cell(NONE), Cell("no vehicle"), Cell(NONE), Cell("0", 0.0), Cell(NONE))
-    return (
-        figure_cell(judged.ap, 3),
-        Cell(interval_text(judged), judged.low),
-        share_cell(judged.recall),
-        Cell(f"{judged.vehicles:,}", float(judged.vehicles)),
-        Cell(f"{judged.frames:,}", float(judged.frames)),
-    )

@@ -153,7 +153,7 @@ class Judge:
     def _at_profiles(
         self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
     ) -> Float64[np.ndarray, "profiles n figures"]:
-        """_Figures of sets at each error profile, over thresholds, levels and failures."""
+        """Figures of sets at each error profile, over thresholds, levels and failures."""
         rows, owners = cases.expand(sets)
         different, place = np.unique(rows, axis=0, return_inverse=True)
         members = [tuple(np.flatnonzero(row).tolist()) for row in different]
@@ -174,7 +174,7 @@ class Judge:
         return over
 
     def _draw(self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]) -> _Figures:
-        """_Figures of one set in some frames, whose blocks are drawn."""
+        """Figures of one set in some frames, whose blocks are drawn."""
         draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         return _draw_tallies(self._tally(outcomes, frames, ious), self.detected.classes, draws)
 
@@ -196,7 +196,7 @@ def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: in
 
 
 def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: Draws) -> _Figures:
-    """_Figures averaged over IoU thresholds."""
+    """Figures averaged over IoU thresholds."""
     found = []
     for at in tallies:
         ap, recall = classes.combined(np.array([[t.ap for t in at], [t.recall for t in at]]))
@@ -209,7 +209,7 @@ def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: D
 
 
 def _reduce(figures: Float64[np.ndarray, "cases *rest figures"], by: Combine) -> Float64[np.ndarray, "*rest figures"]:
-    """_Figures of the case of least AP, or means over cases and the counts of the first. NaN is left out."""
+    """Figures of the case of least AP, or means over cases and the counts of the first. NaN is left out."""
     if by == "worst":
         ap = figures[..., :1]
         worst = np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)

@@ -3,18 +3,16 @@
 import pytest
 
 from placement_env.report.content import Judgement, overlap
-from placement_env.report.pages.document import Cell
+from placement_env.report.pages.document import Cell, Column, number, table
 from placement_env.report.pages.wording import (
     JUDGED_COLUMNS,
     ap_text,
-    figure_cell,
-    format_cells,
+    in_percent,
     interval_text,
     join_names,
-    number,
+    judged_cells,
     percent,
     price_text,
-    share_cell,
 )
 
 JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
@@ -38,7 +36,8 @@ def test_a_share_is_never_rounded_to_all_or_nothing(share, text):
 
 def test_undefined_figures_are_dashes_that_sort_last():
     assert number(None) == number(float("nan")) == number(float("inf")) == "–"
-    assert figure_cell(None) == figure_cell(float("nan")) == share_cell(None) == Cell("–", None)
+    assert Column("AP").cell(None) == Column("AP").cell(float("nan")) == Cell("–", None)
+    assert in_percent(None) is None
 
 
 def test_prices():
@@ -49,9 +48,11 @@ def test_prices():
 def test_ap_stands_with_interval_and_vehicles():
     assert ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
     assert interval_text(JUDGED) == "0.910–0.980"
-    assert [cell.text for cell in format_cells(JUDGED)] == ["0.950", "0.910–0.980", "96.5", "1,412", "60"]
-    assert [cell.text for cell in format_cells(None)] == ["–", "no vehicle", "–", "0", "–"]
-    assert len(JUDGED_COLUMNS) == 5
+    (judged,) = table("", JUDGED_COLUMNS, [judged_cells(JUDGED), judged_cells(None)])
+    assert [[cell.text for cell in row] for row in judged.rows] == [
+        ["0.950", "0.910–0.980", "96.5", "1,412", "60"],
+        ["–", "no vehicle", "–", "0", "–"],
+    ]
 
 
 @pytest.mark.parametrize(("low", "high", "expected"), [(0.5, 0.91, True), (0.5, 0.90, False), (0.981, 1.0, False)])
