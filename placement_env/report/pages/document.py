@@ -115,7 +115,7 @@ class SceneView:
 
 
 ReportBlock = Paragraph | Bullets | TableBlock | Drawing | SceneView
-Content = tuple[str, *tuple[ReportBlock, ...]]  # of a section: its conclusion, then its blocks
+Content = tuple[str, tuple[ReportBlock, ...]]  # of a section: its conclusion and blocks
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,11 @@ class Document:
     subtitle: str
     sections: tuple[Section, ...]
     language: str = "en"
+
+
+def say(conclusion: str, *blocks: ReportBlock) -> Content:
+    """Content of a section."""
+    return conclusion, blocks
 
 
 def table(

@@ -11,7 +11,17 @@ from placement_env.handover.ground import Ground
 from placement_env.report.charts import failure_chart, interval_bars, order_chart, scheme_chart, worth_chart
 from placement_env.report.content import BreakdownRow, Judgement, Plan, PlanOption, SchemeFigures, overlap
 from placement_env.report.maps import blind_map, coverage_map, density_map
-from placement_env.report.pages.document import Cell, Column, Content, Drawing, Paragraph, ReportBlock, number, table
+from placement_env.report.pages.document import (
+    Cell,
+    Column,
+    Content,
+    Drawing,
+    Paragraph,
+    ReportBlock,
+    number,
+    say,
+    table,
+)
 from placement_env.report.pages.wording import (
     JUDGED_COLUMNS,
     ap_figure,
@@ -43,10 +53,10 @@ SHAPLEY = (
 )
 
 
-def visible_ground(plan: Plan, site: Site, ground: Ground | None) -> Content:
+def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Content:
     """Visible ground, density of points and blind spots."""
     if plan.ground is None or ground is None:
-        return (
+        return say(
             f"The visible ground was not computed{'' if plan.chosen else ', because no set of sensors was chosen'}.",
         )
     shares, twice = plan.ground, percent(plan.ground.seen_by[1])
@@ -84,15 +94,15 @@ def visible_ground(plan: Plan, site: Site, ground: Ground | None) -> Content:
     ]
     columns = (*text_columns("Sensor"), Column("sees", "m²", 0), Column("of the open ground", "%"))
     caption = "Ground that each sensor sees; ground that two sensors see counts for both"
-    return conclusion, covered, dense, blind, *table(caption, columns, rows)
+    return say(conclusion, covered, dense, blind, *table(caption, columns, rows))
 
 
-def detection(plan: Plan) -> Content:
+def detection_section(plan: Plan) -> Content:
     """AP by place, level of traffic, error profile and class."""
     parts = (("zone", plan.by_zone), ("distance", plan.by_range), ("lane approach", plan.by_approach))
     judged = [(row.name, row.judged) for _, rows in parts for row in rows if row.judged is not None]
     if not (judged or plan.by_class):
-        return ("There was no vehicle to detect.",)
+        return say("There was no vehicle to detect.")
     conclusion = "There was no vehicle to detect in any part of the site."
     if judged:
         (worst, low), (best, high) = _extremes(judged)
@@ -103,7 +113,7 @@ def detection(plan: Plan) -> Content:
         )
     conditions = (("level of traffic", plan.by_level), ("error profile", plan.by_errors))
     blocks = [block for name, rows in (*parts, *conditions) for block in _breakdown(name, rows)]
-    return conclusion, *blocks, *_class_ap(plan), *_coverage(plan)
+    return say(conclusion, *blocks, *_class_ap(plan), *_coverage(plan))
 
 
 def _extremes(judged: Sequence[tuple[str, Judgement]]) -> list[tuple[str, Judgement]]:
@@ -158,10 +168,10 @@ def _class_ap(plan: Plan) -> tuple[ReportBlock, ...]:
     return Paragraph(text), *table("AP of each class with the chosen set", columns, rows)
 
 
-def schemes(plan: Plan) -> Content:
+def schemes_section(plan: Plan) -> Content:
     """Early, late and hybrid fusion of the same sensors."""
     if not plan.schemes:
-        return ("No other fusion scheme was judged.",)
+        return say("No other fusion scheme was judged.")
     most, least = (pick(plan.schemes, key=lambda each: each.kbit_per_sensor) for pick in (max, min))
     caption = (
         f"A sensor sends {number(most.kbit_per_sensor, 0)} kbit per frame with {most.scheme} fusion."
@@ -172,7 +182,7 @@ def schemes(plan: Plan) -> Content:
     aps = list_aps((f"{each.scheme} at IoU {iou_text(each.iou)}", each.judged) for each in plan.schemes)
     columns = (*text_columns("Scheme"), Column("IoU"), *JUDGED_COLUMNS, Column("per sensor", "kbit"))
     rows = [(e.scheme, iou_value(e.iou), *judged_cells(e.judged), e.kbit_per_sensor) for e in plan.schemes]
-    return (
+    return say(
         _compare_schemes(plan, [each for each in plan.schemes if each.iou == plan.iou] or plan.schemes),
         Paragraph(SCHEMES_EXPLAINED),
         Drawing(scheme_chart(plan.schemes), caption, f"AP with intervals of the fusion schemes: {aps}"),
@@ -196,13 +206,13 @@ def _compare_schemes(plan: Plan, judged: Sequence[SchemeFigures]) -> str:
     )
 
 
-def worth(plan: Plan) -> Content:
+def worth_section(plan: Plan) -> Content:
     """Worth of each sensor, and good pairs."""
     if not plan.worth:
-        return ("The worth of the sensors was not computed.",)
+        return say("The worth of the sensors was not computed.")
     if len(plan.worth) == 1:
         only = plan.worth[0]
-        return (f"There is one sensor, {only.sensor}, and all of the AP is its own: {number(only.shapley)}.",)
+        return say(f"There is one sensor, {only.sensor}, and all of the AP is its own: {number(only.shapley)}.")
     most, least = (pick(plan.worth, key=lambda each: each.shapley) for pick in (max, min))
     conclusion = (
         f"{most.sensor} is worth most, {number(most.shapley)} AP, and {least.sensor} least, {number(least.shapley)}."
@@ -229,7 +239,7 @@ def worth(plan: Plan) -> Content:
     ]
     caption = f"{most.sensor} accounts for {percent(most.shapley / total if total else None)} of what all sensors add."
     values = "; ".join(f"{each.sensor} {number(each.shapley)}" for each in plan.worth)
-    return (
+    return say(
         conclusion,
         Paragraph(SHAPLEY),
         Drawing(worth_chart(plan.worth), caption, f"Worth of each sensor in AP: {values}"),
@@ -237,11 +247,11 @@ def worth(plan: Plan) -> Content:
     )
 
 
-def failures(plan: Plan, chosen: PlanOption) -> Content:
+def failures_section(plan: Plan, chosen: PlanOption) -> Content:
     """AP left when one or two sensors fail."""
     intact = chosen.judged
     if intact is None or not plan.failures:
-        return ("No failure leaves a working sensor.",)
+        return say("No failure leaves a working sensor.")
     conclusion = f"All sensors together give {ap_text(intact)}."
     for count in sorted({len(each.failed) for each in plan.failures}):
         case = min((e for e in plan.failures if len(e.failed) == count), key=lambda each: each.judged.ap)
@@ -258,13 +268,13 @@ def failures(plan: Plan, chosen: PlanOption) -> Content:
     columns = (*text_columns("Failed"), *JUDGED_COLUMNS, Column("lost", "AP", 3))
     rows = [(join_names(e.failed), *judged_cells(e.judged), intact.ap - e.judged.ap) for e in plan.failures]
     drawing = Drawing(failure_chart(intact, plan.failures), caption, f"AP left: {left}")
-    return conclusion, drawing, *table("What is left, case by case", columns, rows)
+    return say(conclusion, drawing, *table("What is left, case by case", columns, rows))
 
 
-def order(plan: Plan) -> Content:
+def order_section(plan: Plan) -> Content:
     """Order in which to build the sensors."""
     if not plan.order:
-        return ("No order of building was computed.",)
+        return say("No order of building was computed.")
     first, last = plan.order[0], plan.order[-1]
     then = "" if last is first else f"; the last, {last.sensor}, brings it to {ap_text(last.judged)}"
     price = price_text(first.price, plan.currency)
@@ -278,7 +288,7 @@ def order(plan: Plan) -> Content:
     aps = list_aps((each.sensor, each.judged) for each in plan.order)
     columns = (Column("Step", digits=0), *text_columns("Sensor"), price_column("spent", plan.currency), *JUDGED_COLUMNS)
     rows = [(i, each.sensor, each.price, *judged_cells(each.judged)) for i, each in enumerate(plan.order, 1)]
-    return (
+    return say(
         f"Build {first.sensor} first: for {price} it alone gives {ap_text(first.judged)}{then}.",
         Drawing(order_chart(plan.order, plan.currency), caption, f"AP after each sensor built: {aps}"),
         *table("In this order, after each sensor", columns, rows),

@@ -20,6 +20,7 @@ from placement_env.report.pages.document import (
     SceneView,
     TableBlock,
     number,
+    say,
     table,
 )
 from placement_env.report.pages.wording import (
@@ -38,7 +39,7 @@ from placement_env.report.pages.wording import (
 from toolkit.sites.site import Site
 
 
-def answer(plan: Plan) -> Content:
+def requirement_section(plan: Plan) -> Content:
     """Answer to the question, with obstacles and reading help."""
     obstacles = (Paragraph("What stands in the way:"), Bullets(plan.verdict.reasons)) if plan.verdict.reasons else ()
     help_text = (
@@ -52,7 +53,7 @@ def answer(plan: Plan) -> Content:
     )
     asked = [(str(key).replace("_", " "), value_text(value)) for key, value in plan.question.items()]
     question = table("The question that this plan answers", text_columns("Asked", "Value"), asked)
-    return plan.verdict.sentence, *obstacles, Paragraph(help_text), *question
+    return say(plan.verdict.sentence, *obstacles, Paragraph(help_text), *question)
 
 
 def value_text(value: object) -> str:
@@ -66,7 +67,7 @@ def value_text(value: object) -> str:
     return ", ".join(map(value_text, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def chosen_set(plan: Plan, chosen: PlanOption, site: Site, ground: Ground | None) -> Content:
+def chosen_section(plan: Plan, chosen: PlanOption, site: Site, ground: Ground | None) -> Content:
     """The set to build, and why."""
     judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "the detector did not judge it"
     if chosen.counted is not None and chosen.counted is not chosen.judged:
@@ -90,13 +91,13 @@ def chosen_set(plan: Plan, chosen: PlanOption, site: Site, ground: Ground | None
         "Drag to turn the junction, scroll to zoom; hide sensors and boxes with the switches.",
         "The junction in 3D, with points, vehicles and detections of some frames, is in report.html beside this file.",
     )
-    return conclusion, *((Bullets(plan.why),) if plan.why else ()), view, scene
+    return say(conclusion, *((Bullets(plan.why),) if plan.why else ()), view, scene)
 
 
-def front(plan: Plan, chosen: PlanOption) -> Content:
+def front_section(plan: Plan, chosen: PlanOption) -> Content:
     """Gain from more money or a faster link."""
     if len(plan.front) < 2:
-        return ("No other set beats the chosen one in AP, data sent or price.",)
+        return say("No other set beats the chosen one in AP, data sent or price.")
     judged = [(option, option.counted) for option in plan.front if option.counted is not None]
     cheapest = price_text(min(each.price for each in plan.front), plan.currency)
     prices = f"the cheapest costs {cheapest}"
@@ -110,7 +111,7 @@ def front(plan: Plan, chosen: PlanOption) -> Content:
         f"{number(chosen.kbit_per_sensor, 0)} kbit per sensor and frame.",
         "AP over kbit per sensor and over price for every set that no other beats in all three",
     )
-    return (
+    return say(
         f"No set beats these {len(plan.front)} in AP, data sent and price at once: {prices}.",
         *_explain_traffic(plan, chosen),
         drawing,
@@ -118,11 +119,11 @@ def front(plan: Plan, chosen: PlanOption) -> Content:
     )
 
 
-def alternatives(plan: Plan, chosen: PlanOption) -> Content:
+def alternatives_section(plan: Plan, chosen: PlanOption) -> Content:
     """Sets that the measurements cannot tell from the chosen one."""
     close = plan.near_optimal
     if not close:
-        return ("No other judged set has an interval that overlaps that of the chosen set.",)
+        return say("No other judged set has an interval that overlaps that of the chosen set.")
     cheaper = sum(each.price < chosen.price for each in close)
     conclusion = (
         f"The judged traffic cannot tell {count_text(len(close), 'other set')} from the chosen one, because the "
@@ -130,7 +131,7 @@ def alternatives(plan: Plan, chosen: PlanOption) -> Content:
     )
     caption = "The chosen set and the sets whose interval overlaps its own"
     sets = _option_table(caption, plan, chosen, (_when_compared(plan, chosen), *close))
-    return conclusion, *_explain_traffic(plan, chosen), *sets
+    return say(conclusion, *_explain_traffic(plan, chosen), *sets)
 
 
 def _when_compared(plan: Plan, chosen: PlanOption) -> PlanOption:
@@ -179,10 +180,10 @@ def _option_table(
     return table(caption, columns, rows)
 
 
-def links(plan: Plan) -> Content:
+def links_section(plan: Plan) -> Content:
     """Load of the links against their capacity."""
     if not plan.links:
-        return ("No link carries anything.",)
+        return say("No link carries anything.")
     narrow = [each.pole for each in plan.links if not each.fits]
     fullest, total = max(plan.links, key=lambda each: each.share), sum(each.mbit_s for each in plan.links)
     conclusion = (
@@ -203,13 +204,13 @@ def links(plan: Plan) -> Content:
         f"All links together carry {number(total, 2)} Mbit/s to the fusion centre.",
         f"Mbit/s of each link against its capacity: {each}",
     )
-    return conclusion, drawing, *table(f"Load at {RATE:g} frames a second", columns, rows)
+    return say(conclusion, drawing, *table(f"Load at {RATE:g} frames a second", columns, rows))
 
 
-def materials(plan: Plan) -> Content:
+def materials_section(plan: Plan) -> Content:
     """Items to order."""
     if not plan.materials:
-        return ("There is nothing to order.",)
+        return say("There is nothing to order.")
     dearest = max(plan.materials, key=lambda each: each.price)
     total, part, each = (
         price_text(price, plan.currency)
@@ -219,17 +220,17 @@ def materials(plan: Plan) -> Content:
     prices = (price_column(title, plan.currency) for title in ("each", "total"))
     columns = (*text_columns("Item"), Column("count", digits=0), *prices)
     rows = [(item.item, item.count, item.unit_price, item.price) for item in plan.materials]
-    return (
+    return say(
         f"The total is {total}; the largest part, {part}, is “{dearest.item}” ({dearest.count} at {each}).",
         *units,
         *table("What to order", columns, rows),
     )
 
 
-def schedule(plan: Plan) -> Content:
+def schedule_section(plan: Plan) -> Content:
     """Place and aim of each sensor."""
     if not plan.sensors:
-        return ("There is nothing to mount.",)
+        return say("There is nothing to mount.")
     low, high = (pick(sensor.height for sensor in plan.sensors) for pick in (min, max))
     heights = f"{low:.1f} to {high:.1f}" if high - low >= 0.05 else f"{plan.sensors[0].height:.1f}"
     poles = count_text(len({sensor.pole for sensor in plan.sensors}), "pole")
@@ -252,14 +253,14 @@ def schedule(plan: Plan) -> Content:
     note += "height is above the foot of the pole. x and y are metres in the frame of the site."
     if not on_earth:
         note += " The site has no geographic reference, so there are no longitudes and latitudes."
-    return (
+    return say(
         f"Mount {count_text(len(plan.sensors), 'sensor')} on {poles}, {heights} m above the foot of the pole.",
         Paragraph(note),
         *table("Sensor by sensor", columns, rows),
     )
 
 
-def method(plan: Plan) -> Content:
+def method_section(plan: Plan) -> Content:
     """Computation, assumptions, unknowns and provenance."""
     judged = plan.chosen.judged if plan.chosen else None
     amount = f", {count_text(judged.vehicles, judged.kind)} in {count_text(judged.frames, 'frame')}" if judged else ""
@@ -281,7 +282,7 @@ def method(plan: Plan) -> Content:
             blocks += [Paragraph(heading), Bullets(sentences)]
     caption = "Origin of the figures: the same inputs, seeds and versions give the same plan"
     origin = table(caption, text_columns("Input, seed or version", "Value"), [*_flatten(plan.provenance)])
-    return conclusion, *blocks, *origin
+    return say(conclusion, *blocks, *origin)
 
 
 def _flatten(provenance: Mapping[str, object], before: str = "") -> Iterator[tuple[str, str]]:

@@ -8,7 +8,7 @@ from placement_env.cases import iou_text
 from placement_env.handover.ground import Ground
 from placement_env.report.content import Plan, Planned
 from placement_env.report.pages import performance, recommendation
-from placement_env.report.pages.document import Content, Document, Section, to_html, to_pdf
+from placement_env.report.pages.document import Document, Section, say, to_html, to_pdf
 from placement_env.report.pages.scene import build_scene
 from toolkit.runtime.files import writing_together
 from toolkit.sites.site import Site
@@ -35,26 +35,26 @@ NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show he
 
 def build_document(plan: Plan, site: Site, ground: Ground | None) -> Document:
     """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
-    content: dict[str, Content] = dict.fromkeys(TITLES, (NOTHING_CHOSEN,))
-    content["requirement"] = recommendation.answer(plan)
-    content["ground"] = performance.visible_ground(plan, site, ground)
-    content["method"] = recommendation.method(plan)
+    content = dict.fromkeys(TITLES, say(NOTHING_CHOSEN))
+    content["requirement"] = recommendation.requirement_section(plan)
+    content["ground"] = performance.ground_section(plan, site, ground)
+    content["method"] = recommendation.method_section(plan)
     if plan.chosen is not None:
         content |= {
-            "chosen": recommendation.chosen_set(plan, plan.chosen, site, ground),
-            "detection": performance.detection(plan),
-            "schemes": performance.schemes(plan),
-            "front": recommendation.front(plan, plan.chosen),
-            "worth": performance.worth(plan),
-            "failures": performance.failures(plan, plan.chosen),
-            "links": recommendation.links(plan),
-            "materials": recommendation.materials(plan),
-            "schedule": recommendation.schedule(plan),
-            "order": performance.order(plan),
-            "alternatives": recommendation.alternatives(plan, plan.chosen),
+            "chosen": recommendation.chosen_section(plan, plan.chosen, site, ground),
+            "detection": performance.detection_section(plan),
+            "schemes": performance.schemes_section(plan),
+            "front": recommendation.front_section(plan, plan.chosen),
+            "worth": performance.worth_section(plan),
+            "failures": performance.failures_section(plan, plan.chosen),
+            "links": recommendation.links_section(plan),
+            "materials": recommendation.materials_section(plan),
+            "schedule": recommendation.schedule_section(plan),
+            "order": performance.order_section(plan),
+            "alternatives": recommendation.alternatives_section(plan, plan.chosen),
         }
     titles = TITLES | ({"requirement": "The answer"} if plan.verdict.met is None else {})
-    sections = tuple(Section(key, titles[key], content[key][0], content[key][1:]) for key in titles)
+    sections = tuple(Section(key, title, *content[key]) for key, title in titles.items())
     judged = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
     return Document(f"Deployment plan for {plan.site}", judged if plan.detector else "No set was judged", sections)
 

@@ -14,8 +14,7 @@ from placement_env.report.pages.document import Section
 def read(section, plan, *others):
     """Section of a plan, with the chosen set where the section asks for it."""
     chosen = [plan.chosen] if "chosen" in signature(section).parameters else []
-    conclusion, *blocks = section(plan, *chosen, *others)
-    return Section("key", "Title", conclusion, tuple(blocks))
+    return Section("key", "Title", *section(plan, *chosen, *others))
 
 
 def judged(ap, half=0.02):
@@ -25,7 +24,7 @@ def judged(ap, half=0.02):
 def test_the_weakest_part_is_named_where_the_intervals_tell_it(example):
     rows = (BreakdownRow("west", judged(0.8)), BreakdownRow("east", judged(0.9)), BreakdownRow("far", None))
     plan = replace(example.plan, by_zone=rows, by_range=(), by_approach=())
-    section = read(performance.detection, plan)
+    section = read(performance.detection_section, plan)
     assert section.conclusion == (
         "Detection is weakest at “west”, AP 0.800 (0.780–0.820, 40 vehicles), and best at “east”, AP 0.900 "
         "(0.880–0.920, 40 vehicles)."
@@ -39,7 +38,7 @@ def test_the_weakest_part_is_named_where_the_intervals_tell_it(example):
 
 def test_no_part_is_blamed_where_intervals_overlap(example):
     rows = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", judged(0.9)))
-    section = read(performance.detection, replace(example.plan, by_zone=rows, by_range=(), by_approach=()))
+    section = read(performance.detection_section, replace(example.plan, by_zone=rows, by_range=(), by_approach=()))
     assert section.conclusion.startswith(
         "No part of the site is clearly worse than another: the weakest, “west”, has AP"
     )
@@ -49,14 +48,14 @@ def test_no_part_is_blamed_where_intervals_overlap(example):
 def test_parts_without_vehicles_are_sentences(example):
     only = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", None))
     plan = replace(example.plan, by_zone=only, by_range=(BreakdownRow("far", None),), by_approach=())
-    drawing, _, distance, *_ = read(performance.detection, plan).blocks
+    drawing, _, distance, *_ = read(performance.detection_section, plan).blocks
     assert drawing.caption == "By zone, only “west” had vehicles: AP 0.870 (0.850–0.890, 40 vehicles)."
     assert distance.text == "AP by distance is unknown: there was no vehicle to detect."
 
 
 def test_coverage_of_other_classes_is_never_called_ap(example):
     seen = (ClassSeen("vehicle", 40, 10, 0.99), ClassSeen("cyclist", 1, 1, 0.5), ClassSeen("heavy", 0, 10, None))
-    *_, said, table = read(performance.detection, replace(example.plan, by_class=seen)).blocks
+    *_, said, table = read(performance.detection_section, replace(example.plan, by_class=seen)).blocks
     assert said.text == (
         "The class covered least is cyclist: 50% of 1 road user had at least 1 point on them. These are shares "
         "of coverage, not AP: the detector knows vehicles only."
@@ -70,25 +69,26 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
         return SchemeFigures(name, iou, judged(ap), kbit)
 
     mine = (scheme("early", 0.9, 1500.0), scheme("late", 0.8, 300.0), scheme("late", 0.99, 300.0, 0.5))
-    section = read(performance.schemes, replace(example.plan, schemes=mine))
+    section = read(performance.schemes_section, replace(example.plan, schemes=mine))
     assert section.conclusion == (
         "Early fusion has the highest AP, 0.900 (0.880–0.920), against 0.800 (0.780–0.820) with late fusion as "
         "planned, and their intervals do not overlap; late fusion sends 300 kbit per sensor and frame, the least."
     )
     assert section.blocks[1].caption == "Early fusion sends 5.0 times as much as late fusion."
-    best = read(performance.schemes, replace(example.plan, schemes=mine[1:2]))
+    best = read(performance.schemes_section, replace(example.plan, schemes=mine[1:2]))
     assert best.conclusion.startswith("Late fusion, as planned, has the highest AP, 0.800")
     assert best.blocks[1].caption == "A sensor sends 300 kbit per frame with late fusion."
     assert (
-        read(performance.schemes, replace(example.plan, schemes=())).conclusion == "No other fusion scheme was judged."
+        read(performance.schemes_section, replace(example.plan, schemes=())).conclusion
+        == "No other fusion scheme was judged."
     )
 
 
 def test_levels_of_traffic_have_a_table_of_their_own(example):
     rows = (BreakdownRow("thin traffic", judged(0.97)), BreakdownRow("dense traffic", judged(0.9)))
     plain, section = (
-        read(performance.detection, example.plan),
-        read(performance.detection, replace(example.plan, by_level=rows)),
+        read(performance.detection_section, example.plan),
+        read(performance.detection_section, replace(example.plan, by_level=rows)),
     )
     assert plain.conclusion == section.conclusion
     assert len(section.blocks) > len(plain.blocks)
@@ -101,8 +101,8 @@ def test_levels_of_traffic_have_a_table_of_their_own(example):
 def test_error_profiles_have_a_table_of_their_own(example):
     rows = (BreakdownRow("paper", judged(0.97), 80.0), BreakdownRow("poor", judged(0.9), 60.0))
     plain, section = (
-        read(performance.detection, example.plan),
-        read(performance.detection, replace(example.plan, by_errors=rows)),
+        read(performance.detection_section, example.plan),
+        read(performance.detection_section, replace(example.plan, by_errors=rows)),
     )
     assert plain.conclusion == section.conclusion
     said = [each.caption for each in section.blocks if getattr(each, "caption", "").startswith("By error profile")]
@@ -113,7 +113,7 @@ SHARES = GroundShares((0.8, 0.5, 0.25), 0.2, 0.05, {"d0": 400.0, "d1": 1000.0}, 
 
 
 def test_shares_are_said_in_words(example):
-    section = read(performance.visible_ground, replace(example.plan, ground=SHARES), example.site, example.ground)
+    section = read(performance.ground_section, replace(example.plan, ground=SHARES), example.site, example.ground)
     assert section.conclusion == (
         "At least one sensor sees 80% of the open ground, and two or more see 50%; no sensor sees 400 m², or 5% of the "
         "lanes."
@@ -132,7 +132,7 @@ def test_density_is_that_of_the_lanes_by_all_sensors(example):
     sparse = np.argwhere(ground.lanes)[: int(ground.lanes.sum()) // 4]
     density[:, sparse[:, 0], sparse[:, 1]] = 0.2
     section = read(
-        performance.visible_ground, replace(example.plan, ground=SHARES), example.site, replace(ground, density=density)
+        performance.ground_section, replace(example.plan, ground=SHARES), example.site, replace(ground, density=density)
     )
     assert section.blocks[1].caption.startswith("Half of the lanes' ground gets 2.5 points per m² or more")
     assert "25% of it gets fewer than 1" in section.blocks[1].caption
@@ -140,9 +140,9 @@ def test_density_is_that_of_the_lanes_by_all_sensors(example):
 
 def test_without_lanes_or_ground(example):
     bare = replace(example.ground, lanes=np.zeros_like(example.ground.lanes))
-    section = read(performance.visible_ground, example.plan, example.site, bare)
+    section = read(performance.ground_section, example.plan, example.site, bare)
     assert section.blocks[1].caption.startswith("No lane lies in the area")
-    assert read(performance.visible_ground, example.plan, example.site, None).blocks == ()
+    assert read(performance.ground_section, example.plan, example.site, None).blocks == ()
 
 
 def test_worth_and_synergy(example):
@@ -151,7 +151,7 @@ def test_worth_and_synergy(example):
         SensorWorth("b", 0.3, {"a": 0.05, "c": 0.0}),
         SensorWorth("c", 0.1, {"a": -0.1, "b": 0.0}),
     )
-    section = read(performance.worth, replace(example.plan, worth=mine))
+    section = read(performance.worth_section, replace(example.plan, worth=mine))
     assert section.conclusion == (
         "a is worth most, 0.600 AP, and c least, 0.100. a and b complement each other best (+0.050). a and c duplicate "
         "each other most (-0.100)."
@@ -162,19 +162,19 @@ def test_worth_and_synergy(example):
 
 def test_two_that_see_the_same_do_not_complement_each_other(example):
     mine = (SensorWorth("a", 0.7, {"b": -0.09}), SensorWorth("b", 0.2, {"a": -0.09}))
-    assert read(performance.worth, replace(example.plan, worth=mine)).conclusion == (
+    assert read(performance.worth_section, replace(example.plan, worth=mine)).conclusion == (
         "a is worth most, 0.700 AP, and b least, 0.200. a and b duplicate each other most (-0.090)."
     )
 
 
 def test_one_sensor_has_no_synergy(example):
-    section = read(performance.worth, replace(example.plan, worth=(SensorWorth("a", 0.6, {}),)))
+    section = read(performance.worth_section, replace(example.plan, worth=(SensorWorth("a", 0.6, {}),)))
     assert section.conclusion == "There is one sensor, a, and all of the AP is its own: 0.600."
     assert section.blocks == ()
 
 
 def test_the_worst_failure_of_one_and_of_two(example):
-    section = read(performance.failures, example.plan)
+    section = read(performance.failures_section, example.plan)
     assert section.conclusion == (
         "All sensors together give AP 0.962 (0.932–0.992, 412 vehicles). If 1 sensor fails, the worst loss is that of "
         "d3: AP 0.780 (0.750–0.810, 412 vehicles) is left. If 2 sensors fail, the worst loss is that of d0 and d3: AP "
@@ -187,7 +187,7 @@ def test_the_worst_failure_of_one_and_of_two(example):
 
 
 def test_the_order_of_building(example):
-    section = read(performance.order, example.plan)
+    section = read(performance.order_section, example.plan)
     assert section.conclusion == (
         "Build d3 first: for 1.50 EUR it alone gives AP 0.710 (0.680–0.740, 412 vehicles); the last, d5, brings it to "
         "AP 0.962 (0.932–0.992, 412 vehicles)."
@@ -195,6 +195,6 @@ def test_the_order_of_building(example):
     assert section.blocks[0].caption == (
         "From 3 sensors on, the interval overlaps that of all: the gain from more is uncertain."
     )
-    one = read(performance.order, replace(example.plan, order=example.plan.order[:1]))
+    one = read(performance.order_section, replace(example.plan, order=example.plan.order[:1]))
     assert one.conclusion.endswith("412 vehicles).")
     assert one.blocks[0].caption == "Every sensor adds more than the intervals leave open."

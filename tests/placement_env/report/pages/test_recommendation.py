@@ -14,13 +14,12 @@ from placement_env.report.pages.report import build_document
 def read(section, plan, *others):
     """Section of a plan, with the chosen set where the section asks for it."""
     chosen = [plan.chosen] if "chosen" in signature(section).parameters else []
-    conclusion, *blocks = section(plan, *chosen, *others)
-    return Section("key", "Title", conclusion, tuple(blocks))
+    return Section("key", "Title", *section(plan, *chosen, *others))
 
 
 def test_the_answer_comes_first_with_what_excludes_what(example):
     plan = replace(example.plan, verdict=Verdict(False, "No.", ("Links are too small.",)))
-    section = read(recommendation.answer, plan)
+    section = read(recommendation.requirement_section, plan)
     assert section.conclusion == "No."
     assert section.blocks[1].items == ("Links are too small.",)
     asked = section.blocks[-1]
@@ -32,7 +31,11 @@ def test_the_answer_comes_first_with_what_excludes_what(example):
 
 
 def test_ap_is_explained_once_with_the_iou_of_the_plan(example):
-    (said,) = [block.text for block in read(recommendation.answer, example.plan).blocks if block.kind == "paragraph"]
+    (said,) = [
+        block.text
+        for block in read(recommendation.requirement_section, example.plan).blocks
+        if block.kind == "paragraph"
+    ]
     assert "AP (average precision)" in said
     assert "at least 0.7 of their union" in said
     assert "95% confidence" in said
@@ -44,7 +47,7 @@ def test_values_value_text():
 
 
 def test_the_chosen_set(example):
-    section = read(recommendation.chosen_set, example.plan, example.site, example.ground)
+    section = read(recommendation.chosen_section, example.plan, example.site, example.ground)
     assert section.conclusion == (
         "Build 4 sensors, d0, d1, d3 and d5, for 6 EUR: the detector reaches AP 0.962 (0.932–0.992, 412 vehicles); "
         "each sensor sends 312 kbit per frame with late fusion."
@@ -57,25 +60,25 @@ def test_the_chosen_set(example):
 
 def test_poles_that_the_site_does_not_have_are_counted_and_not_drawn(example):
     plan = replace(example.plan, poles_unused=("no such pole",))
-    view = read(recommendation.chosen_set, plan, example.site, example.ground).blocks[1]
+    view = read(recommendation.chosen_section, plan, example.site, example.ground).blocks[1]
     assert "1 pole that could carry one stays free." in view.caption
 
 
 def test_the_front(example):
-    section = read(recommendation.front, example.plan)
+    section = read(recommendation.front_section, example.plan)
     assert section.conclusion == (
         "No set beats these 4 in AP, data sent and price at once: prices start at 1.50 EUR, and the highest "
         "AP, 0.962 (0.932–0.992, 412 vehicles), costs 6 EUR."
     )
     assert [row[0].text for row in section.blocks[1].rows][-1] == "d0, d1, d3 and d5 (chosen)"
     unjudged = tuple(replace(option, judged=None) for option in example.plan.front)
-    assert read(recommendation.front, replace(example.plan, front=unjudged)).conclusion.endswith(
+    assert read(recommendation.front_section, replace(example.plan, front=unjudged)).conclusion.endswith(
         "the cheapest costs 1.50 EUR."
     )
 
 
 def test_alternatives_stand_beside_the_chosen_set(example):
-    section = read(recommendation.alternatives, example.plan)
+    section = read(recommendation.alternatives_section, example.plan)
     assert section.conclusion == (
         "The judged traffic cannot tell 1 other set from the chosen one, because the intervals overlap; none of them "
         "is cheaper."
@@ -84,8 +87,8 @@ def test_alternatives_stand_beside_the_chosen_set(example):
     assert [row[0].text for row in sets.rows] == ["d0, d1, d3 and d5 (chosen)", "d0, d2, d3 and d5"]
     (near,) = example.plan.near_optimal
     cheaper = replace(example.plan, near_optimal=(near, replace(near, price=1.0)))
-    assert read(recommendation.alternatives, cheaper).conclusion.endswith("; 1 of them is cheaper.")
-    assert read(recommendation.alternatives, replace(example.plan, near_optimal=())).blocks == ()
+    assert read(recommendation.alternatives_section, cheaper).conclusion.endswith("; 1 of them is cheaper.")
+    assert read(recommendation.alternatives_section, replace(example.plan, near_optimal=())).blocks == ()
 
 
 def test_two_figures_of_the_chosen_set_are_explained(example):
@@ -93,7 +96,7 @@ def test_two_figures_of_the_chosen_set_are_explained(example):
     lucky = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 103, 12)
     front = (*example.plan.front[:-1], replace(example.plan.chosen, judged=lucky))
     plan = replace(example.plan, front=front, considered=front)
-    for section in (read(recommendation.front, plan), read(recommendation.alternatives, plan)):
+    for section in (read(recommendation.front_section, plan), read(recommendation.alternatives_section, plan)):
         assert section.blocks[0].text == (
             "The AP of each set in this section is from the traffic on which the sets were compared. There the chosen "
             "set has 1.000 (0.990–1.000, 103 vehicles); its 0.962 (0.932–0.992, 412 vehicles) in the rest of the "
@@ -110,26 +113,26 @@ def test_without_a_requirement_the_answer_is_not_about_one(example):
 
 def test_what_sets_are_compared_by_is_said(example):
     chosen = example.plan.chosen
-    plain = read(recommendation.chosen_set, example.plan, example.site, example.ground)
+    plain = read(recommendation.chosen_section, example.plan, example.site, example.ground)
     assert "as the question asks" not in plain.conclusion
     least, less = (replace(chosen.judged, ap=ap, low=ap, high=ap) for ap in (0.5, 0.7))
     over = replace(example.plan, chosen=replace(chosen, over_levels=less))
-    said = read(recommendation.chosen_set, over, example.site, example.ground).conclusion
+    said = read(recommendation.chosen_section, over, example.site, example.ground).conclusion
     assert "AP 0.700 (0.700–0.700, 412 vehicles) over the levels of traffic, as the question asks" in said
     both = replace(example.plan, chosen=replace(chosen, over_levels=less, left=least))
-    said = read(recommendation.chosen_set, both, example.site, example.ground).conclusion
+    said = read(recommendation.chosen_section, both, example.site, example.ground).conclusion
     assert "AP 0.500 (0.500–0.500, 412 vehicles) after the failures and over the levels" in said
     rough = replace(example.plan, chosen=replace(chosen, over_levels=less, over_errors=least))
-    said = read(recommendation.chosen_set, rough, example.site, example.ground).conclusion
+    said = read(recommendation.chosen_section, rough, example.site, example.ground).conclusion
     assert "AP 0.500 (0.500–0.500, 412 vehicles) over the levels of traffic and over the error profiles, as" in said
 
 
 def test_links_that_are_too_small_are_named(example):
-    section = read(recommendation.links, example.plan)
+    section = read(recommendation.links_section, example.plan)
     assert section.conclusion == "1 link of 4 cannot carry what is sent: post00."
     assert section.blocks[0].caption.startswith("All links together carry 12.48 Mbit/s")
     assert [cell.text for cell in section.blocks[1].rows[0]] == ["post00", "3.12", "4.02", "4.00", "78.0", "no"]
-    fine = read(recommendation.links, replace(example.plan, links=example.plan.links[1:]))
+    fine = read(recommendation.links_section, replace(example.plan, links=example.plan.links[1:]))
     assert fine.conclusion == (
         "Every link carries what is sent; the fullest, at post01, is used to 16%: its largest frames need 4.02 of "
         "20.00 Mbit/s."
@@ -137,19 +140,20 @@ def test_links_that_are_too_small_are_named(example):
 
 
 def test_bill_of_materials(example):
-    section = read(recommendation.materials, example.plan)
+    section = read(recommendation.materials_section, example.plan)
     assert section.conclusion == (
         "The total is 6 EUR; the largest part, 4 EUR, is “pole with power and link” (4 at 1 EUR)."
     )
     bare = read(
-        recommendation.materials, replace(example.plan, currency="", materials=(MaterialItem("pole", 1, 1.0, 1.0),))
+        recommendation.materials_section,
+        replace(example.plan, currency="", materials=(MaterialItem("pole", 1, 1.0, 1.0),)),
     )
     assert bare.conclusion == "The total is 1 unit; the largest part, 1 unit, is “pole” (1 at 1 unit)."
     assert bare.blocks[0].text == "Prices are in units of one ordinary pole."
 
 
 def test_mounting_schedule(example):
-    section = read(recommendation.schedule, example.plan)
+    section = read(recommendation.schedule_section, example.plan)
     assert section.conclusion == "Mount 4 sensors on 4 poles, 5.2 m above the foot of the pole."
     assert [cell.text for cell in section.blocks[1].rows[0]] == [
         *("d0", "post00", "depth camera", "40.90", "8.10", "5.20"),
@@ -160,14 +164,14 @@ def test_mounting_schedule(example):
 def test_a_site_that_is_nowhere_on_earth(example):
     first, *others = example.plan.sensors
     plan = replace(example.plan, sensors=(replace(first, longitude=None, latitude=None, height=3.0), *others))
-    section = read(recommendation.schedule, plan)
+    section = read(recommendation.schedule_section, plan)
     assert section.conclusion.endswith("3.0 to 5.2 m above the foot of the pole.")
     assert "has no geographic reference" in section.blocks[0].text
     assert len(section.blocks[1].columns) == 8
 
 
 def test_assumptions_unknowns_and_provenance(example):
-    section = read(recommendation.method, example.plan)
+    section = read(recommendation.method_section, example.plan)
     assert section.conclusion == (
         "Every AP here is that of VoxelNet, trained at tjunction in simulated traffic, 412 vehicles in 60 frames: it "
         "ranks places for sensors, and does not replace a trial on the street."
@@ -185,4 +189,4 @@ def test_assumptions_unknowns_and_provenance(example):
 
 
 def test_nothing_is_claimed_where_nothing_was_judged(nothing_chosen):
-    assert read(recommendation.method, nothing_chosen.plan).blocks == ()
+    assert read(recommendation.method_section, nothing_chosen.plan).blocks == ()
