@@ -1,8 +1,8 @@
-"""States of unfinished searches, kept in a folder.
+"""States of unfinished searches, kept in a folder, from which a killed search resumes.
 
-A killed search resumes from them. A state is one file for each part of a search: JSON values and arrays with a checksum
-over them, the question and the code, replaced whole. A damaged state, or one of another question or other code, is
-ignored: that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache.
+A state is one file for each part of a search: JSON values and arrays with a checksum over them, the question and the
+code, replaced whole. A damaged state, or one of another question or other code, is ignored: that part of the search
+starts anew. Other slow results (visibility, renders, detections) are in the cache.
 """
 
 from __future__ import annotations
@@ -29,15 +29,13 @@ KeptState = dict[str, Any]  # values of JSON, and arrays
 
 
 class Checkpoint:
-    """State of one part of a search.
-
-    folder: None to keep nothing; depends_on: question and code; every: s between two states.
-    """
+    """State of one part of a search. folder: None to keep nothing; depends_on: question and code; every: s apart."""
 
     def __init__(
         self, folder: Path | None, *, depends_on: bytes = b"", part: str = "search", every: float = EVERY_S
     ) -> None:
         self.folder, self._depends_on, self._part, self.every = folder, depends_on, part, every
+        self._path, self._key = (folder or Path()) / f"{part}{STATE}", make_key(depends_on.hex(), part)
         self._saved = time.monotonic()
 
     def part(self, name: str) -> Checkpoint:
@@ -50,18 +48,14 @@ class Checkpoint:
 
     def load(self) -> KeptState | None:
         """State that was saved last. None where no valid state exists."""
-        if self.folder is None:
+        if self.folder is None or not self._path.exists():
             return None
-        try:
-            arrays = decode_arrays(self._key, self._path.read_bytes())
-        except FileNotFoundError:
-            return None
-        if not arrays:
+        if not (arrays := decode_arrays(self._key, self._path.read_bytes())):
             return None
         names, values = json.loads(arrays[0].tobytes())
         return values | {name: array.copy() for name, array in zip(names, arrays[1:], strict=True)}
 
-    def save(self, state: Mapping[str, Any]) -> None:
+    def save(self, state: KeptState) -> None:
         """Save a state in place of the last one. Raises OSError where it cannot be written."""
         if self.folder is None:
             return
@@ -71,19 +65,10 @@ class Checkpoint:
         write_bytes(self._path, encode_arrays(self._key, (head, *arrays.values())))
         self._saved = time.monotonic()
 
-    def offer(self, state: Callable[[], Mapping[str, Any]]) -> None:
+    def offer(self, state: Callable[[], KeptState]) -> None:
         """Save what `state` gives, unless just saved."""
         if self.folder is not None and time.monotonic() - self._saved >= self.every:
             self.save(state())
-
-    @property
-    def _path(self) -> Path:
-        assert self.folder is not None
-        return self.folder / f"{self._part}{STATE}"
-
-    @property
-    def _key(self) -> bytes:
-        return make_key(self._depends_on.hex(), self._part)
 
 
 NOWHERE = Checkpoint(None)
@@ -91,30 +76,18 @@ NOWHERE = Checkpoint(None)
 
 @contextmanager
 def unfinished(
-    folder: Path, question: Mapping[str, Any], *, code: str = __name__, overwrite: bool = False
+    folder: Path, question: Mapping[str, object], *, code: str = __name__, overwrite: bool = False
 ) -> Iterator[Checkpoint]:
-    """Checkpoint of a search, in a folder of its own.
+    """Checkpoint of a search in a folder of its own, which is removed when the block ends normally.
 
-    The question is given as JSON values. The folder is removed when the block ends normally. code: module of the
-    search.
-
-    Raises FileExistsError where the folder holds an unfinished search of another question and may not be overwritten,
-    and where another process is working in it.
+    question: JSON values; code: module of the search. Raises FileExistsError where the folder holds an unfinished
+    search of another question and may not be overwritten, and where another process is working in it.
     """
     asked = json.loads(json.dumps(replace_infinite(dict(question))))
     shards = ShardFolder(folder, asked)
     with shards.lock():
         shards.open(overwrite)
-        depends_on = make_key(asked, code_digest(code))
-        yield Checkpoint(folder, depends_on=depends_on)
-        remove_states(folder)
+        yield Checkpoint(folder, depends_on=make_key(asked, code_digest(code)))
+        for path in folder.glob(f"*{STATE}"):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
         shards.remove()
-
-
-def remove_states(folder: Path) -> None:
-    """Remove the states and other leftovers in a folder."""
-    for path in folder.glob(f"*{STATE}"):
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink()

@@ -1,7 +1,6 @@
-"""Continuous sensor poses, optimised by CMA-ES.
+"""Continuous sensor poses, optimised by CMA-ES (Hansen and Ostermeier 2001, `cma`).
 
-Height, heading and tilt of each sensor of a set are optimised (Hansen and Ostermeier 2001, `cma`). `search` starts at
-greedy's set, `improve` at any set, with any scoring function.
+`search` starts at greedy's set, `improve` at any set, with any scoring function.
 
 A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from its first direction,
 without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts
@@ -17,7 +16,8 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.progress import Limits
 from placement_env.search.result import Certificate, Result, load_score
 from placement_env.setting import Weights
-from toolkit.arrays import Bool, Float64
+from toolkit.arrays import Float64
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount
 
@@ -55,10 +55,9 @@ def search(
     roam: bool = False,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Greedy's set with turned, tilted and lifted sensors.
+    """Greedy's set with turned, tilted and lifted sensors; `Result.best` names the candidates they come from.
 
-    `Result.sensors` are the poses and `Result.best` is their score; its subset names the candidates they come from. The
-    limits hold for the moved sets, seconds for both stages; roam, checkpoint: see `improve`. If greedy search finds
+    The limits hold for the moved sets, seconds for both stages; roam, checkpoint: see `improve`. If greedy search finds
     that no sensor pays, that is the answer. Poses that were seen in panoramas are scored by rays in the end; the answer
     is the start where that is better. Raises ValueError for an objective without a site, which cannot render a moved
     sensor, and for several IoU thresholds, failures or levels of traffic.
@@ -102,37 +101,34 @@ def improve(
     seconds: float | None = None,
     evaluations: int | None = None,
     roam: bool = False,
-    population: int | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Move the sensors of `start` to raise their score.
+    """Turn, tilt and lift the sensors of `start` to raise their score.
 
-    All sensors of `start` are placed; they are turned, tilted and lifted to where `score_poses` scores most. start:
-    such as `objective.candidates.select(result.best.subset)`, on separate mounts; roam: whether a sensor may go to
-    another of `start.mounts`; population: vectors per step, None for 4 + 3 ln n; checkpoint: where the costs of all
-    steps are kept, so that a killed search can resume; without a limit 300 vectors are scored. The answer is never
-    worse than the start, which is scored first. When the search has settled it restarts at the best with twice the
-    population. `Result.sensors` are the poses, `Result.best.subset` just counts them. Raises ValueError without a
-    sensor, where two share a mount or where the start may not be built, and ImportError without `cma`.
+    start: such as `objective.candidates.select(result.best.subset)`, on separate mounts; roam: whether a sensor may go
+    to another of `start.mounts`; checkpoint: where the costs of all steps are kept, so that a killed search can resume;
+    without a limit 300 vectors are scored. The answer is never worse than the start, which is scored first. When the
+    search has settled it restarts at the best with twice the population. `Result.sensors` are the poses,
+    `Result.best.subset` just counts them. Raises ValueError without a sensor, where two share a mount or where the
+    start may not be built, and ImportError without `cma`.
     """
     if not len(start) or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any():
         raise ValueError(
             f"need sensors on mounts of their own, got {len(start)} on {np.unique(start.mount).size} mounts"
         )
     cma = _cma()
-    if seconds is None and evaluations is None:
-        evaluations = VECTORS
-    limits, rng = Limits(seconds, evaluations), np.random.default_rng(seed)
-    coding = Coding(start, roam)
-    sensors = start.sensors
-    first_score = score_poses([sensors])[0]
+    limits = Limits(seconds, VECTORS if seconds is None and evaluations is None else evaluations)
+    rng = np.random.default_rng(seed)
+    coding, sensors = Coding(start, roam), start.sensors
+    (first_score,) = score_poses([sensors])
     if first_score is None:
         raise ValueError("the sensors to start from may not be built: choose a feasible set")
     score = first_score
     limits.count += 1
     limits.record(score.reward)
     best, reward = coding.encode(), score.reward
-    size = population or 4 + int(3 * np.log(len(best)))
+    size = 4 + int(3 * np.log(len(best)))
+    quiet = {"seed": np.nan, "randn": lambda *shape: rng.standard_normal(shape), "verbose": -9}  # our own generator
     kept = checkpoint.load()
     known = [] if kept is None else np.split(kept["costs"], kept["ends"])[:-1]
     steps_costs: list[Float64[np.ndarray, " _"]] = []
@@ -143,16 +139,16 @@ def improve(
         return {"limits": limits.state(), "score": asdict(score), "costs": costs, "ends": ends}
 
     while known or not limits.spent:
-        strategy = cma.CMAEvolutionStrategy(best, STEP, {**coding.options(), **_quiet(rng), "popsize": size})
+        strategy = cma.CMAEvolutionStrategy(best, STEP, {**coding.options(), **quiet, "popsize": size})
         while not strategy.stop() and (known or not limits.spent):
             vectors = strategy.ask()
             sets = [coding.decode(vector) for vector in vectors]
             if known:
                 costs = known.pop(0).tolist()
-                scores: tuple[Score | None, ...] = (None,) * len(costs)
+                scores: Sequence[Score | None] = [None] * len(costs)
             else:
                 room = int(min(len(vectors), limits.evaluations - limits.count))
-                scores = tuple(score_poses(sets[:room]))
+                scores = score_poses(sets[:room])
                 limits.count += room
                 costs = [INFEASIBLE_COST if s is None else -s.reward for s in scores]
             first = int(np.argmin(costs))
@@ -177,10 +173,9 @@ def improve(
 
 
 def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:
-    """Scorer of sensor sets by the preparation's fidelity.
+    """Scorer of sensor sets by the preparation's fidelity, None where a set does not fit its mounts and links.
 
-    It renders all sets at once. live: panoramas to use, None to cast rays. A set scores None if two of its sensors
-    share a mount or a link is too small for its sensor.
+    live: panoramas to use, None to cast rays.
     """
     from placement_env.fidelity.seeing import see
 
@@ -195,9 +190,7 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
             labels = preparation.classes.labels
             seen = see(preparation.traffic, candidates, labels=labels, run=replace(run, cache=None, progress=None))
         objective = Objective.of_moved(preparation, candidates, seen, weights)
-        ends = np.cumsum([0, *map(len, sets)])
-        rows = np.arange(len(sensors))
-        subsets = (rows >= ends[:-1, None]) & (rows < ends[1:, None])
+        subsets = np.repeat(np.arange(len(sets)), [len(chosen) for chosen in sets]) == np.arange(len(sets))[:, None]
         objective.scores(subsets)
         fits = objective.feasible(subsets)
         return [
@@ -209,10 +202,9 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
 
 
 def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: Axes | None = None) -> Candidates:
-    """Any sensors as candidates on their nearest mounts.
+    """Any sensors as candidates on the mounts whose feet are nearest, seen from above.
 
-    The nearest mount is measured to its foot, seen from above. Each name gets a number in front. priced: prices of
-    their models, None for nothing.
+    Each name gets a number in front. priced: prices of their models, None for nothing.
     """
     feet = np.array([mount.position[:2] for mount in mounts])
     spots = np.array([sensor.position[:2] for sensor in sensors])
@@ -228,7 +220,7 @@ def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: 
 
 
 def angles(sensor: Sensor) -> tuple[float, float, float]:
-    """Height, heading and tilt of a sensor. Height is above zero (m); heading and tilt below the horizon are in rad."""
+    """Height above zero (m), heading and tilt below the horizon (rad) of a sensor."""
     (heading,), (tilt,) = aims([sensor])
     return float(sensor.position[2]), float(heading), float(tilt)
 
@@ -239,56 +231,42 @@ class Coding:
     def __init__(self, start: Candidates, roam: bool) -> None:
         self.start, self.roam = start, roam
         self.feet = np.array([mount.position for mount in start.mounts])
+        self.heights = np.array([[mount.min_height, mount.max_height] for mount in start.mounts])
         self.corner, self.span = self.feet[:, :2].min(axis=0), np.maximum(np.ptp(self.feet[:, :2], axis=0), 1e-9)
-        self.width = 5 if roam else 3
 
     def encode(self) -> Float64[np.ndarray, " n"]:
         """The vector of the start."""
-        rows = []
-        for sensor, mount in zip(self.start.sensors, self.start.mount, strict=True):
-            height, _, tilt = angles(sensor)
-            low, high = _range(self.start.mounts[mount])
-            lift = (height - self.feet[mount, 2] - low) / max(high - low, 1e-9)
-            row = [lift, 0.0, (tilt - TILT_RANGE[0]) / (TILT_RANGE[1] - TILT_RANGE[0])]
-            rows.append([*row, *((self.feet[mount, :2] - self.corner) / self.span)] if self.roam else row)
-        vector = np.array(rows)
-        turns = np.arange(self.width) == 1
-        return np.where(turns, vector, np.clip(vector, 0.0, 1.0)).ravel()
+        feet, (low, high) = self.feet[self.start.mount], self.heights[self.start.mount].T
+        height, _, tilt = np.array([angles(sensor) for sensor in self.start.sensors]).T
+        lift = (height - feet[:, 2] - low) / np.maximum(high - low, 1e-9)
+        columns = [lift, np.zeros(len(lift)), (tilt - TILT_RANGE[0]) / (TILT_RANGE[1] - TILT_RANGE[0])]
+        columns += [*((feet[:, :2] - self.corner) / self.span).T] if self.roam else []
+        return np.clip(np.stack(columns, axis=1), 0.0, 1.0).ravel()
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
         """The sensors of a vector."""
         taken = np.zeros(len(self.feet), np.int64)
         sensors = []
-        for c, (lift, turn, tilt, *spot) in enumerate(vector.reshape(-1, self.width)):
-            mount = self._nearest(np.array(spot), taken) if self.roam else int(self.start.mount[c])
+        rows = vector.reshape(len(self.start), -1)
+        for sensor, mount, (lift, turn, tilt, *spot) in zip(self.start.sensors, self.start.mount, rows, strict=True):
+            if self.roam:
+                away = np.linalg.norm(self.feet[:, :2] - (self.corner + np.array(spot) * self.span), axis=1)
+                mount = np.where(taken >= self.start.places, np.inf, away).argmin()
             taken[mount] += 1
-            low, high = _range(self.start.mounts[mount])
+            low, high = self.heights[mount]
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
-            heading = angles(self.start.sensors[c])[1] + np.pi * turn
-            aim = float(heading), float(TILT_RANGE[0] + tilt * (TILT_RANGE[1] - TILT_RANGE[0]))
-            sensors.append(aim_sensor(self.start.sensors[c], position, *aim))
+            heading = float(angles(sensor)[1] + np.pi * turn)
+            down = float(TILT_RANGE[0] + tilt * (TILT_RANGE[1] - TILT_RANGE[0]))
+            sensors.append(aim_sensor(sensor, position, heading, down))
         return tuple(sensors)
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, object]:
         """Bounds as `cma` takes them. All values but the headings are bounded."""
-        bounded: Bool[np.ndarray, " n"] = np.tile(np.arange(self.width) != 1, len(self.start))
-        return {"bounds": [[0.0 if b else None for b in bounded], [1.0 if b else None for b in bounded]]}
-
-    def _nearest(self, spot: np.ndarray, taken: np.ndarray) -> int:
-        away = np.linalg.norm(self.feet[:, :2] - (self.corner + spot * self.span), axis=1)
-        return int(np.where(taken >= self.start.places, np.inf, away).argmin())
+        ends = [[end, None, *[end] * (3 if self.roam else 1)] * len(self.start) for end in (0.0, 1.0)]
+        return {"bounds": ends}
 
 
-def _range(mount: Mount) -> tuple[float, float]:
-    return mount.min_height, mount.max_height
-
-
-def _quiet(rng: np.random.Generator) -> dict[str, Any]:
-    """Draw from our generator and silence printing. NumPy's global generator stays untouched."""
-    return {"seed": np.nan, "randn": lambda *shape: rng.standard_normal(shape), "verbose": -9}
-
-
-def _cma() -> Any:
+def _cma() -> ModuleType:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warning about a missing plotting library

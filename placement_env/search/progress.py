@@ -1,15 +1,16 @@
-"""`Progress` scores sets for one search within limits. It keeps the incumbent, the best feasible set."""
+"""`Progress` scores sets for one search within limits, and keeps the incumbent, the best feasible set."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from placement_env.checks import check_whole
 from placement_env.objective import Objective, Score
+from placement_env.search.checkpoint import KeptState
 from placement_env.search.result import Certificate, History, Result
 from toolkit.arrays import Bool, Float64, Int
 
@@ -27,10 +28,7 @@ class Figures(NamedTuple):
 
 
 class Limits:
-    """When to stop, and the history until then.
-
-    seconds, evaluations: None for no limit. Raises ValueError where a limit is not above 0.
-    """
+    """When to stop, and the history until then. Raises ValueError where a limit is not above 0; None is no limit."""
 
     def __init__(self, seconds: float | None, evaluations: int | None) -> None:
         for name, limit in (("seconds", seconds), ("evaluations", evaluations)):
@@ -54,18 +52,18 @@ class Limits:
 
     @property
     def share(self) -> float:
-        """Share of the nearer limit used. It is 0 to 1, and 0 without limits."""
+        """Share of the nearer limit used, 0 to 1."""
         return min(1.0, max(self.count / self.evaluations, self.elapsed / self.seconds))
 
     def record(self, reward: float, *, at: int | None = None) -> None:
         """Record a new best reward. It holds since the given number of sets, None for now."""
         self.rows.append((self.count if at is None else at, self.elapsed, reward))
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> KeptState:
         """State for a checkpoint."""
         return {"count": self.count, "elapsed": self.elapsed, "rows": self.rows}
 
-    def resume(self, state: Mapping[str, Any]) -> None:
+    def resume(self, state: KeptState) -> None:
         """Resume from a checkpoint. The sets and seconds until then count."""
         self.count, self.started = int(state["count"]), time.monotonic() - float(state["elapsed"])
         self.rows = [(int(count), float(seconds), float(reward)) for count, seconds, reward in state["rows"]]
@@ -77,10 +75,9 @@ class Limits:
 
 
 class Progress:
-    """Score sets and keep the best feasible one.
+    """Score sets and keep the best feasible one of at most `budget` candidates, at first the empty set, reward 0.
 
-    It holds at most `budget` of an objective's candidates. The best starts as the empty set, reward 0. A limit in
-    seconds is kept to about `PACE_S`, or the time of one set.
+    A limit in seconds is kept to about `PACE_S`, or the time of one set.
     """
 
     def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
@@ -96,11 +93,11 @@ class Progress:
         """True where a limit is reached."""
         return self.limits.spent
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> KeptState:
         """State for a checkpoint."""
         return {"limits": self.limits.state(), "best": np.flatnonzero(self.best).tolist(), "reward": self.reward}
 
-    def resume(self, state: Mapping[str, Any]) -> None:
+    def resume(self, state: KeptState) -> None:
         """Resume from a checkpoint. The incumbent is scored once more to restore its score."""
         self.limits.resume(state["limits"])
         self.best, self.reward = as_rows([state["best"]], self.size)[0], float(state["reward"])
@@ -112,16 +109,18 @@ class Progress:
         figures = Figures(np.full(n, -np.inf), *(np.full(n, np.nan) for _ in range(3)))
         done = 0
         while done < n and not self.spent:
-            room = min(n - done, self._block, self.limits.evaluations - self.limits.count)
-            rows = slice(done, done + int(room))
+            room = int(min(n - done, self._block, self.limits.evaluations - self.limits.count))
+            rows = slice(done, done + room)
             began = time.monotonic()
             scores = self.objective.scores(subsets[rows])
             for name, column in figures._asdict().items():
                 column[rows] = getattr(scores, name)
-            self._pace(int(room), time.monotonic() - began)
-            self.limits.count += int(room)
+            took = max(time.monotonic() - began, 1e-9)  # one set may take 0.1 ms, or a minute
+            affordable = min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed)) * room / took
+            self._block = int(np.clip(affordable, 1, min(MOST_AT_ONCE, 4 * self._block)))
             self._keep(subsets[rows], figures.reward[rows])
-            done += int(room)
+            self.limits.count += room
+            done += room
         return figures
 
     def rewards(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
@@ -129,7 +128,7 @@ class Progress:
         return self.figures(subsets).reward
 
     def settle(self, chosen: list[int]) -> None:
-        """Take this set for the answer unconditionally. Its score and the limits do not matter."""
+        """Take this set for the answer, whatever its score and the limits."""
         self.best = as_rows([chosen], self.size)[0]
         self.reward = float(self.objective.scores(self.best[None]).reward[0])
         self.limits.count += 1
@@ -149,22 +148,12 @@ class Progress:
 
     def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
         better = np.flatnonzero(rewards > self.reward)
-        if not better.size:
-            return
-        fits = self.objective.feasible(subsets[better]) & (subsets[better].sum(axis=1) <= self.budget)
-        before = self.limits.count - len(subsets)
-        for row in better[fits].tolist():  # one after another, so that batch size does not change the history
-            if rewards[row] > self.reward:
-                self.best, self.reward = subsets[row].copy(), float(rewards[row])
-                self.limits.record(self.reward, at=before + row + 1)
-
-    def _pace(self, scored: int, took: float) -> None:
-        """Block size that fits the pace and remaining time.
-
-        The pace is `PACE_S`; one set may take 0.1 ms, or a minute.
-        """
-        affordable = min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed)) * scored / max(took, 1e-9)
-        self._block = int(np.clip(affordable, 1, min(MOST_AT_ONCE, 4 * self._block)))
+        if better.size:
+            fits = self.objective.feasible(subsets[better]) & (subsets[better].sum(axis=1) <= self.budget)
+            for row in better[fits].tolist():  # one after another, so that batch size does not change the history
+                if rewards[row] > self.reward:
+                    self.best, self.reward = subsets[row].copy(), float(rewards[row])
+                    self.limits.record(self.reward, at=self.limits.count + row + 1)
 
 
 def as_rows(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]:

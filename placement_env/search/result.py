@@ -1,10 +1,9 @@
-"""`Result`, which every search returns. It holds the best set, its history, and evidence of how good it is."""
+"""`Result` of a search: the best set, its history, and evidence of how good it is."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -18,16 +17,13 @@ from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 
 VERSION = 1  # of result files
+_Row = dict[str, Any]  # JSON values of a file
 Measure = Literal["reward", "coverage", "price", "hits"]  # what a certificate's figures are of
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Best reward after each improvement, and at the end.
-
-    It never falls. evaluations: sets scored until then; seconds: since the search began, on this machine; reward: of
-    the best set.
-    """
+    """Best reward after each improvement, and at the end. evaluations: sets scored; seconds: since the search began."""
 
     evaluations: Int64[np.ndarray, " n"]
     seconds: Float64[np.ndarray, " n"]
@@ -44,9 +40,9 @@ class Certificate:
     """Evidence of how good an answer is.
 
     kind: "optimal", no feasible set is better; "bound", none is better than `bound`; "local optimum", none that differs
-    in one sensor is better; "none", nothing is known.
-    value, bound: of the answer and of all feasible sets, in `measure`; ratio: the share of the optimum that the method
-    is sure to reach before it starts, 0 where none; note: in words, with the conditions.
+    in one sensor is better; "none", nothing is known; value, bound: of the answer and of all feasible sets, in
+    `measure`; ratio: share of the optimum that the method is sure to reach before it starts, 0 where none; note: in
+    words, with the conditions.
     """
 
     kind: Literal["optimal", "bound", "local optimum", "none"]
@@ -90,7 +86,7 @@ class Contender:
 
 @dataclass(frozen=True)
 class ProfileAP:
-    """AP of an answer at one named error profile. The interval comes with it."""
+    """AP of an answer at one named error profile, with its interval."""
 
     name: str
     ap: float
@@ -100,13 +96,13 @@ class ProfileAP:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Judgement of a portfolio's answer on unseen traffic.
+    """Judgement of a portfolio's answer on traffic that neither searches nor race saw.
 
-    Neither searches nor race saw that traffic. by: fidelity of race and judgement; ap, low, high: of the answer, with
-    its 95 % interval; kbit: of the whole set; objects, frames: used to judge it; predicted: AP by the searched
-    objective; confidence: that no entrant is better by more than `tolerance`; `asked` is the level to reach; entrants:
-    sets that raced; raced: frames that the winner was raced on; contenders: the answer of each search; by_errors: AP at
-    each of several error profiles by itself, of which `ap` is the "worst" or the "mean", as `errors_by` says.
+    by: fidelity of race and judgement; ap, low, high: of the answer, with its 95 % interval; kbit: of the whole set;
+    objects, frames: used to judge it; predicted: AP by the searched objective; confidence: that no entrant is better by
+    more than `tolerance`; `asked` is the level to reach; entrants: sets that raced; raced: frames that the winner was
+    raced on; contenders: the answer of each search; by_errors: AP at each of several error profiles by itself, of which
+    `ap` is the "worst" or the "mean", as `errors_by` says.
     """
 
     by: str
@@ -155,19 +151,10 @@ class Result:
 
     def save(self, path: str | Path) -> None:
         """Write the result as JSON, completely or not. `load` reads it; null stands for non-finite values."""
-        content = {field.name: getattr(self, field.name) for field in fields(self)}
-        content |= {
-            "best": asdict(self.best),
-            "history": {name: column.tolist() for name, column in vars(self.history).items()},
-            "certificate": asdict(self.certificate),
-            "front": [asdict(score) for score in self.front],
-            "by_size": [asdict(score) for score in self.by_size],
-            "sensors": [_sensor_row(sensor) for sensor in self.sensors],
-            "assessment": None if self.assessment is None else asdict(self.assessment),
-        }
-        write_text(
-            path, json.dumps({"coview_result": VERSION} | replace_infinite(content), indent=1, allow_nan=False) + "\n"
-        )
+        content = {"coview_result": VERSION} | asdict(self)
+        content["history"] = {name: column.tolist() for name, column in vars(self.history).items()}
+        content["sensors"] = [_describe_sensor(sensor) for sensor in self.sensors]
+        write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False) + "\n")
 
     @staticmethod
     def load(path: str | Path) -> Result:
@@ -176,73 +163,64 @@ class Result:
         if not isinstance(content, dict) or content.get("coview_result") != VERSION:
             raise ValueError(f"{path} is no result of a search, version {VERSION}: write one with Result.save")
         try:
-            return _result_of({name: value for name, value in content.items() if name != "coview_result"})
+            return _build_result({name: value for name, value in content.items() if name != "coview_result"})
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             said = str(error).partition("\n")[0][:120]
             raise ValueError(f"{path} is no result of a search ({said}): restore the file") from None
 
     def __str__(self) -> str:
-        known = self.certificate
+        known, judged = self.certificate, self.assessment
         end = "least" if known.measure == "price" else "most"
         bound = f", at {end} {known.bound:.4f} {known.measure}" if np.isfinite(known.bound) else ""
-        chosen = ", ".join(str(c) for c in self.best.subset)
-        judged = self.assessment
         figure = f"reward {self.best.reward:.4f}" if judged is None else f"AP {judged.ap:.4f} by the {judged.by}"
         return (
-            f"{self.method}: {{{chosen}}} {figure} after {self.evaluations} sets and "
+            f"{self.method}: {{{', '.join(map(str, self.best.subset))}}} {figure} after {self.evaluations} sets and "
             f"{self.seconds:.1f} s ({known.kind}{bound})"
         )
 
 
-def _sensor_row(sensor: Sensor) -> dict[str, Any]:
-    model = sensor.model
-    values = {field.name: getattr(model, field.name) for field in fields(model)}
+def _describe_sensor(sensor: Sensor) -> _Row:
+    values = {field.name: getattr(sensor.model, field.name) for field in fields(sensor.model)}
     plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
-    return {"name": sensor.name, "model": type(model).__name__, "values": plain, "pose": sensor.pose.tolist()}
+    return {"name": sensor.name, "model": type(sensor.model).__name__, "values": plain, "pose": sensor.pose.tolist()}
 
 
-def _result_of(content: dict[str, Any]) -> Result:
+def _build_result(content: _Row) -> Result:
     """Result from the values of its file."""
-    history = content["history"]
-    certificate, assessment = content["certificate"], content["assessment"]
-    return Result(
-        **content
-        | {
-            "best": load_score(content["best"]),
-            "history": History(
-                np.array(history["evaluations"], np.int64),
-                np.array(history["seconds"], np.float64),
-                np.array(history["reward"], np.float64),
-            ),
-            "certificate": Certificate(**certificate | {"bound": _number(certificate["bound"], math.inf)}),
-            "front": _each(load_score, content["front"]),
-            "by_size": _each(load_score, content["by_size"]),
-            "sensors": _each(_sensor, content["sensors"]),
-            "assessment": None if assessment is None else _assessment(assessment),
-        }
-    )
+    history, certificate, assessment = content["history"], content["certificate"], content["assessment"]
+    rows = {
+        "best": load_score(content["best"]),
+        "history": History(
+            np.array(history["evaluations"], np.int64),
+            np.array(history["seconds"], np.float64),
+            np.array(history["reward"], np.float64),
+        ),
+        "certificate": Certificate(**certificate | {"bound": _number(certificate["bound"], math.inf)}),
+        "front": tuple(map(load_score, content["front"])),
+        "by_size": tuple(map(load_score, content["by_size"])),
+        "sensors": tuple(
+            Sensor(row["name"], make_model(row["model"], row["values"]), np.array(row["pose"], np.float64))
+            for row in content["sensors"]
+        ),
+    }
+    if assessment is not None:
+        tuples = ("searches", "subset")
+        contenders = [each | {name: tuple(each[name]) for name in tuples} for each in assessment["contenders"]]
+        rows["assessment"] = Assessment(
+            **assessment
+            | {
+                "expected": _number(assessment.get("expected"), math.nan),
+                "contenders": tuple(Contender(**each) for each in contenders),
+                "by_errors": tuple(ProfileAP(**each) for each in assessment.get("by_errors", ())),
+            }
+        )
+    return Result(**content | rows)
 
 
-def load_score(row: dict[str, Any]) -> Score:
+def load_score(row: _Row) -> Score:
     """Score from the values of a file."""
     by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
     return Score(**row | {"subset": tuple(map(int, row["subset"])), "class_ap": by_class})
-
-
-def _sensor(row: dict[str, Any]) -> Sensor:
-    return Sensor(row["name"], make_model(row["model"], row["values"]), np.array(row["pose"], np.float64))
-
-
-def _assessment(row: dict[str, Any]) -> Assessment:
-    rows = [each | {name: tuple(each[name]) for name in ("searches", "subset")} for each in row["contenders"]]
-    expected = _number(row.get("expected"), math.nan)
-    by_errors = tuple(ProfileAP(**each) for each in row.get("by_errors", ()))
-    contenders = tuple(Contender(**each) for each in rows)
-    return Assessment(**row | {"expected": expected, "contenders": contenders, "by_errors": by_errors})
-
-
-def _each(made: Callable[[Any], Any], rows: list[Any]) -> tuple[Any, ...]:
-    return tuple(made(row) for row in rows)
 
 
 def _number(value: float | None, absent: float) -> float:

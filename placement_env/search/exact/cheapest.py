@@ -88,8 +88,8 @@ def _by_coverage(progress: Progress, coverage: Coverage, prices: Prices, demand:
 
 
 def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, demand: Demand, seed: int) -> Result:
-    objective, shares, plain = progress.objective, [surrogate], not demand.failing and not demand.divided
-    if demand.divided:
+    objective, shares, plain = progress.objective, [surrogate], demand == Demand(demand.at_least)
+    if max(demand.parts, demand.levels) > 1:
         seen = objective.visibility
         if seen is None:
             raise ValueError(

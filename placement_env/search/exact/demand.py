@@ -42,11 +42,6 @@ class Demand:
         if self.parts > 1 and self.levels > 1:
             raise ValueError("an AP is asked for in parts of the traffic or at levels of it: leave one of them out")
 
-    @property
-    def divided(self) -> bool:
-        """True where each of several shares of the traffic must reach the AP."""
-        return self.parts > 1 or self.levels > 1
-
     def describe(self, shares: int) -> str:
         """The conditions in words. shares: their number.
 
