@@ -1,7 +1,6 @@
-"""Files of a search's answer.
+"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture, or those of a budget curve.
 
-They are the site with the chosen sensors, schedule, map and picture, or the files of a budget curve. The answer is
-smaller than a plan: nothing is judged on traffic that the search did not see.
+The answer is smaller than a plan: nothing is judged on traffic that the search did not see.
 """
 
 from __future__ import annotations
@@ -10,9 +9,8 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -57,56 +55,52 @@ def answer_files(order: SearchOrder) -> tuple[str, ...]:
 
 
 def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
-    """Write an answer's files into a folder.
+    """Write all of an answer's files into a folder, or none. Return a line that names them.
 
-    Writes all of them or none, and returns a line that names them. Raises ValueError where no sensor is to be built, or
-    the objective has no site.
+    Raises ValueError where no sensor is to be built, or the objective has no site.
     """
-    if not answer.met or answer.objective.site is None:
-        raise ValueError("only a set of sensors at a site can be handed over, and this is an empty set or has no site")
-    if order.curve:
-        _write_curve(Path(folder), order, answer)
-        return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
-    _write_set(Path(folder), answer)
-    return f"written to {folder}: {', '.join(ANSWER_FILES)}"
-
-
-def _write_set(folder: Path, answer: Answer) -> None:
     from toolkit.plots.plan_view import draw_site
 
-    objective, members = answer.objective, answer.chosen
+    if not answer.met or answer.objective.site is None:
+        raise ValueError("only a set of sensors at a site can be handed over, and this is an empty set or has no site")
+    objective, members, plain = answer.objective, answer.chosen, answer.objective.setting.place
+    candidates, summary = (
+        objective.candidates,
+        json.dumps(answer.summary, indent=1, allow_nan=False, ensure_ascii=False),
+    )
+    if order.curve:
+        with writing_together(Path(folder)) as unfinished:
+            write_text(unfinished / CURVE_ORIGIN, summary + "\n")
+            write_text(unfinished / CURVE_TABLE, curve_csv(objective, answer.points, order.currency))
+            draw_curve(answer.points, unfinished / CURVE_PICTURE, judge=order.judge, currency=order.currency)
+            for n, point in enumerate(answer.points):
+                save_site(mounted_site(plain, candidates, point.subset), unfinished / _site_file(n))
+        return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
     moved = () if answer.result is None else answer.result.sensors
-    candidates, plain = objective.candidates, objective.setting.place
-    site = mounted_site(plain, candidates, members, moved)
-    per_frame = kbit_per_frame(objective, members, moved)
+    site, kbit = mounted_site(plain, candidates, members, moved), kbit_per_frame(objective, members, moved)
     sensors = format_sensors(
         plain,
         candidates,
         members,
         moved,
-        kbit=per_frame.mean(axis=1),
-        peak_kbit=per_frame.max(axis=1),
+        kbit=kbit.mean(axis=1),
+        peak_kbit=kbit.max(axis=1),
         model_prices=candidates.model_prices[list(members)],
     )
-    ground = visible_ground(site, site.sensors)
-    with writing_together(folder) as unfinished:
-        unused = unused_mounts(candidates, members, moved)
+    ground, unused = visible_ground(site, site.sensors), unused_mounts(candidates, members, moved)
+    with writing_together(Path(folder)) as unfinished:
         write_exchange(unfinished, site, sensors, ground, unused=unused)
         draw_site(site, unfinished / PICTURE)
-        write_text(unfinished / ORIGIN, _json(answer.summary))
-
-
-def _json(summary: Mapping[str, Any]) -> str:
-    return json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+        write_text(unfinished / ORIGIN, summary + "\n")
+    return f"written to {folder}: {', '.join(ANSWER_FILES)}"
 
 
 def kbit_per_frame(
     objective: Objective, members: Sequence[int], moved: Sequence[Sensor] = ()
 ) -> Float64[np.ndarray, "sensors frames"]:
-    """kbit that each sensor of a set sends per frame.
+    """kbit that each sensor of a set sends per frame of the objective's traffic. moved: new poses of the sensors.
 
-    The frames are those of the objective's traffic. moved: new poses of the sensors. Where the scheme sends boxes, a
-    sensor is assumed to send one for each object that it sees with `LEAST` points.
+    Where the scheme sends boxes, a sensor is assumed to send one for each object that it sees with `LEAST` points.
     """
     made = objective.preparation
     if made is None:
@@ -123,22 +117,10 @@ def kbit_per_frame(
     return np.asarray(objective.codec.bits(points=points, boxes=sent) / 1000, np.float64)
 
 
-def _write_curve(folder: Path, order: SearchOrder, answer: Answer) -> None:
-    objective, points = answer.objective, answer.points
-    with writing_together(folder) as unfinished:
-        write_text(unfinished / CURVE_ORIGIN, _json(answer.summary))
-        write_text(unfinished / CURVE_TABLE, curve_csv(objective, points, order.currency))
-        draw_curve(points, unfinished / CURVE_PICTURE, judge=order.judge, currency=order.currency)
-        for n, point in enumerate(points):
-            site = mounted_site(objective.setting.place, objective.candidates, point.subset)
-            save_site(site, unfinished / _site_file(n))
-
-
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
-    """Table with one line per set.
+    """Table with one line per set; `money` is empty where the curve is over numbers of sensors.
 
-    It has kbit per frame of the whole set; `money` is empty where the curve is over numbers of sensors. `CURVE_COLUMNS`
-    are followed by AP, low and high at each error profile, where there are several: `ap_typical` and so on.
+    `CURVE_COLUMNS` are followed by AP, low and high at each error profile, where there are several.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
@@ -146,20 +128,15 @@ def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str 
     own = (safe_cell(f"{figure}_{name}") for name in profiles for figure in ("ap", "low", "high"))
     writer.writerow([*CURVE_COLUMNS, *own])
     for n, point in enumerate(points):
+        money = "" if math.isinf(point.money) else f"{point.money:.10g}"
         figures = (point.ap, point.low, point.high, point.predicted, point.confidence)
-        writer.writerow([
-            point.sensors,
-            "" if math.isinf(point.money) else f"{point.money:.10g}",
-            f"{point.price:.10g}",
-            safe_cell(currency or "ordinary poles"),
-            *(f"{figure:.6f}" for figure in figures),
-            f"{point.kbit:.1f}",
-            "yes" if point.pays else "no",
-            " and ".join(point.searches),
-            safe_cell(" ".join(objective.names[c] for c in point.subset)),
-            _site_file(n),
-            *(f"{figure:.6f}" for each in point.by_errors for figure in (each.ap, each.low, each.high)),
-        ])  # fmt: skip
+        price = (f"{point.price:.10g}", safe_cell(currency or "ordinary poles"))
+        found = ("yes" if point.pays else "no", " and ".join(point.searches))
+        members = safe_cell(" ".join(objective.names[c] for c in point.subset))
+        own = (f"{figure:.6f}" for each in point.by_errors for figure in (each.ap, each.low, each.high))
+        said = (f"{figure:.6f}" for figure in figures)
+        row = (point.sensors, money, *price, *said, f"{point.kbit:.1f}", *found, members, _site_file(n), *own)
+        writer.writerow(row)
     return text.getvalue()
 
 

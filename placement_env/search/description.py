@@ -1,4 +1,4 @@
-"""A search's result in words. It lists sensors, their moves and their figures."""
+"""A search's result in words: sensors, their moves and their figures."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list
     if not moved:
         return list(names)
     degrees = np.rad2deg(np.stack(aims(moved), axis=1))
-    where = [(*sensor.position, *aim) for sensor, aim in zip(moved, degrees, strict=True)]
     text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, heading {:.1f} tilt {:.1f} degrees"
-    return [text.format(name, *numbers) for name, numbers in zip(names, where, strict=True)]
+    rows = zip(names, moved, degrees, strict=True)
+    return [text.format(name, *sensor.position, *aim) for name, sensor, aim in rows]
 
 
 def describe_score(score: Score) -> str:
@@ -59,15 +59,12 @@ def describe_profiles(by_errors: Sequence[ProfileAP]) -> str:
 
 def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
     """A line of the AP at each error profile. Empty without error profiles."""
-    said = ", ".join(f"{name} {ap:.4f}" for name, ap in by_errors.items())
-    return [f"AP at each error profile: {said}"] if said else []
+    said = [f"{name} {ap:.4f}" for name, ap in by_errors.items()]
+    return [f"AP at each error profile: {', '.join(said)}"] if said else []
 
 
 def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
-    """Lines on the surrogate's uncertainty about a set.
-
-    They also say where the question differs from the surrogate's training. Empty for other fidelities.
-    """
+    """Lines on the surrogate's uncertainty about a set and on what it was not trained for. Empty for others."""
     surrogate = objective.scored_by
     if not isinstance(surrogate, Doubting):
         return []
@@ -96,30 +93,21 @@ def describe_empty(objective: Objective) -> str:
 
 
 def check_present(objective: Objective) -> None:
-    """Raise ValueError where a counted class has no objects. This avoids statements about a class that is absent."""
-    if missing := absent_classes(objective):
+    """Raise ValueError where a counted class has no objects."""
+    classes, seen = objective.classes, objective.visibility
+    if seen is not None:
+        there = [bool((seen.labels == label).any()) for label in classes.labels]
+    else:
+        there = (~np.isnan(objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0])).tolist()
+    if missing := [name for name, is_there in zip(classes.names, there, strict=True) if not is_there]:
         raise ValueError(
             f"there is no {' and no '.join(missing)} to find in these frames: say more --frames or another --seed, or "
             "leave out the class"
         )
 
 
-def absent_classes(objective: Objective) -> tuple[str, ...]:
-    """Classes that count but have no objects."""
-    classes, seen = objective.classes, objective.visibility
-    if seen is not None:
-        return tuple(
-            n for n, label in zip(classes.names, classes.labels, strict=True) if not (seen.labels == label).any()
-        )
-    figures = objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0]
-    return tuple(name for name, ap in zip(classes.names, figures, strict=True) if np.isnan(ap))
-
-
 def describe_exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
-    """Sentences on what excludes candidates.
-
-    They give the number excluded and the requirement of the least demanding one.
-    """
+    """Sentences on what excludes candidates, with their number and the requirement of the least demanding one."""
     candidates, sent, linked = objective.candidates, objective.sent, objective.linked
     count, reasons = len(candidates), []
     if not linked.all():
@@ -135,10 +123,10 @@ def describe_exclusions(objective: Objective, max_kbit: float | None = None, cur
         )
     affordable = objective.affordable(candidates.prices)
     if not affordable.all():
+        money, least_price = (describe_money(x, currency) for x in (objective.most_price, candidates.prices.min()))
+        excluded = int((~affordable).sum())
         reasons.append(
-            f"The sum of {describe_money(objective.most_price, currency)} excludes {int((~affordable).sum())} of "
-            f"{count} candidates: the cheapest of all costs "
-            f"{describe_money(float(candidates.prices.min()), currency)}."
+            f"The sum of {money} excludes {excluded} of {count} candidates: the cheapest of all costs {least_price}."
         )
     return tuple(reasons)
 

@@ -1,6 +1,6 @@
-"""Greedy search: add the most useful sensor each time.
+"""Greedy search: add the most useful sensor each time. Candidates are scored in full, or they race.
 
-Candidates are scored in full, or they race. With a monotone submodular objective (coverage, no cost weights) the answer
+With a monotone submodular objective (coverage, no cost weights) the answer
 has a guaranteed share of the optimum, see `placement_env.search.submodular`; AP is not submodular. A search goes on to
 `budget` sensors even where one loses, since a pair may gain where a single sensor does not. It answers with the best
 set on the way.
@@ -15,7 +15,7 @@ import numpy as np
 from placement_env.objective import Objective
 from placement_env.search import submodular as theory
 from placement_env.search.progress import Progress, add_each
-from placement_env.search.result import Certificate, Result
+from placement_env.search.result import Result
 
 
 def search(
@@ -35,14 +35,22 @@ def search(
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen, rise = grow(progress)
-    return progress.result("greedy", _certificate(progress, chosen, submodular, rise))
+    if theory.is_submodular(objective) if submodular is None else submodular:
+        ratio = theory.guarantee(objective) if len(chosen) == budget else 0.0
+        known = theory.certificate(progress, chosen, ratio, rise)
+    elif rise > theory.TOLERANCE:
+        known = progress.unknown(
+            f"gains grew by up to {rise:.2g} as sensors joined: not submodular, nothing is promised"
+        )
+    else:
+        known = progress.unknown("greedy promises nothing unless the objective is submodular, and AP is not")
+    return progress.result("greedy", known)
 
 
 def grow(progress: Progress) -> tuple[list[int], float]:
-    """Greedy's candidates in order, and any gain's growth.
+    """Greedy's candidates in order, and the largest growth of any gain as others joined.
 
-    The growth is the largest of any gain as others joined. There are `progress.budget` candidates, fewer where no more
-    fit or a limit came first.
+    There are `progress.budget` candidates, fewer where no more fit or a limit came first.
     """
     chosen: list[int] = []
     reward, rise = 0.0, 0.0
@@ -50,9 +58,8 @@ def grow(progress: Progress) -> tuple[list[int], float]:
     while len(chosen) < progress.budget:
         options = np.flatnonzero(progress.objective.allowed(chosen))
         rewards = progress.rewards(add_each(chosen, options, progress.size))
-        if not np.isfinite(rewards).any():
+        if not (scored := np.isfinite(rewards)).any():
             break
-        scored = np.isfinite(rewards)
         rise = max(rise, float((rewards[scored] - reward - gains[options[scored]]).max()))
         gains[options[scored]] = rewards[scored] - reward
         best = int(rewards.argmax())
@@ -62,18 +69,12 @@ def grow(progress: Progress) -> tuple[list[int], float]:
 
 
 def raced(
-    objective: Objective,
-    budget: int,
-    *,
-    seed: int = 0,
-    seconds: float | None = None,
-    evaluations: int | None = None,
+    objective: Objective, budget: int, *, seed: int = 0, seconds: float | None = None, evaluations: int | None = None
 ) -> Result:
-    """Greedy set whose candidates race for each place.
+    """Greedy set whose candidates race for each place (`Objective.race`), for the detector, where a frame is slow.
 
-    See `Objective.race`: weak candidates are dropped after a few frames. Meant for the detector's fidelity, where a
-    frame is slow. Evaluations are counted in sets on all frames, rounded up in each race; limits are checked between
-    races. Raises ValueError for a fidelity that cannot score a subset of the frames.
+    Evaluations are counted in sets on all frames, rounded up in each race; limits are checked between races. Raises
+    ValueError for a fidelity that cannot score a subset of the frames.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen: list[int] = []
@@ -88,14 +89,3 @@ def raced(
         progress.rewards(sets[winner][None])
         chosen.append(int(options[winner]))
     return progress.result("raced greedy", progress.unknown("greedy promises nothing for AP, and a race may miss"))
-
-
-def _certificate(progress: Progress, chosen: list[int], submodular: bool | None, rise: float) -> Certificate:
-    if theory.is_submodular(progress.objective) if submodular is None else submodular:
-        ratio = theory.guarantee(progress.objective) if len(chosen) == progress.budget else 0.0
-        return theory.certificate(progress, chosen, ratio, rise)
-    if rise > theory.TOLERANCE:
-        return progress.unknown(
-            f"gains grew by up to {rise:.2g} as sensors joined: not submodular, nothing is promised"
-        )
-    return progress.unknown("greedy promises nothing unless the objective is submodular, and AP is not")

@@ -1,4 +1,4 @@
-"""The searches by name, with checks of their abilities. Checks run before anything is rendered."""
+"""The searches by name, with checks of their abilities that run before anything is rendered."""
 
 from __future__ import annotations
 
@@ -6,22 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from placement_env.search.exact.exhaustive import LARGEST
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.cases import Cases
+    from placement_env.search.result import Result
 
 
 @dataclass(frozen=True)
 class Method:
-    """Place of a search: module and function.
-
-    needs: the package it requires; extra: the extra that installs it; resumes: whether it takes a checkpoint. The
-    others are short apart from cached work, and start again.
-    """
+    """Place of a search. needs: package; extra: that installs it; resumes: whether it takes a checkpoint."""
 
     module: str
     function: str = "search"
@@ -43,32 +40,20 @@ METHODS: dict[str, Method] = {
     "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma", resumes=True),
     "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl", resumes=True),
 }
-RENDERED = (
-    "cpsat",
-    "cmaes",
-    "portfolio",
-    "hits",
-    "cheapest",
-)  # they need visibility, which a table lacks
-
-ONE_COUNTED = (
-    "cmaes",
-    "hits",
-    "cheapest",
-)  # they handle one IoU threshold, and failures by themselves
+RENDERED = ("cpsat", "cmaes", "portfolio", "hits", "cheapest")  # they need visibility, which a table lacks
+ONE_COUNTED = ("cmaes", "hits", "cheapest")  # they handle one IoU threshold, and failures by themselves
 
 
-def load_search(method: str) -> Callable[..., Any]:
+def load_search(method: str) -> Callable[..., Result]:
     """Search of that name. Call it with an objective and a budget; it returns a result."""
     found = METHODS[method]
     return getattr(import_module(found.module), found.function)
 
 
 def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False) -> str:
-    """Default search method.
+    """Default search method: the cheapest set where an AP must be reached; a portfolio, which judges by itself.
 
-    It is the cheapest set where an AP must be reached. A fast fidelity gets a portfolio, which judges by itself; a
-    table, which has few sensors, gets every set. Greedy is used where an answer is verified, or scoring a set takes a
+    Few sensors of a table are tried in every set. Greedy is used where an answer is verified, or scoring a set takes a
     detector.
     """
     if at_least:
@@ -77,10 +62,7 @@ def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False)
 
 
 def check_search(method: str, fidelity: str, candidates: Candidates, cases: Cases | None = None) -> None:
-    """Check that a method can search these candidates.
-
-    Raises ValueError where it cannot with this fidelity and counting, ImportError where its package is missing.
-    """
+    """Raise ValueError where a method cannot search these candidates, ImportError where its package is missing."""
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     needs = METHODS[method]

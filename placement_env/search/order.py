@@ -1,9 +1,9 @@
-"""`SearchOrder` and `run_search`, which answers it. An order describes one search."""
+"""`SearchOrder`, which describes one search, and `run_search`, which answers it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from placement_env.fidelity.preparation import check_scorable
 from placement_env.fidelity.table import hash_site
-from placement_env.objective import Objective, Score
+from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, unfinished
 from placement_env.search.description import (
@@ -42,6 +42,7 @@ from toolkit.runtime.run import Run
 PORTFOLIO = "portfolio"
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
+Summary = dict[str, Any]  # JSON values
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +104,7 @@ class SearchOrder:
         return "detector" in (self.fidelity, self.verify, judge)
 
     @property
-    def question(self) -> dict[str, Any]:
+    def question(self) -> Summary:
         """Everything the answer depends on, as JSON values. These must be equal for a search to resume."""
         setting = self.setting
         files = {"surrogate": setting.surrogate, "table": setting.table}
@@ -111,7 +112,7 @@ class SearchOrder:
         return {
             **{name: getattr(self, name) for name in own},
             **({} if self.demand is None else asdict(self.demand)),
-            **{name: None if path is None else _digest(Path(path)) for name, path in files.items()},
+            **{name: path and sha256(Path(path).read_bytes()).hexdigest() for name, path in files.items()},
             "fidelity": self.fidelity,
             "frames": self.run.frames_or(USUAL_FRAMES),
             "seed": self.run.seed,
@@ -129,12 +130,11 @@ class SearchOrder:
 
     @contextmanager
     def keeping(self, out: Path | None, *, overwrite: bool = False) -> Iterator[tuple[SearchOrder, Checkpoint]]:
-        """The order with the checkpoint of its answer.
+        """The order with the checkpoint of its answer in a folder, None for nowhere. The block must write the answer.
 
-        The checkpoint is in a folder, None for nowhere; the block must write the answer. Until the block ends normally,
-        the state of the search stands beside the folder, in one named with the suffix `UNFINISHED`. If the search is
-        killed, the same question resumes there. Raises FileExistsError where another search is unfinished there and may
-        not be overwritten.
+        Until the block ends normally, the state of the search stands beside the folder, in one named with the suffix
+        `UNFINISHED`. If the search is killed, the same question resumes there. Raises FileExistsError where another
+        search is unfinished there and may not be overwritten.
         """
         if out is None:
             yield self, NOWHERE
@@ -156,7 +156,7 @@ class Answer:
     """
 
     objective: Objective
-    summary: dict[str, Any]
+    summary: Summary
     lines: tuple[str, ...]
     met: bool
     result: Result | None = None
@@ -172,126 +172,104 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         reasons = describe_exclusions(objective, currency=order.currency)
         line = f"none may be built: {' '.join(reasons)}"
         return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
-    if order.curve:
-        return _run_curve(order, objective, checkpoint)
-    own: dict[str, object] = {} if order.demand is None else {"demand": order.demand}
-    if order.method == PORTFOLIO:
-        own["judging"] = _judging(order)
-    if METHODS[order.method].resumes:
-        own["checkpoint"] = checkpoint
-    limits = {"seconds": order.seconds, "evaluations": order.evaluations}
-    result: Result = load_search(order.method)(objective, order.budget, seed=order.run.seed, **limits, **own)
-    by_errors = ap_at_profiles(objective, result.best.subset, result.sensors)
-    summary: dict[str, Any] = _summarize(objective, result) | _state_errors(order, by_errors)
-    lines = [*_describe(objective, result), *describe_by_errors(by_errors)]
-    if not result.best.subset:
-        why = describe_empty(objective) if order.demand is None else result.certificate.note
-        return Answer(objective, summary, (f"no sensors: {why}",), False)
-    chosen = result.best.subset
-    if order.verify is not None:
-        exact = Objective(order.setting.with_fidelity(order.verify), order.run)
-        checked, sets = verify_best(objective, exact, result)
-        chosen = checked.subset
-        by_errors = ap_at_profiles(exact, chosen, result.sensors)
-        summary["verified"] = _check_summary(objective, exact, checked) | (
-            {"by_errors": by_errors} if by_errors else {}
-        )
-        lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
-        lines += [*(f"  {objective.names[c]}" for c in chosen), describe_score(checked), *describe_by_errors(by_errors)]
-    return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
-
-
-def _digest(path: Path) -> str:
-    return sha256(path.read_bytes()).hexdigest()
-
-
-def _judging(order: SearchOrder) -> Judging:
     frames = order.run.frames_or(USUAL_FRAMES)
-    return Judging(
+    judging = Judging(
         by=order.judge,
         confidence=order.confidence,
         race_frames=min(RACE_FRAMES, frames),
         final_frames=min(JUDGED_FRAMES, frames),
-        setting=order.setting.with_fidelity(order.judge),
+        setting=order.setting.with_fidelity(order.judge) if order.method == PORTFOLIO else None,
     )
-
-
-def _run_curve(order: SearchOrder, objective: Objective, checkpoint: Checkpoint) -> Answer:
-    """Budget curve over numbers of sensors or money.
-
-    It has a row for each number of sensors, or for each amount where money is limited.
-    """
-    limited = not math.isinf(objective.most_price)
-    points = budget_curve(
-        objective,
-        order.budget,
-        amounts=list_amounts(objective, order.budget, objective.most_price) if limited else (),
-        seed=order.run.seed,
-        seconds=order.seconds,
-        evaluations=order.evaluations,
-        judging=_judging(order),
-        checkpoint=checkpoint,
-    )
-    rows = [asdict(point) | {"sensors": [objective.names[c] for c in point.subset]} for point in points]
-    summary = {
-        "curve": replace_infinite(rows),
-        "judge": order.judge,
-        "provenance": objective.provenance,
-        **_state_errors(order),
-    }
-    if not points:
-        return Answer(objective, replace_infinite(summary), (f"no sensors: {describe_empty(objective)}",), False)
-    of = "for each amount of money" if limited else "of each number of sensors"
-    lines = [f"best set {of}, by the {order.judge} on traffic that neither searches nor race saw:"]
-    for point in points:
-        names = ", ".join(objective.names[c] for c in point.subset)
-        lines.append(
-            f"  {point.sensors} for {describe_money(point.price, order.currency)}: AP {point.ap:.4f} ({point.low:.4f} "
-            f"to {point.high:.4f}){'' if point.pays else ', no more than a cheaper one'}: {names}"
+    limits = {"seconds": order.seconds, "evaluations": order.evaluations}
+    if order.curve:
+        most = objective.most_price
+        amounts = () if math.isinf(most) else list_amounts(objective, order.budget, most)
+        points = budget_curve(
+            objective,
+            order.budget,
+            amounts=amounts,
+            seed=order.run.seed,
+            seconds=order.seconds,
+            evaluations=order.evaluations,
+            judging=judging,
+            checkpoint=checkpoint,
         )
-        lines += [f"    at each error profile: {describe_profiles(point.by_errors)}"] if point.by_errors else []
-    return Answer(objective, replace_infinite(summary), tuple(lines), True, points=points)
+        return _report_curve(order, objective, points)
+    own: Summary = {} if order.demand is None else {"demand": order.demand}
+    own |= {"judging": judging} if order.method == PORTFOLIO else {}
+    own |= {"checkpoint": checkpoint} if METHODS[order.method].resumes else {}
+    result = load_search(order.method)(objective, order.budget, seed=order.run.seed, **limits, **own)
+    chosen = result.best.subset
+    by_errors = ap_at_profiles(objective, chosen, result.sensors)
+    summary, lines = _report(objective, result)
+    summary |= _state_errors(order, by_errors)
+    if not chosen:
+        why = describe_empty(objective) if order.demand is None else result.certificate.note
+        return Answer(objective, summary, (f"no sensors: {why}",), False)
+    lines += describe_by_errors(by_errors)
+    if order.verify is not None:
+        exact = Objective(order.setting.with_fidelity(order.verify), order.run)
+        checked, sets = verify_best(objective, exact, result)
+        chosen = checked.subset
+        names, by_errors = _names(objective, chosen), ap_at_profiles(exact, chosen, result.sensors)
+        summary["verified"] = {**asdict(checked), "sensors": names, "provenance": exact.provenance}
+        summary["verified"] |= {"by_errors": by_errors} if by_errors else {}
+        lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
+        lines += [*(f"  {name}" for name in names), describe_score(checked), *describe_by_errors(by_errors)]
+    return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
 
 
-def _state_errors(order: SearchOrder, by_errors: Mapping[str, float] | None = None) -> dict[str, Any]:
-    """Error profiles of the detections.
-
-    `provenance` is that of the search, which may not detect. by_errors: AP at each of several profiles, where the
-    search itself knew them.
-    """
-    if not order.detects:
-        return {}
-    return {"errors": order.setting.cases.errors_origin} | ({"by_errors": dict(by_errors)} if by_errors else {})
-
-
-def _summarize(objective: Objective, result: Result) -> dict[str, Any]:
-    sensors = describe_sensors([objective.names[c] for c in result.best.subset], result.sensors)
+def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
+    """Summary of a result, and its lines."""
+    best, assessment = result.best, result.assessment
+    sensors = describe_sensors(_names(objective, best.subset), result.sensors)
+    doubts = describe_doubts(objective, best.subset)
     summary = {
-        **asdict(result.best),
+        **asdict(best),
         "sensors": sensors,
         "certificate": asdict(result.certificate),
         "evaluations": result.evaluations,
         "seconds": result.seconds,
         "provenance": objective.provenance,
-        "doubts": describe_doubts(objective, result.best.subset),
+        "doubts": doubts,
     }
-    if result.assessment is not None:
-        said = asdict(result.assessment) | {"curse": result.assessment.curse}
-        for row, contender in zip(said["contenders"], result.assessment.contenders, strict=True):
-            row |= {"sensors": [objective.names[c] for c in contender.subset], "curse": contender.curse}
+    lines = [str(result), result.certificate.note, *(f"  {name}" for name in sensors)]
+    if assessment is not None:
+        said = asdict(assessment) | {"curse": assessment.curse}
+        for row, contender in zip(said["contenders"], assessment.contenders, strict=True):
+            row |= {"sensors": _names(objective, contender.subset), "curse": contender.curse}
         summary["assessment"] = said
-    return summary
+        lines += describe_assessment(assessment)
+    lines += [f"{'' if assessment is None else 'searched by: '}{describe_score(best)}", *doubts]
+    return summary, lines + [f"front: {describe_score(score)} {score.subset}" for score in result.front]
 
 
-def _describe(objective: Objective, result: Result) -> list[str]:
-    sensors = describe_sensors([objective.names[c] for c in result.best.subset], result.sensors)
-    judged = [] if result.assessment is None else describe_assessment(result.assessment)
-    score = f"{'searched by: ' if judged else ''}{describe_score(result.best)}"
-    doubts = describe_doubts(objective, result.best.subset)
-    lines = [str(result), result.certificate.note, *(f"  {name}" for name in sensors), *judged, score, *doubts]
-    return lines + [f"front: {describe_score(score)} {score.subset}" for score in result.front]
+def _report_curve(order: SearchOrder, objective: Objective, points: tuple[CurvePoint, ...]) -> Answer:
+    rows = [asdict(point) | {"sensors": _names(objective, point.subset)} for point in points]
+    summary = {"curve": rows, "judge": order.judge, "provenance": objective.provenance, **_state_errors(order)}
+    if not points:
+        return Answer(objective, replace_infinite(summary), (f"no sensors: {describe_empty(objective)}",), False)
+    of = "of each number of sensors" if math.isinf(objective.most_price) else "for each amount of money"
+    lines = [f"best set {of}, by the {order.judge} on traffic that neither searches nor race saw:"]
+    for point in points:
+        lines.append(
+            f"  {point.sensors} for {describe_money(point.price, order.currency)}: AP {point.ap:.4f} ({point.low:.4f} "
+            f"to {point.high:.4f}){'' if point.pays else ', no more than a cheaper one'}: "
+            f"{', '.join(_names(objective, point.subset))}"
+        )
+        lines += [f"    at each error profile: {describe_profiles(point.by_errors)}"] if point.by_errors else []
+    return Answer(objective, replace_infinite(summary), tuple(lines), True, points=points)
 
 
-def _check_summary(objective: Objective, exact: Objective, checked: Score) -> dict[str, Any]:
-    there = [objective.names[c] for c in checked.subset]
-    return {**asdict(checked), "sensors": there, "provenance": exact.provenance}
+def _names(objective: Objective, subset: Iterable[int]) -> list[str]:
+    return [objective.names[c] for c in subset]
+
+
+def _state_errors(order: SearchOrder, by_errors: dict[str, float] | None = None) -> Summary:
+    """Error profiles of the detections, where there are any: `provenance` is that of the search.
+
+    by_errors: AP at each of several profiles, where the search itself knew them.
+    """
+    if not order.detects:
+        return {}
+    return {"errors": order.setting.cases.errors_origin} | ({"by_errors": by_errors} if by_errors else {})

@@ -20,26 +20,22 @@ TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums o
 
 
 def is_submodular(objective: Objective) -> bool:
-    """True where AP is known to be monotone submodular.
-
-    Only coverage by at least one view is; for several classes, their mean is, not the worst.
-    """
+    """True where AP is known to be monotone submodular: coverage by at least one view, of the mean of classes."""
     additive = len(objective.classes.names) == 1 or objective.classes.combine == "mean"
     return additive and objective.fidelity == "coverage" and getattr(objective.scored_by, "views", None) == 1
 
 
 def guarantee(objective: Objective) -> float:
-    """Share of the optimum that greedy reaches. The objective must be monotone submodular, without cost weights."""
+    """Share of the optimum that greedy reaches for monotone submodular objectives without cost weights."""
     mount = objective.candidates.mount[objective.allowed([])]
     alone = not objective.candidates.several and len(np.unique(mount)) == len(mount)
     return 1 - 1 / np.e if alone else 0.0 if objective.shared_links is not None else 0.5
 
 
 def online_bound(progress: Progress, chosen: list[int]) -> float:
-    """Upper bound on the AP of any feasible set.
+    """Upper bound on AP and reward of any feasible set, if AP is monotone submodular here.
 
-    It holds if AP is monotone submodular here; inf where the limits leave it unknown. Cost weights only lower a reward
-    below its AP, so it bounds rewards too. Scores every candidate that may stand.
+    It is inf where the limits leave it unknown. Scores every candidate that may stand.
     """
     candidates = progress.objective.candidates
     options = np.flatnonzero(progress.objective.allowed([]))
@@ -57,14 +53,10 @@ def certificate(progress: Progress, chosen: list[int], ratio: float, rise: float
 
     ratio: the guaranteed share of the optimum, which cost weights void; rise: largest observed growth of a gain.
     """
-    if rise > TOLERANCE and not _costs(progress.objective):
+    costs = progress.objective.weights.comm > 0 or progress.objective.weights.price > 0
+    if rise > TOLERANCE and not costs:
         return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined")
-    ratio = 0.0 if _costs(progress.objective) else ratio
-    bound = online_bound(progress, chosen)
+    ratio = 0.0 if costs else ratio
     promise = f", and at least {ratio:.3f} of the optimum" if ratio else ""
     note = f"if AP is monotone submodular here, as coverage is: the online bound of Leskovec et al. 2007{promise}"
-    return Certificate("bound", progress.reward, bound, ratio, note)
-
-
-def _costs(objective: Objective) -> bool:
-    return objective.weights.comm > 0 or objective.weights.price > 0
+    return Certificate("bound", progress.reward, online_bound(progress, chosen), ratio, note)

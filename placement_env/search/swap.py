@@ -30,8 +30,7 @@ EMPTY = -1  # a place without a sensor
 class Climb:
     """State of a climb in progress.
 
-    start: its number; before: the best reward until it began; places: of the set, a candidate or `EMPTY` in each;
-    waiting: places to be changed next; reward: of the set.
+    before: best reward until it began; places: a candidate or `EMPTY` in each; waiting: places to be changed next.
     """
 
     start: int
@@ -81,8 +80,10 @@ def search(
             if progress.spent and number:
                 break
             before = progress.reward if number else -np.inf
-            begins = draw_set(objective, budget, rng) if number else _first(progress, start)
-            climb = _begun(progress, number, before, begins)
+            chosen = draw_set(objective, budget, rng) if number else _first(progress, start)
+            reward = float(progress.rewards(as_rows([chosen], progress.size))[0])
+            places = chosen + [EMPTY] * (budget - len(chosen))
+            climb = Climb(number, before, places, list(range(len(places))), reward)
         finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven
         climb = None
@@ -95,37 +96,19 @@ def search(
 
 
 def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
-    """Fitting part of a given set, else greedy's set."""
-    return _greedy(progress) if start is None else _fitting(progress, start)
-
-
-def _fitting(progress: Progress, given: Iterable[int | str]) -> list[int]:
-    """Members of a set that fit beside earlier ones."""
+    """Members of a given set that fit beside earlier ones; else the best set on greedy's way, the last if none pays."""
+    if start is None:
+        grown, _ = grow(progress)
+        return np.flatnonzero(progress.best).tolist() or grown
     fitting: list[int] = []
-    for member in np.flatnonzero(progress.objective.row(given)).tolist():
+    for member in np.flatnonzero(progress.objective.row(start)).tolist():
         if len(fitting) < progress.budget and progress.objective.allowed(fitting)[member]:
             fitting.append(member)
     return fitting
 
 
-def _greedy(progress: Progress) -> list[int]:
-    """Best set on greedy's way. Where none pays it is the last."""
-    grown, _ = grow(progress)
-    return np.flatnonzero(progress.best).tolist() or grown
-
-
-def _begun(progress: Progress, start: int, before: float, chosen: list[int]) -> Climb:
-    """Start of a climb from a set."""
-    places = chosen + [EMPTY] * (progress.budget - len(chosen))
-    reward = float(progress.rewards(as_rows([chosen], progress.size))[0])
-    return Climb(start, before, places, list(range(len(places))), reward)
-
-
 def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: Callable[[], None]) -> bool:
-    """Change places one by one until none improves.
-
-    Returns whether this ended before the limits did. between: called before each change.
-    """
+    """Change places one by one until none improves; True if this ended before the limits did."""
     places = climb.places
     while climb.waiting:
         between()

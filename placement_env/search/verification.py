@@ -1,4 +1,4 @@
-"""Score a fast result again by an accurate fidelity. Sets that differ from it in one sensor are scored too."""
+"""Score a fast result, and sets that differ from it in one sensor, again by an accurate fidelity."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from placement_env.fidelity.over_cases import CasesFidelity
 from placement_env.objective import Objective, Score
 from placement_env.protocol import ByFrames
 from placement_env.racing import Verified, verify
+from placement_env.search.progress import as_rows
 from placement_env.search.result import Result
 from toolkit.arrays import Bool, Int64
 from toolkit.sensors.sensor import Sensor
@@ -19,12 +20,11 @@ from toolkit.sensors.sensor import Sensor
 def verified(
     fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5, entrants: int = 27
 ) -> Verified:
-    """Best of a set and its feasible neighbours.
+    """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
 
-    Returns `best` of them, ranked by the accurate reward. The fast fidelity's error exceeds the effect of one sensor's
-    pose, so a neighbour may be the better set. Where the accurate fidelity can score a subset of the frames, the
-    `entrants` best sets by the fast reward race: that takes little longer than scoring `best` sets on all frames.
-    Raises ValueError where the two objectives choose from different candidates.
+    The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the better set. Where the
+    accurate fidelity can score a subset of the frames, the `entrants` best sets by the fast reward race: that takes
+    little longer than scoring `best` sets on all frames. Raises ValueError where the candidates differ.
     """
     if fast.candidates.digest() != accurate.candidates.digest():
         raise ValueError("both objectives must choose from the same candidates: make the second from the first's")
@@ -37,10 +37,7 @@ def verified(
 
 
 def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
-    """Best accurate score of a result and its neighbours.
-
-    The number of sets comes too. Moved sensors have no neighbours: they are scored in their poses, as one set.
-    """
+    """Best accurate score of a result and its neighbours, and their number. Moved sensors have no neighbours."""
     if result.sensors:
         return score_result(accurate, result), 1
     ranking = verified(fast, accurate, np.array(result.best.subset))
@@ -48,10 +45,9 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
 
 
 def score_result(accurate: Objective, result: Result) -> Score:
-    """Score a result by another objective.
+    """Score a result by another objective of the same candidates; moved sensors are scored in their poses.
 
-    Its candidates are the same; moved sensors (`Result.sensors`) are scored in their poses. Raises ValueError where
-    they were moved and the objective has no site, or they may not be built there.
+    Raises ValueError where they were moved and the objective has no site, or they may not be built there.
     """
     if not result.sensors:
         return accurate.score(result.best.subset)
@@ -66,17 +62,12 @@ def score_result(accurate: Objective, result: Result) -> Score:
 
 
 def ap_at_profiles(objective: Objective, subset: Sequence[int], moved: Sequence[Sensor] = ()) -> dict[str, float]:
-    """AP of a set at each error profile.
-
-    It is keyed by name, and empty where the objective has one profile. moved: its sensors, where their poses differ
-    from the candidates'.
-    """
+    """AP of a set at each of several error profiles, by name. moved: its sensors in poses of their own."""
     scored_by, made = objective.scored_by, objective.preparation
     if not isinstance(scored_by, CasesFidelity) or len(scored_by.cases.names) == 1 or not subset:
         return {}
     if not moved or made is None:
-        row = objective.row(subset)[None]
-        return {name: float(each.ap[0]) for name, each in scored_by.at_each(row).items()}
+        return {name: float(each.ap[0]) for name, each in scored_by.at_each(objective.row(subset)[None]).items()}
     from placement_env.search.cmaes import build_pose_scorer
 
     found = {}
@@ -95,12 +86,10 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndar
     >>> neighbours(np.array([0]), 3).astype(int).tolist()
     [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
     """
-    row = np.zeros(candidates, np.bool_)
-    row[subset] = True
-    others = np.flatnonzero(~row)
-    sets = np.repeat(row[None], 1 + len(subset) * len(others), axis=0)
-    for place, member in enumerate(subset):
-        swaps = 1 + place * len(others) + np.arange(len(others))
-        sets[swaps, member] = False
-        sets[swaps, others] = True
+    row = as_rows([subset.tolist()], candidates)
+    others = np.flatnonzero(~row[0])
+    sets = np.repeat(row, 1 + len(subset) * len(others), axis=0)
+    swaps = np.arange(1, len(sets))
+    sets[swaps, np.repeat(subset, len(others))] = False
+    sets[swaps, np.tile(others, len(subset))] = True
     return sets
