@@ -83,21 +83,15 @@ def test_iou_is_symmetric_and_moves_with_the_world(a, b, yaw, offset):
     np.testing.assert_allclose(bx.iou_3d(*moved), iou, atol=1e-5)
 
 
-def test_iou_of_nothing_has_the_right_shape():
+def test_ious_of_nothing_of_parts_and_of_many(monkeypatch):
     for iou in (bx.iou_bev, bx.iou_3d, bx.footprint_overlap):
         assert iou([], [CAR]).shape == (0, 1)
         assert iou([CAR, CAR], np.zeros((0, 7))).shape == (2, 0)
-
-
-def test_iou_does_not_depend_on_how_many_pairs_there_are(monkeypatch):
     rng = np.random.default_rng(0)
     a, b = random_boxes(rng, 60, (10, 10)), random_boxes(rng, 50, (10, 10))
     whole = bx.iou_3d(a, b)
     monkeypatch.setattr(bx, "_PAIRS_AT_ONCE", 7)
     np.testing.assert_array_equal(bx.iou_3d(a, b), whole)
-
-
-def test_footprint_inside_is_the_share_of_the_first():
     assert bx.footprint_overlap([CAR], [[0, 0, 9, 40, 40, 1, 0.5]])[0, 0] == pytest.approx(1)
     assert bx.footprint_overlap([CAR], [[2, 0, 9, 4, 2, 1, 0]])[0, 0] == pytest.approx(0.5)
 
@@ -133,11 +127,6 @@ def test_degenerate_boxes_are_refused_with_their_row(row, message):
             use([CAR, row])
 
 
-def test_boxes_of_another_shape_are_refused():
-    with pytest.raises(ValueError, match=r"truths must have shape \(n, 7\).* got \(3, 8\)"):
-        bx.check_boxes(np.ones((3, 8)), "truths")
-
-
 def greedy_nms(boxes, scores, threshold, metric):
     """Non-maximum suppression as it is defined, one pair at a time."""
     iou, kept = shapely_iou(boxes, boxes, metric), []
@@ -156,7 +145,7 @@ def test_nms_agrees_with_its_definition(boxes, data):
         assert bx.nms(boxes, scores, threshold, metric).tolist() == greedy_nms(boxes, scores, threshold, metric)
 
 
-def test_nms_keeps_the_first_of_equals_and_only_suppresses_by_kept_boxes():
+def test_nms_keeps_the_first_of_equals_and_those_at_the_threshold():
     chain = np.array([[x, 0, 0, 4, 2, 1, 0] for x in (0, 1, 2.5)], float)
     assert bx.nms(chain, [3, 2, 1], 0.3).tolist() == [0, 2]
     assert bx.nms(np.array([CAR, CAR]), [1, 1], 0.5).tolist() == [0]
@@ -165,6 +154,12 @@ def test_nms_keeps_the_first_of_equals_and_only_suppresses_by_kept_boxes():
     above = np.array([CAR, [0, 0, 9, 4, 2, 1.5, 0]])
     assert len(bx.nms(above, [1, 2], 0.1, "bev")) == 1
     assert len(bx.nms(above, [1, 2], 0.1, "3d")) == 2
+    # A row of ten, 1 m apart and 3 m long: neighbours overlap by one half, and no round settles more than one
+    # pair.
+    row = np.array([[x, 0.0, 1.0, 3.0, 2.0, 1.5, 0.0] for x in range(10)])
+    assert bx.iou_bev(row[:1], row[1:2]).item() == 0.5
+    assert bx.nms(row, np.linspace(1, 0, 10), 0.5).tolist() == list(range(10))
+    assert bx.nms(row, np.linspace(1, 0, 10), np.nextafter(0.5, 0)).tolist() == list(range(0, 10, 2))
 
 
 @pytest.mark.parametrize(
@@ -204,34 +199,22 @@ def test_a_box_holds_its_corners_wherever_it_is(boxes, offset):
         assert not bx.points_in_boxes(outside, boxes[row : row + 1]).any()
 
 
-def test_points_that_are_not_finite_lie_in_no_box():
+def test_points_that_are_none_or_not_finite_lie_in_no_box():
     points = np.array([[0, 0, 0.5], [np.nan, 0, 0.5], [0, np.inf, 0.5], [-np.inf, 0, 0], [0, 0, np.nan]])
     assert bx.points_in_boxes(points, [CAR])[:, 0].tolist() == [True, False, False, False, False]
-
-
-def test_points_and_boxes_may_be_none():
     assert bx.points_in_boxes(np.zeros((0, 3)), [CAR]).shape == (0, 1)
     assert bx.points_in_boxes(np.zeros((5, 3)), []).shape == (5, 0)
     assert bx.count_points(np.zeros((0, 3), np.float32), [CAR, CAR]).tolist() == [0, 0]
     assert bx.count_points(np.zeros((5, 3)), []).shape == (0,)
-
-
-def test_points_of_another_shape_are_refused():
-    with pytest.raises(ValueError, match=r"got \(3, 120\): pass points.T\?"):
-        bx.count_points(np.zeros((3, 120)), [CAR])
-
-
-def test_no_points_are_in_no_box():
     assert bx.points_in_boxes([], [[0, 0, 0, 1, 1, 1, 0]]).shape == (0, 1)
     assert bx.count_points([], [[0, 0, 0, 1, 1, 1, 0]]).tolist() == [0]
 
 
-def test_boxes_that_overlap_by_just_the_threshold_all_stay():
-    """A row of ten, 1 m apart and 3 m long: neighbours overlap by one half, and no round settles more than one pair."""
-    row = np.array([[x, 0.0, 1.0, 3.0, 2.0, 1.5, 0.0] for x in range(10)])
-    assert bx.iou_bev(row[:1], row[1:2]).item() == 0.5
-    assert bx.nms(row, np.linspace(1, 0, 10), 0.5).tolist() == list(range(10))
-    assert bx.nms(row, np.linspace(1, 0, 10), np.nextafter(0.5, 0)).tolist() == list(range(0, 10, 2))
+def test_points_and_boxes_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match=r"got \(3, 120\): pass points.T\?"):
+        bx.count_points(np.zeros((3, 120)), [CAR])
+    with pytest.raises(ValueError, match=r"truths must have shape \(n, 7\).* got \(3, 8\)"):
+        bx.check_boxes(np.ones((3, 8)), "truths")
 
 
 @given(st.lists(a_box(4.0), min_size=1, max_size=12).map(np.array), st.data())

@@ -46,11 +46,20 @@ def test_transforms_compose_and_keep_distances(a, b, p):
         )
 
 
-def test_transform_keeps_dtype_and_leading_shape():
+def test_transform_keeps_dtype_shape_and_levelled_rows():
     image = np.zeros((4, 5, 3), np.float32)
     assert transform(pose(1.0, 2.0, 3.0), image).dtype == np.float32
     assert transform(pose(1.0, 2.0, 3.0), image).shape == (4, 5, 3)
     assert transform(pose(1.0, 2.0, 3.0), np.zeros((0, 3))).shape == (0, 3)
+    with pytest.raises((ValueError, TypeError)):
+        transform(np.eye(4), np.zeros((3, 120)))
+    rows = np.array([[10.0, 20, 3, 4], [0, 0, 1, 5], [-10, 5, 0, 6]])
+    flat = level_rows(rows, (0.02, -0.05))
+    np.testing.assert_allclose(flat[:, 2], [3 - 0.2 + 1.0, 1, 0.2 + 0.25])
+    np.testing.assert_array_equal(flat[:, [0, 1, 3]], rows[:, [0, 1, 3]])
+    np.testing.assert_allclose(tilt_rows(flat, (0.02, -0.05)), rows, atol=1e-12)
+    assert level_rows(rows, (0.0, 0.0)) is rows
+    assert level_rows(rows.astype(np.float32), (0.02, 0.0)).dtype == np.float32
 
 
 @pytest.mark.parametrize(
@@ -92,21 +101,6 @@ def test_look_looks_along_its_heading_with_level_rows(x, y, z, heading, tilt):
 def test_what_is_no_rigid_motion_is_refused(matrix, message):
     with pytest.raises(ValueError, match=message):
         check_pose(matrix, "extrinsic")
-
-
-def test_points_of_another_shape_are_refused():
-    with pytest.raises((ValueError, TypeError)):
-        transform(np.eye(4), np.zeros((3, 120)))
-
-
-def test_levelled_rows_count_z_from_the_plane_and_come_back():
-    rows = np.array([[10.0, 20, 3, 4], [0, 0, 1, 5], [-10, 5, 0, 6]])
-    flat = level_rows(rows, (0.02, -0.05))
-    np.testing.assert_allclose(flat[:, 2], [3 - 0.2 + 1.0, 1, 0.2 + 0.25])
-    np.testing.assert_array_equal(flat[:, [0, 1, 3]], rows[:, [0, 1, 3]])
-    np.testing.assert_allclose(tilt_rows(flat, (0.02, -0.05)), rows, atol=1e-12)
-    assert level_rows(rows, (0.0, 0.0)) is rows
-    assert level_rows(rows.astype(np.float32), (0.02, 0.0)).dtype == np.float32
 
 
 @given(points, st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), metre, metre)

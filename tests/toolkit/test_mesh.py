@@ -25,7 +25,7 @@ def test_solids_are_closed_and_wound_outwards(mesh, expected):
     assert volume(mesh) == pytest.approx(expected, rel=0.02)
 
 
-def test_triangulated_holes_stay_open_and_face_up():
+def test_triangles_face_up_turn_and_shift():
     import shapely
 
     ring = shapely.Point(0, 0).buffer(2.0).difference(shapely.Point(0, 0).buffer(1.0))
@@ -33,20 +33,11 @@ def test_triangulated_holes_stay_open_and_face_up():
     areas = np.cross(b - a, c - a)[:, 2] / 2
     assert (areas > 0).all()
     assert areas.sum() == pytest.approx(ring.area)
-
-
-def test_moved_turns_counter_clockwise():
     assert np.allclose(place(box((2, 0.1, 1), (1, 0, 0)), yaw=np.pi / 2).vertices[:, 1].max(), 2.0)
-
-
-def test_shifting_moves_without_turning():
     cube = box((1, 1, 1))
     assert np.allclose(shift(cube, 1.0, 2.0, 3.0).vertices, cube.vertices + np.array([1, 2, 3]))
     assert np.array_equal(shift(cube, z=2.0).triangles, cube.triangles)
     assert np.allclose(cube.vertices.mean(axis=0), 0)
-
-
-def test_lofts_do_not_share_their_triangles():
     first, second = box((1, 1, 1)), box((1, 1, 1))
     first.triangles[:] = 0
     assert volume(second) == pytest.approx(1)

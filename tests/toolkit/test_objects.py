@@ -9,22 +9,25 @@ CAR = np.array([[0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 THREE = np.repeat(CAR, 3, axis=0) + np.arange(3)[:, None]
 
 
-def test_labels_by_name_and_number():
+def test_labels_and_defaults_by_name_and_number():
     assert [label_index(name) for name in LABELS] == [0, 1, 2, 3]
     assert [label_index(number) for number in range(4)] == [0, 1, 2, 3]
     for wrong in ("tram", -1, 4):
         with pytest.raises(ValueError, match="label must be one of"):
             label_index(wrong)
-
-
-def test_defaults_are_vehicles_numbered_from_zero():
     objects = Objects(THREE)
     assert objects.labels.tolist() == [0, 0, 0]
     assert objects.ids.tolist() == [0, 1, 2]
     assert Detections(THREE, np.ones(3)).labels.tolist() == [0, 0, 0]
+    boxes = np.ones((2, 7))
+    assert Objects(boxes, np.array(["cyclist", "heavy"], object)).labels.tolist() == [CYCLIST, HEAVY]
+    assert Objects(boxes, np.array([1.0, 3.0])).labels.tolist() == [CYCLIST, HEAVY]
+    for wrong in (1.5, np.nan):
+        with pytest.raises(ValueError, match="whole numbers"):
+            Objects(boxes, np.array([0.0, wrong]))
 
 
-def test_rows_stay_together():
+def test_rows_stay_together_in_order_and_cannot_be_changed():
     objects = Objects(THREE, np.array([0, CYCLIST, HEAVY]), np.array([7, 8, 9]))
     for rows in (np.array([2, 0]), np.array([True, False, True]), slice(0, 2)):
         part = objects[rows]
@@ -34,21 +37,18 @@ def test_rows_stay_together():
     detections = Detections(THREE, np.array([0.1, 0.2, 0.3]), np.array([0, 1, 2]))
     assert detections[np.array([1])].scores.tolist() == [0.2]
     assert len(detections[np.zeros(3, bool)]) == 0
-
-
-def test_empty():
     for nothing in (Objects.empty(), Detections.empty()):
         assert len(nothing) == 0
         assert nothing.boxes.shape == (0, 7)
         assert nothing.labels.shape == (0,)
-
-
-def test_merge_keeps_order():
     one, two = (Detections(CAR + k, np.array([float(k)]), np.array([k])) for k in (1, 2))
     merged = Detections.merge([two, Detections.empty(), one])
     assert merged.scores.tolist() == [2, 1]
     assert merged.labels.tolist() == [2, 1]
     assert len(Detections.merge([])) == 0
+    objects: Any = Objects(CAR)
+    with pytest.raises(AttributeError):
+        objects.boxes = THREE
 
 
 @pytest.mark.parametrize(
@@ -64,21 +64,6 @@ def test_merge_keeps_order():
 def test_what_does_not_fit_is_refused(make):
     with pytest.raises((ValueError, TypeError)):
         make()
-
-
-def test_they_cannot_be_changed():
-    objects: Any = Objects(CAR)
-    with pytest.raises(AttributeError):
-        objects.boxes = THREE
-
-
-def test_labels_as_other_programs_have_them():
-    boxes = np.ones((2, 7))
-    assert Objects(boxes, np.array(["cyclist", "heavy"], object)).labels.tolist() == [CYCLIST, HEAVY]
-    assert Objects(boxes, np.array([1.0, 3.0])).labels.tolist() == [CYCLIST, HEAVY]
-    for wrong in (1.5, np.nan):
-        with pytest.raises(ValueError, match="whole numbers"):
-            Objects(boxes, np.array([0.0, wrong]))
 
 
 class Knows:

@@ -61,12 +61,19 @@ def test_two_paddings_of_one_name(tmp_path, kind):
     assert read.keys() == {"positions", "intensity", "t"}
 
 
-def test_lzf_copies_from_itself():
+def test_columns_are_taken_apart_copied_or_left_out():
     assert decompress_lzf(bytes([2, 1, 2, 3, 0x20 | 0, 2]), 6) == bytes([1, 2, 3, 1, 2, 3])
     assert decompress_lzf(bytes([0, 7, 0xE0, 255, 0]), 265) == bytes([7] * 265)
     for packed, size in (([5, 1], 6), ([0x20, 9], 3), ([0, 1], 2), ([0, 7, 0xE0, 255, 0], 9)):
         with pytest.raises(ValueError, match="damaged"):
             decompress_lzf(bytes(packed), size)
+    word = np.array([0xFF8001, 0, 0x0000FF, 0x010203], np.uint32)
+    for column in (word, word.view(np.float32), word[:, None]):
+        colours = name_attributes({**AXES, "rgb": column})["colors"]
+        assert colours.tolist() == [[255, 128, 1], [0, 0, 0], [0, 0, 255], [1, 2, 3]]
+    made = name_attributes({**{axis: np.arange(4) for axis in "xyz"}, "word": np.array(["a"] * 4), "t": np.arange(4)})
+    assert made.keys() == {"positions", "t"}
+    assert made["positions"].dtype == np.float64
 
 
 XYZ = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1)]
@@ -104,13 +111,6 @@ def test_no_points_are_no_damage(tmp_path):
 AXES = {axis: np.arange(4.0) for axis in "xyz"}
 
 
-def test_packed_colours_are_taken_apart():
-    word = np.array([0xFF8001, 0, 0x0000FF, 0x010203], np.uint32)
-    for column in (word, word.view(np.float32), word[:, None]):
-        colours = name_attributes({**AXES, "rgb": column})["colors"]
-        assert colours.tolist() == [[255, 128, 1], [0, 0, 0], [0, 0, 255], [1, 2, 3]]
-
-
 @pytest.mark.parametrize("names", [("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz")])
 def test_normals_have_the_type_of_positions(names):
     made = name_attributes(
@@ -118,9 +118,3 @@ def test_normals_have_the_type_of_positions(names):
     )
     assert made["normals"].shape == (4, 3)
     assert made["normals"].dtype == made["positions"].dtype == np.float32
-
-
-def test_columns_of_texts_are_left_out_and_whole_positions_become_float64():
-    made = name_attributes({**{axis: np.arange(4) for axis in "xyz"}, "word": np.array(["a"] * 4), "t": np.arange(4)})
-    assert made.keys() == {"positions", "t"}
-    assert made["positions"].dtype == np.float64

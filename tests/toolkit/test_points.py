@@ -37,7 +37,7 @@ def frame():
     return Frame(SENSORS, tuple(depths), Objects.empty())
 
 
-def test_frame_points_are_the_cropped_clouds():
+def test_frame_points_are_cropped_clouds_with_noise_of_the_generator():
     scene = frame()
     for points, sensor, depth in zip(frame_points(scene, area=AREA), SENSORS, scene.measurements, strict=True):
         expected = positions(crop(from_depth(sensor, depth), AREA))
@@ -45,9 +45,6 @@ def test_frame_points_are_the_cropped_clouds():
         assert points.dtype == np.float32
         assert points.flags.c_contiguous
         np.testing.assert_array_equal(points, expected)
-
-
-def test_noise_is_drawn_from_the_generator():
     scene = frame()
     first, again, clean = (
         frame_points(scene, area=AREA, rng=rng) for rng in (*map(np.random.default_rng, (5, 5)), None)
@@ -55,9 +52,15 @@ def test_noise_is_drawn_from_the_generator():
     for a, b, c in zip(first, again, clean, strict=True):
         np.testing.assert_array_equal(a, b)
         assert not np.array_equal(a, c)
+    scene = frame()
+    for k, points in enumerate(frame_points(scene, area=AREA, height=3.0)):
+        pixels = find_crop_pixels(scene, k, area=AREA, height=3.0)
+        sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
+        np.testing.assert_allclose(sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4)
+        assert (np.diff(pixels) > 0).all()
 
 
-def test_sensors_by_number_and_name():
+def test_sensors_by_number_and_name_once():
     assert select_sensors(SENSORS) == [0, 1, 2]
     assert select_sensors(SENSORS, ["c", 0]) == [2, 0]
     assert select_sensors(SENSORS, []) == []
@@ -65,17 +68,18 @@ def test_sensors_by_number_and_name():
     alone = frame_points(frame(), area=AREA)
     np.testing.assert_array_equal(both[0], alone[2])
     np.testing.assert_array_equal(both[1], alone[0])
+    with pytest.raises(ValueError, match="once only"):
+        select_sensors(SENSORS, [0, "a"])
+    with pytest.raises(ValueError, match="name of its own"):
+        select_sensors((*SENSORS, SENSORS[0]))
+    with pytest.raises(ValueError, match="list of numbers or names"):
+        select_sensors(SENSORS, "abc")
 
 
 @pytest.mark.parametrize("unknown", [3, -1, "d", "0"])
 def test_unknown_sensors_are_named(unknown):
     with pytest.raises(ValueError, match=r"choose among 0\.\.2 or a, b, c"):
         select_sensors(SENSORS, [unknown])
-
-
-def test_a_name_alone_is_no_list():
-    with pytest.raises(ValueError, match="list of numbers or names"):
-        select_sensors(SENSORS, "abc")
 
 
 def test_moving_site_and_sensors_together_moves_the_points():
@@ -90,40 +94,27 @@ def test_moving_site_and_sensors_together_moves_the_points():
         np.testing.assert_allclose(there, here + shift, atol=1e-4)
 
 
-def test_map_coordinates_are_refused_since_float32_cannot_hold_them():
+def test_map_coordinates_and_odd_heights_are_refused():
     far = Sensor("far", DepthCamera(), look((5e5, 5.4e6, 300.0), heading=0.0))
     with pytest.raises(ValueError, match="origin near the site"):
         frame_points(Frame((far,), (np.ones((150, 200), np.float32),), Objects.empty()), area=AREA)
-
-
-def test_centred_in_includes_the_edge():
-    boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
-    assert has_centre_inside(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
-
-
-def test_a_point_on_the_circle_is_not_beyond_it():
-    points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
-    for metric in ("horizontal", "published"):
-        level = is_beyond(
-            points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
-        )
-        assert level.tolist() == [False, True, False]
-
-
-def test_a_sensor_is_chosen_once_and_has_a_name_of_its_own():
-    with pytest.raises(ValueError, match="once only"):
-        select_sensors(SENSORS, [0, "a"])
-    with pytest.raises(ValueError, match="name of its own"):
-        select_sensors((*SENSORS, SENSORS[0]))
-
-
-def test_a_height_that_is_no_number_is_refused():
     with pytest.raises(ValueError, match="height must be a number"):
         frame_points(frame(), area=AREA, height=float("nan"))
     with pytest.raises(ValueError, match="height must be a number"):
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, float("nan"))
     with pytest.raises(ValueError, match="floor must be a number"):
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, floor=float("nan"))
+
+
+def test_edges_and_circles_include_their_points():
+    boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
+    assert has_centre_inside(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
+    points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
+    for metric in ("horizontal", "published"):
+        level = is_beyond(
+            points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
+        )
+        assert level.tolist() == [False, True, False]
 
 
 def test_on_a_slope_the_crop_and_the_points_of_a_box_are_those_of_level_ground():
@@ -139,15 +130,6 @@ def test_on_a_slope_the_crop_and_the_points_of_a_box_are_those_of_level_ground()
     np.testing.assert_array_equal(is_inside(level_rows(world, slope), steep.area, 3.0), kept)
     np.testing.assert_array_equal(count_on_ground(world, tilt_rows(boxes, slope), steep), count_points(flat, boxes))
     np.testing.assert_allclose(positions(crop(from_points(world), steep)), world[kept], atol=1e-4)
-
-
-def test_pixels_of_the_cropped_points():
-    scene = frame()
-    for k, points in enumerate(frame_points(scene, area=AREA, height=3.0)):
-        pixels = find_crop_pixels(scene, k, area=AREA, height=3.0)
-        sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
-        np.testing.assert_allclose(sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4)
-        assert (np.diff(pixels) > 0).all()
 
 
 def test_a_detector_of_level_ground_serves_on_a_slope():

@@ -30,11 +30,17 @@ def of(*ends: str) -> list:
     return [mesh for kind, mesh, _ in BUILT if kind.startswith(ends) or kind.endswith(ends)]
 
 
-def test_shares_sum_up_and_every_kind_is_drawn():
+def test_shares_sum_up_and_mirrors_stick_out_on_both_sides():
     assert sum(SUPERSTRUCTURES.values()) == pytest.approx(1)
     kinds = {kind for kind, _, _ in BUILT}
     assert set(BUSES) <= kinds
     assert {f"{load}_truck" for load in SUPERSTRUCTURES} <= kinds
+    for kind, mesh, mirrors in BUILT:
+        body, out = np.abs(mesh.vertices[:, 1]).max(), mirrors.vertices
+        assert 0.05 < np.abs(out[:, 1]).max() - body < 0.3, kind
+        assert np.allclose(np.sort(out[:, 1]), np.sort(-out[:, 1]))
+        assert out[:, 0].min() > 0.25 * np.ptp(mesh.vertices[:, 0])
+        assert out[:, 0].max() < mesh.vertices[:, 0].max() + 0.01
 
 
 @pytest.mark.parametrize(
@@ -57,15 +63,6 @@ def test_sizes_are_those_of_the_kind(kinds, lengths, heights):
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
 
 
-def test_mirrors_stick_out_at_the_front_on_both_sides():
-    for kind, mesh, mirrors in BUILT:
-        body, out = np.abs(mesh.vertices[:, 1]).max(), mirrors.vertices
-        assert 0.05 < np.abs(out[:, 1]).max() - body < 0.3, kind
-        assert np.allclose(np.sort(out[:, 1]), np.sort(-out[:, 1]))
-        assert out[:, 0].min() > 0.25 * np.ptp(mesh.vertices[:, 0])
-        assert out[:, 0].max() < mesh.vertices[:, 0].max() + 0.01
-
-
 DRAWN = [draw_person(np.random.default_rng([1, k])) for k in range(400)]
 
 
@@ -73,35 +70,23 @@ def heights(kind: str) -> np.ndarray:
     return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh in DRAWN if each == kind])
 
 
-def test_kinds_have_their_shares():
+def test_people_have_their_shares_heights_and_strides():
     counts = Counter(kind for kind, _ in DRAWN)
     assert set(counts) == set(PEOPLE)
     for kind, share in {"adult": 0.73, "child": 0.165, "pram": 0.05, "walker": 0.02, "wheelchair": 0.035}.items():
         assert counts[kind] / len(DRAWN) == pytest.approx(share, abs=0.05)
-
-
-def test_people_are_as_tall_as_people():
     assert np.percentile(heights("adult"), 2) > 1.4
     assert np.median(heights("adult")) == pytest.approx(1.72, abs=0.04)
     assert heights("adult").max() < 2.45  # under an umbrella
     assert 0.9 < heights("child").min() < heights("child").max() < 1.65
     assert np.ptp(heights("child")) > 0.4
     assert np.median(heights("wheelchair")) < 1.6
-
-
-def test_all_stand_on_the_ground():
     assert max(abs(mesh.vertices[:, 2].min()) for _, mesh in DRAWN) < 1e-9
-
-
-def test_strides_go_either_way_and_some_stand():
     lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh in DRAWN if kind == "adult"])
     assert lengths.min() < 0.4
     assert lengths.max() > 0.9
     assert {draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
     assert draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
-
-
-def test_standing_lets_a_mesh_down():
     assert standing(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
 
 
@@ -112,7 +97,7 @@ def sizes(kind: str) -> np.ndarray:
     return np.array([np.ptp(mesh.vertices, axis=0) for each, mesh in DRAWN_TWO_WHEELERS if each == kind])
 
 
-def test_kinds_have_their_shares_and_few_go_without_a_rider():
+def test_two_wheelers_have_their_shares_and_stand_on_both_wheels():
     counts = Counter(kind.removesuffix("_alone") for kind, _ in DRAWN_TWO_WHEELERS)
     assert set(counts) == set(TWO_WHEELERS)
     shares = {"bicycle": 0.5, "cargo_bicycle": 0.05, "e_scooter": 0.15, "motorcycle": 0.17, "scooter": 0.13}
@@ -120,6 +105,11 @@ def test_kinds_have_their_shares_and_few_go_without_a_rider():
         assert counts[kind] / len(DRAWN_TWO_WHEELERS) == pytest.approx(share, abs=0.06)
     alone = np.mean([kind.endswith("_alone") for kind, _ in DRAWN_TWO_WHEELERS])
     assert alone == pytest.approx(RIDERLESS, abs=0.04)
+    for kind, mesh in DRAWN_TWO_WHEELERS:
+        low = mesh.vertices[mesh.vertices[:, 2] < 0.03]
+        assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
+        assert np.ptp(low[:, 0]) > 0.5 * np.ptp(mesh.vertices[:, 0]) * (0.7 if "cargo" in kind else 1), kind
+        assert np.ptp(low[:, 1]) < 0.3, kind
 
 
 @pytest.mark.parametrize(
@@ -139,14 +129,6 @@ def test_sizes_are_those_of_the_kind_of_two_wheelers(kind, low, high):
     assert (sizes(kind) <= high).all(), sizes(kind).max(axis=0)
 
 
-def test_wheels_stand_on_the_ground_front_and_rear():
-    for kind, mesh in DRAWN_TWO_WHEELERS:
-        low = mesh.vertices[mesh.vertices[:, 2] < 0.03]
-        assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
-        assert np.ptp(low[:, 0]) > 0.5 * np.ptp(mesh.vertices[:, 0]) * (0.7 if "cargo" in kind else 1), kind
-        assert np.ptp(low[:, 1]) < 0.3, kind
-
-
 COUNT = 120
 BODIES = {label: draw_bodies(np.random.default_rng(label), {label: COUNT}) for label in range(len(LABELS))}
 RANGES = {
@@ -162,17 +144,13 @@ def sizes_bodies(label: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("label", RANGES)
-def test_sizes_lie_in_the_ranges_of_their_class_and_spread(label):
+def test_sizes_of_a_class_lie_in_its_ranges_on_sound_meshes(label):
     low, high = np.array(RANGES[label]).T
     assert (sizes_bodies(label) >= low - 1e-6).all()
     assert (sizes_bodies(label) <= high + 1e-6).all()
     assert len({body.size for body in BODIES[label]}) == COUNT
     assert {body.label for body in BODIES[label]} == {label}
     assert all(body.name.startswith(f"{LABELS[label]}/") for body in BODIES[label])
-
-
-@pytest.mark.parametrize("label", RANGES)
-def test_meshes_are_sound_and_stand_on_their_box(label):
     for body in BODIES[label]:
         assert np.isfinite(body.vertices).all()
         assert body.triangles.min() >= 0
@@ -214,7 +192,7 @@ def test_the_length_of_a_car_does_not_tell_its_width_nor_its_height():
     assert np.ptp(height) > 1.0
 
 
-def test_there_are_kinds_of_every_class_with_and_without_riders():
+def test_kinds_of_every_class_follow_the_seed():
     kinds = {
         label: {body.name.partition("/")[2] for body in draw_bodies(np.random.default_rng(1), {label: 300})}
         for label in RANGES
@@ -226,21 +204,15 @@ def test_there_are_kinds_of_every_class_with_and_without_riders():
     assert {"kei", "van", "pickup", "block_sedan", "estate_rails"} <= kinds[VEHICLE]
     for carried in ("taxi", "roof_box", "rack", "load"):
         assert any(kind.endswith(carried) for kind in kinds[VEHICLE]), carried
-
-
-def test_a_seed_gives_a_body_and_another_seed_another():
     for label in RANGES:
         first, again, other = (draw_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4))
         assert first.vertices.tobytes() == again.vertices.tobytes()
         assert (first.name, first.truth) == (again.name, again.truth)
         assert first.vertices.tobytes() != other.vertices.tobytes()
+    with pytest.raises(ValueError, match="label must be one of"):
+        draw_body("tram", np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("name", LABELS)
 def test_classes_go_by_their_names_too(name):
     assert draw_body(name, np.random.default_rng(0)).label == LABELS.index(name)
-
-
-def test_a_class_nobody_knows_is_refused():
-    with pytest.raises(ValueError, match="label must be one of"):
-        draw_body("tram", np.random.default_rng(0))

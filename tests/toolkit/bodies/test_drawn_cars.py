@@ -30,28 +30,25 @@ from toolkit.mesh import box
 CARS = [draw_proportions(np.random.default_rng([2, k])) for k in range(400)]
 
 
-def test_shares_are_those_of_the_kinds():
+def test_kinds_and_measures_lie_in_their_ranges():
     assert sum(kind.share for kind in CAR_KINDS) == pytest.approx(1)
     for kind in CAR_KINDS:
         assert np.mean([car.kind == kind.name for car in CARS]) == pytest.approx(kind.share, abs=0.055)
-
-
-def test_measures_lie_in_the_ranges():
     for measure, (low, high) in (("length", LENGTHS), ("width", WIDTHS), ("height", HEIGHTS)):
         values = [getattr(car, measure) for car in CARS]
         assert low <= min(values) < low + 0.1 * (high - low)
         assert high >= max(values) > high - 0.25 * (high - low)
+    first, again = (draw_proportions(np.random.default_rng(8)) for _ in range(2))
+    assert first.length == again.length
+    assert first.profile.tobytes() == again.profile.tobytes()
 
 
-def test_a_car_stands_on_its_wheels_within_its_length():
+def test_wheels_touch_the_ground_within_the_length():
     for car in CARS:
         front, rear = car.axles
         assert car.wheel < front < rear < car.length - car.wheel
         assert 0.5 * car.length <= rear - front <= 0.78 * car.length, car.kind
         assert car.clearance < car.wheel * 1.1
-
-
-def test_profiles_run_from_the_front_to_the_rear_and_reach_the_roof():
     for car in CARS:
         stations, heights = car.profile.T
         assert stations[0] == 0
@@ -61,12 +58,6 @@ def test_profiles_run_from_the_front_to_the_rear_and_reach_the_roof():
         assert heights.min() > 0.2
         assert car.top(np.array([0.0, 1.0])) == pytest.approx(car.height * heights[[0, -1]])
     assert len({car.profile.tobytes() for car in CARS}) == len(CARS)
-
-
-def test_a_seed_gives_a_car():
-    first, again = (draw_proportions(np.random.default_rng(8)) for _ in range(2))
-    assert first.length == again.length
-    assert first.profile.tobytes() == again.profile.tobytes()
 
 
 CARS_CARS = [draw_proportions(np.random.default_rng([3, k])) for k in range(40)]
@@ -103,7 +94,7 @@ def test_there_are_no_holes_from_above_nor_from_the_side():
         assert across.min() > 0.2 * car.width, car.kind
 
 
-def test_four_wheels_touch_the_ground():
+def test_lofted_and_block_cars_have_wheels_and_round_corners():
     for car in CARS_CARS:
         vertices = loft_car(car).vertices
         low = vertices[vertices[:, 2] < 0.02]
@@ -111,14 +102,8 @@ def test_four_wheels_touch_the_ground():
         assert len(corners) == 4
         assert np.ptp(low[:, 0]) > 0.45 * car.length
         assert np.ptp(low[:, 1]) > 0.6 * car.width
-
-
-def test_block_cars_have_few_triangles_and_lofted_ones_enough():
     assert max(len(build_block_car(car, np.random.default_rng(1)).triangles) for car in CARS_CARS) < 420
     assert min(len(loft_car(car).triangles) for car in CARS_CARS) > 1200
-
-
-def test_flanks_are_nearly_parallel_and_corners_rounded():
     car = replace(CARS_CARS[0], rounding=(0.1, 0.1), ends=(0.7, 0.8))
     width = half_width(car, np.array([0.0, 0.5, 1.0])) / (car.width / 2)
     assert width == pytest.approx([0.7 * (1 - 0.05 * 1.05**2), 1, 0.8 * (1 - 0.05 * 0.95**2)], abs=2e-3)
@@ -137,14 +122,11 @@ def test_a_pick_up_has_a_bed_lower_than_its_cab():
         assert bed < 0.62 * car.height
 
 
-def test_stretching_and_planks():
+def test_stretched_planks_and_mounds():
     moved = stretch(box((1, 2, 3), (7, 7, 7)), (4.0, 2.0, 1.0))
     assert np.allclose(moved.vertices.min(axis=0), [-2, -1, 0])
     assert np.allclose(moved.vertices.max(axis=0), [2, 1, 1])
     assert np.allclose(plank((1.0, 2.0, 3.0), 4.0, 5.0, 6.0).vertices[:, 2].min(), 6)
-
-
-def test_mounds_lie_on_their_height():
     vertices = mound((2.0, 1.0, 0.5), 3.0, 0.7).vertices
     assert np.allclose(vertices.min(axis=0)[[0, 2]], [2, 0.7], atol=0.01)
     assert np.allclose(vertices.max(axis=0), [4, 0.5, 1.2], atol=0.02)
@@ -168,7 +150,7 @@ def test_mirrors_stick_out_by_8_to_25_cm_on_both_sides_or_on_one_or_there_are_no
     assert 0 < np.mean(np.array(sides) == 1) < 0.06
 
 
-def test_what_is_on_a_roof_stands_on_it():
+def test_loads_lie_on_roofs_and_beds():
     seen = set()
     for number, car in enumerate(CARS_EXTRAS):
         carried, load = draw_load(car, np.random.default_rng([2, number]))
@@ -181,9 +163,6 @@ def test_what_is_on_a_roof_stands_on_it():
             assert max(-low[1], high[1]) < car.width / 2
             assert max(-low[0], high[0]) < 0.62 * car.length
     assert seen == {"", *CARRIED}
-
-
-def test_a_pick_ups_load_lies_in_its_bed():
     pickup = next(car for car in CARS_EXTRAS if car.kind == "pickup")
     for number in range(40):
         carried, load = draw_load(pickup, np.random.default_rng(number))

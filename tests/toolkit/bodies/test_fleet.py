@@ -15,15 +15,12 @@ def of(label: int, bodies: tuple[Body, ...] = EVERY) -> list[Body]:
     return [body for body in bodies if body.label == label]
 
 
-def test_there_are_enough_of_every_class():
+def test_there_are_enough_of_every_class_and_cars_held_out():
     assert len(of(VEHICLE, catalogue())) >= 20
     assert len(of(CYCLIST)) >= 6
     assert len(of(PEDESTRIAN)) >= 14
     assert len(of(HEAVY)) >= 3
     assert len({body.name for body in EVERY}) == len(EVERY)
-
-
-def test_held_out_cars_are_in_one_catalogue_only():
     trained, tested = ({body.name for body in of(VEHICLE, catalogue(held_out=flag))} for flag in (False, True))
     assert len(HELD_OUT) == 5
     assert tested == set(HELD_OUT)
@@ -53,11 +50,24 @@ def digests(bodies: tuple[Body, ...]) -> list[bytes]:
     return [body.vertices.tobytes() for body in bodies]
 
 
-def test_a_fleet_without_drawn_bodies_is_the_same_whatever_is_asked():
+def test_fleets_without_drawn_bodies_stay_and_mixed_ones_are_half_and_half():
     fleet = fleet_named("catalogue")
     assert fleet.bodies(9, np.random.default_rng(0)) == fleet.fixed == catalogue()
     assert fleet.names == tuple(body.name for body in catalogue())
     assert fleet_named("catalogue", held_out=True).fixed == catalogue(held_out=True)
+    bodies = CARS_ONLY.bodies(2, np.random.default_rng(0))
+    assert {body.name for body in of(VEHICLE, bodies)} == {body.name for body in CARS_ONLY.fixed}
+    assert not of(PEDESTRIAN, bodies)
+    mixed = of(VEHICLE, Fleet(CARS_ONLY.fixed, drawn=tuple(range(4))).bodies(2, np.random.default_rng(0)))
+    fixed = [body for body in mixed if body in CARS_ONLY.fixed]
+    assert len(mixed) == 34
+    assert abs(len(fixed) - len(mixed) / 2) <= 0.5
+    assert [fixed.count(body) for body in CARS_ONLY.fixed] == [6, 6, 5]
+    out, into = (fleet_named("own", mirrors=flag).bodies(1, np.random.default_rng(2)) for flag in (False, True))
+    wider = [b.size[1] - a.size[1] for a, b in zip(out, into, strict=True) if a.label == VEHICLE]
+    assert max(wider) > 0.1
+    assert min(wider) > -1e-6
+    assert all(body.truth is None for body in into)
 
 
 def test_own_bodies_are_as_many_as_are_spawned_and_follow_the_seed():
@@ -71,25 +81,6 @@ def test_own_bodies_are_as_many_as_are_spawned_and_follow_the_seed():
         heavy.bodies(LARGEST_DRAW, np.random.default_rng(0))
     )
     assert {body.name for body in few} <= set(own.names)
-
-
-def test_classes_that_are_not_drawn_keep_their_bodies_and_both_are_mixed_half_and_half():
-    bodies = CARS_ONLY.bodies(2, np.random.default_rng(0))
-    assert {body.name for body in of(VEHICLE, bodies)} == {body.name for body in CARS_ONLY.fixed}
-    assert not of(PEDESTRIAN, bodies)
-    mixed = of(VEHICLE, Fleet(CARS_ONLY.fixed, drawn=tuple(range(4))).bodies(2, np.random.default_rng(0)))
-    fixed = [body for body in mixed if body in CARS_ONLY.fixed]
-    assert len(mixed) == 34
-    assert abs(len(fixed) - len(mixed) / 2) <= 0.5
-    assert [fixed.count(body) for body in CARS_ONLY.fixed] == [6, 6, 5]
-
-
-def test_mirrors_may_belong_into_the_boxes():
-    out, into = (fleet_named("own", mirrors=flag).bodies(1, np.random.default_rng(2)) for flag in (False, True))
-    wider = [b.size[1] - a.size[1] for a, b in zip(out, into, strict=True) if a.label == VEHICLE]
-    assert max(wider) > 0.1
-    assert min(wider) > -1e-6
-    assert all(body.truth is None for body in into)
 
 
 @pytest.mark.parametrize("label", range(len(LABELS)))

@@ -6,33 +6,24 @@ import pytest
 from toolkit.bodies.people import Figure, pedestrians, person, striding, two_wheelers
 
 
-def test_pedestrians_are_as_tall_as_people():
+def test_figures_stand_as_tall_and_long_as_people():
     heights = [np.ptp(mesh.vertices[:, 2]) for name, mesh in pedestrians().items() if "umbrella" not in name]
     assert min(heights) == pytest.approx(1.12, abs=0.05)
     assert max(heights) == pytest.approx(1.95, abs=0.05)
-
-
-def test_a_longer_step_makes_a_longer_body():
     lengths = [np.ptp(person(striding(step), 1.8).vertices[:, 0]) for step in (0.1, 0.3, 0.5)]
     assert lengths == sorted(lengths)
-
-
-def test_a_figure_stands_on_the_ground_at_its_height():
     vertices = person(Figure(), 1.75).vertices
     assert np.ptp(vertices[:, 2]) == pytest.approx(1.75, abs=0.05)
     assert abs(vertices[:, 2].min()) < 0.05
 
 
-def test_two_wheelers_with_riders_have_their_measures_and_stand_on_their_wheels():
+def test_two_wheelers_have_their_measures_and_bicycles_are_shorter():
     for mesh in two_wheelers().values():
         length, width, height = np.ptp(mesh.vertices, axis=0)
         assert 1.1 < length < 2.3
         assert 0.3 < width < 1.1
         assert 1.2 < height < 1.95
         assert abs(mesh.vertices[:, 2].min()) < 0.02
-
-
-def test_bicycles_are_shorter_than_what_sumo_takes_for_motorcycles():
     from toolkit.traffic.spawner import BICYCLE_LENGTH
 
     lengths = {name: np.ptp(mesh.vertices[:, 0]) for name, mesh in two_wheelers().items()}

@@ -26,16 +26,22 @@ def test_cars_have_the_measures_of_cars(body):
     assert np.allclose(np.sort(body.vertices[:, 1]), np.sort(-body.vertices[:, 1]), atol=1e-5)
 
 
-def test_mirrors_stick_out_of_the_box_and_no_more_than_they():
+def test_mirrors_stick_out_and_wheels_stand_on_the_ground():
     for body, shape in zip(BODIES, CARS, strict=True):
         assert body.size[1] == pytest.approx(shape.width, abs=0.03)
         out = np.abs(body.vertices[:, 1]).max() - body.size[1] / 2
         assert 0.05 < out < 0.12
         beyond = np.abs(body.vertices[:, 1]) > body.size[1] / 2 + 1e-4
         assert (np.abs(body.vertices[~beyond]) <= np.array(body.size) / 2 + 1e-4).all()
+    assert all(abs(mesh.vertices[:, 2].min()) < 0.02 for mesh, _ in trucks().values())
+    for mesh, mirrors in trucks().values():
+        y, z = np.abs(mirrors.vertices[:, 1]), mirrors.vertices[:, 2]
+        assert y.max() > np.abs(mesh.vertices[:, 1]).max() + 0.05
+        assert z.min() > 1.2
+        np.testing.assert_allclose(np.sort(mirrors.vertices[:, 1]), np.sort(-mirrors.vertices[:, 1]), atol=1e-9)
 
 
-def test_cars_differ_pairwise():
+def test_cars_differ_and_heavy_vehicles_hide():
     def profile(body: Body) -> np.ndarray:
         """Size and, along the length, the height of the body."""
         x, z = body.vertices[:, 0] / body.size[0], body.vertices[:, 2] + body.size[2] / 2
@@ -45,22 +51,7 @@ def test_cars_differ_pairwise():
     profiles = np.array([profile(body) for body in BODIES])
     apart = np.abs(profiles[:, None] - profiles[None]).max(axis=2)
     assert apart[~np.eye(len(profiles), dtype=bool)].min() > 0.08
-
-
-def test_heavy_vehicles_hide_what_is_behind_them():
     sizes = np.array([np.ptp(mesh.vertices, axis=0) for mesh, _ in trucks().values()])
     assert (sizes[:, 0] > 6).all()
     assert (sizes[:, 2] > 2.6).all()
     assert (sizes < [13, 2.66, 4]).all()
-
-
-def test_wheels_stand_on_the_ground():
-    assert all(abs(mesh.vertices[:, 2].min()) < 0.02 for mesh, _ in trucks().values())
-
-
-def test_mirrors_stick_out_of_cabs_and_buses():
-    for mesh, mirrors in trucks().values():
-        y, z = np.abs(mirrors.vertices[:, 1]), mirrors.vertices[:, 2]
-        assert y.max() > np.abs(mesh.vertices[:, 1]).max() + 0.05
-        assert z.min() > 1.2
-        np.testing.assert_allclose(np.sort(mirrors.vertices[:, 1]), np.sort(-mirrors.vertices[:, 1]), atol=1e-9)

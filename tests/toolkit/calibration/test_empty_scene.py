@@ -63,7 +63,7 @@ def test_a_wall_and_the_sky(model):
     assert scene.frames == TIMES
 
 
-def test_traffic_before_it_is_not_the_scene():
+def test_traffic_queues_and_who_parks_are_not_the_scene_and_who_never_leaves_is():
     def cars(k, image, rng):
         if rng.random() < 0.6:
             image[4:8, 2:9] = rng.uniform(8, 15)
@@ -73,8 +73,6 @@ def test_traffic_before_it_is_not_the_scene():
     assert np.isnan(scene.second).all()
     assert 0.3 < scene.share[5, 5] < 0.5
 
-
-def test_who_parks_for_most_of_the_time_is_not_the_scene_and_who_never_leaves_is():
     def parked(k, image, rng):
         image[4:8, 0:4] = 9.0
         if k < 85:
@@ -85,12 +83,18 @@ def test_who_parks_for_most_of_the_time_is_not_the_scene_and_who_never_leaves_is
     np.testing.assert_allclose(scene.first[4:8, 0:4], 9, atol=0.01)
     assert np.isnan(scene.second).all()
 
-
-def test_less_than_a_tenth_of_the_time_is_not_enough():
     def gone(k, image, rng):
         image[5, 5] = 11.0 if k < 91 else 20.0
 
     assert learnt(gone).first[5, 5] == pytest.approx(11, abs=0.01)
+
+    def queue(k, image, rng):
+        if k % 4 < 2:
+            image[4:7, 3:8] = 10.0
+
+    scene = learnt(queue)
+    np.testing.assert_allclose(scene.first[2:], 20, atol=0.03)
+    assert np.isnan(scene.second).all()
 
 
 def test_leaves_that_move_make_two_modes():
@@ -106,16 +110,6 @@ def test_leaves_that_move_make_two_modes():
     both = still()
     both[4:7, 3:6], both[4:7, 6:8] = 10, [10, 20]
     assert scene.shows(both).all()
-
-
-def test_a_queue_at_a_stop_line_comes_and_goes_and_is_no_mode():
-    def queue(k, image, rng):
-        if k % 4 < 2:
-            image[4:7, 3:8] = 10.0
-
-    scene = learnt(queue)
-    np.testing.assert_allclose(scene.first[2:], 20, atol=0.03)
-    assert np.isnan(scene.second).all()
 
 
 def test_who_stands_close_before_a_wall_makes_it_neither_nearer_nor_broader():
@@ -181,16 +175,13 @@ def test_what_shows_the_scene_lies_within_four_spreads():
         scene.shows(np.ones((2, 2), np.float32))
 
 
-def test_a_learner_keeps_no_more_than_its_sample_spread_over_all_frames():
+def test_a_learner_keeps_a_sample_spread_over_all_frames_and_refuses_nonsense():
     learner = SceneLearner(CAMERA, sample=8)
     for k in range(100):
         learner.add(np.full(SHAPE, 1.0 + k, np.float32))
         assert len(learner._kept) <= 8
     assert [int(image[0, 0]) - 1 for image in learner._kept] == [0, 16, 32, 48, 64, 80, 96]
     assert learner.scene().frames == 100
-
-
-def test_a_learner_refuses_what_it_cannot_learn_from():
     with pytest.raises(ValueError, match="add one before"):
         SceneLearner(CAMERA).scene()
     with pytest.raises(ValueError, match="measures \\(10, 12\\) pixels, got \\(3, 3\\)"):
@@ -199,10 +190,17 @@ def test_a_learner_refuses_what_it_cannot_learn_from():
         SceneLearner(CAMERA, sample=1)
 
 
-def test_one_image_is_a_scene():
+def test_one_image_or_a_known_scene_has_the_models_spread():
     scene = learnt(nothing, times=1)
     np.testing.assert_allclose(scene.first[2:], 20, atol=0.1)
     np.testing.assert_allclose(scene.spread[2:], 0.015)
+    lidar = Sensor("s", MODELS[2], look((0.0, 0.0, 5.0), 0.0))
+    scene = EmptyScene.of(lidar, still())
+    np.testing.assert_array_equal(scene.first, still())
+    np.testing.assert_allclose(scene.spread[2:], 0.02 + 0.0003 * 20)
+    assert (scene.spread[:2] == 0).all()
+    assert np.isnan(scene.second).all()
+    assert scene.frames == 1
 
 
 def recording(frames=30):
@@ -254,26 +252,13 @@ def test_a_scene_refuses_images_that_are_none():
         EmptyScene(**images | {"frames": 0})
 
 
-def test_a_scene_that_is_known_has_the_models_spread():
-    lidar = Sensor("s", MODELS[2], look((0.0, 0.0, 5.0), 0.0))
-    scene = EmptyScene.of(lidar, still())
-    np.testing.assert_array_equal(scene.first, still())
-    np.testing.assert_allclose(scene.spread[2:], 0.02 + 0.0003 * 20)
-    assert (scene.spread[:2] == 0).all()
-    assert np.isnan(scene.second).all()
-    assert scene.frames == 1
-
-
 SMALL_CAMERA = Sensor("cam", DepthCamera(width=8, height=6), np.eye(4))
-WALL = np.full((3, 4), 20.0, np.float32)
 
 
 def wall_scene():
     learner = SceneLearner(SMALL_CAMERA)
-    image = WALL.copy()
-    image[0] = 0
     for _ in range(3):
-        learner.add(image)
+        learner.add(wall_image())
     return learner.scene()
 
 

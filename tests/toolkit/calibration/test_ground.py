@@ -35,39 +35,33 @@ def test_the_plane_is_that_of_the_ground_to_a_centimetre(plane):
     assert (np.abs(fit_plane(sloped(street, *plane)) - plane) < [2e-3, 2e-3, 0.01]).all()
 
 
-def test_a_roof_larger_than_the_ground_is_not_it():
+def test_roofs_walls_cars_and_reflections_are_not_the_ground():
     rng = np.random.default_rng(1)
     street, roof = scattered(rng, [-30, -4], [30, 4], 0.0, 2000), scattered(rng, [-30, 5], [30, 30], 5.0, 20000)
     np.testing.assert_allclose(fit_plane(np.concatenate([roof, street])), 0.0, atol=0.01)
-
-
-def test_walls_hedges_and_cars_do_not_lift_it():
     rng = np.random.default_rng(2)
     street = scattered(rng, [-30, -6], [30, 6], -6.0, 1500, noise=0.02)
     wall = np.column_stack([rng.uniform(-30, 30, 20000), np.full(20000, 6.5), rng.uniform(-6, 4, 20000)])
     hedge = scattered(rng, [-30, -8], [30, -6], -4.8, 5000, noise=0.1)
     cars = scattered(rng, [-10, -2], [10, 2], rng.uniform(-5.8, -4.5, 6000), 6000)
     np.testing.assert_allclose(fit_plane(np.concatenate([street, wall, hedge, cars])), [0, 0, -6.0], atol=0.02)
-
-
-def test_reflections_below_the_ground_do_not_sink_it():
     rng = np.random.default_rng(3)
     street = scattered(rng, -30, 30, -1.7, 3000, noise=0.02)
     below = scattered(rng, -30, 30, rng.uniform(-9, -3, 30), 30)
     np.testing.assert_allclose(fit_plane(np.concatenate([street, below])), [0, 0, -1.7], atol=0.01)
 
 
-def test_ground_on_one_side_only_at_a_tilt():
+def test_the_plane_is_that_of_ground_seen_in_part_or_unevenly():
     rng = np.random.default_rng(4)
     ahead = sloped(scattered(rng, [3, -10], [40, 10], 0.0, 3000, noise=0.02), 0.15, -0.1, -6.0)
     assert (np.abs(fit_plane(ahead) - [0.15, -0.1, -6.0]) < [2e-3, 2e-3, 0.03]).all()
-
-
-def test_near_rings_do_not_outweigh_far_ones():
     rng = np.random.default_rng(5)
     near = scattered(rng, -3, 3, -1.7, 50000, noise=0.05)
     far = scattered(rng, -40, 40, -1.7, 2000, noise=0.02)
     np.testing.assert_allclose(fit_plane(np.concatenate([near, far])), [0, 0, -1.7], atol=0.01)
+    street = scattered(np.random.default_rng(7), -20, 20, -1.7, 2000)
+    street[::7, 1] = np.nan
+    np.testing.assert_allclose(fit_plane(street), [0, 0, -1.7], atol=1e-6)
 
 
 def test_the_same_seed_gives_the_same_plane_and_the_bound_on_tilt_holds():
@@ -88,20 +82,11 @@ def test_points_that_make_no_ground_are_refused():
         fit_plane(far)
 
 
-def test_points_of_no_number_do_not_count():
-    street = scattered(np.random.default_rng(7), -20, 20, -1.7, 2000)
-    street[::7, 1] = np.nan
-    np.testing.assert_allclose(fit_plane(street), [0, 0, -1.7], atol=1e-6)
-
-
-def test_the_low_end_of_a_cell_is_a_tenth_of_its_points_up():
+def test_low_ends_of_cells_and_heights_over_a_plane():
     column = np.column_stack([np.full(31, 0.5), np.full(31, 0.5), np.arange(31.0)])
     assert low_points(column, 1.0).tolist() == [[0.5, 0.5, 3.0]]
     assert low_points(column, 1.0, share=0.5).tolist() == [[0.5, 0.5, 15.0]]
     assert low_points(column[:0], 1.0).shape == (0, 3)
-
-
-def test_heights_over_a_plane():
     assert heights_above_plane(np.array([0.5, -1.0, 2.0]), np.array([[2.0, 1.0, 7.0]])).tolist() == [5.0]
 
 
@@ -171,14 +156,11 @@ def test_beside_a_kerb_the_lower_level_counts():
     np.testing.assert_allclose(surface.at(np.column_stack([along, np.full(50, 12.0)])), 0.15, atol=0.03)
 
 
-def test_places_outside_have_the_height_of_the_edge():
+def test_height_maps_at_their_edge_and_where_nothing_is():
     heights = HeightMap(np.array([10.0, 20.0]), np.array([[0.0, 1.0, 2.0], [4.0, 5.0, 6.0]]), cell=2.0)
     places = np.array([[10.0, 20.0], [11.0, 21.0], [12.0, 24.0], [-5.0, 22.0], [99.0, 99.0]])
     assert heights.at(places).tolist() == [0.0, 2.5, 6.0, 1.0, 6.0]
     assert HeightMap(np.zeros(2), np.full((1, 1), 0.3)).at(places).tolist() == [0.3] * 5
-
-
-def test_nothing_near_the_plane_makes_a_flat_map_and_no_reach_is_refused():
     assert fit_map(np.full((10, 3), 50.0)).at(np.zeros((1, 2))).tolist() == [0.0]
     with pytest.raises(ValueError, match="reach must be above 0 m, got -1"):
         fit_map(np.zeros((10, 3)), reach=-1.0)
@@ -226,7 +208,7 @@ def test_points_and_boxes_go_there_and_back():
     assert TILTED.boxes(np.zeros((0, 7))).shape == (0, 7)
 
 
-def test_the_rigid_part_levels_the_plane_about_the_frames_origin():
+def test_heights_and_motions_of_a_tilted_ground():
     motion = TILTED.level_SE3_frame
     np.testing.assert_allclose(motion[:3, :3] @ motion[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.linalg.det(motion) == pytest.approx(1.0)
@@ -235,9 +217,6 @@ def test_the_rigid_part_levels_the_plane_about_the_frames_origin():
     on_plane = np.column_stack([xy, xy @ [0.1, -0.2] - 6.0])
     np.testing.assert_allclose(transform(motion, on_plane)[:, 2], 0.0, atol=1e-12)
     assert TILTED.tilt == pytest.approx(np.arctan(np.hypot(0.1, 0.2)))
-
-
-def test_height_is_where_points_have_height_zero():
     xy = np.random.default_rng(2).uniform(-5, 5, (50, 2))
     level_plane = Ground(np.array([0.0, 0.0, -1.7]), TILTED.deviation)
     on_ground = np.column_stack([xy, level_plane.height(xy)])
@@ -262,24 +241,21 @@ def test_an_open3d_cloud_and_its_points_have_the_same_ground():
     assert one.deviation.heights.tobytes() == other.deviation.heights.tobytes()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_wrong_arguments_and_points_are_refused():
+    points = street(np.random.default_rng(0))
+    for arguments, message in (
         ({"method": "spline"}, "method"),
         ({"max_tilt": 1.0}, "max_tilt must lie in 0..45 degrees, got 57.3"),
         ({"reach": 0.0}, "reach must be above 0 m, got 0"),
-    ],
-)
-def test_wrong_arguments_are_refused(arguments, message):
-    with pytest.raises((ValueError, TypeError), match=message):
-        level(street(np.random.default_rng(0)), **arguments)
-
-
-def test_wrong_points_are_refused():
-    with pytest.raises(ValueError, match=r"shape \(n, 3\), got \(3, 5\): pass points.T\?"):
-        level(np.zeros((3, 5)))
-    with pytest.raises(ValueError, match="no ground found"):
-        level(np.full((50, 3), np.nan))
+    ):
+        with pytest.raises((ValueError, TypeError), match=message):
+            level(points, **arguments)
+    for wrong, message in (
+        (np.zeros((3, 5)), r"shape \(n, 3\), got \(3, 5\): pass points.T\?"),
+        (np.full((50, 3), np.nan), "no ground found"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            level(wrong)
 
 
 def test_a_warning_names_the_height_of_the_ground():

@@ -87,7 +87,7 @@ def test_without_a_held_one_they_fit_each_other_and_keep_their_common_pose():
     assert len(found.unobserved) == 0
 
 
-def test_on_a_bare_plane_each_sensor_keeps_two_moves_and_a_turn():
+def test_bare_planes_and_strangers_leave_sensors_as_believed():
     rng = np.random.default_rng(2)
     surfaces = [seen_by(pose, rng, walls=False) for pose in TRUE]
     found = align(surfaces, [TRUE[0], off(TRUE[1], rng, 0.3, 0.03), TRUE[2]], held=[0])
@@ -96,9 +96,6 @@ def test_on_a_bare_plane_each_sensor_keeps_two_moves_and_a_turn():
     assert len(hidden) == 3
     assert np.abs(hidden[:, [0, 1, 5]]).max() < 0.1
     assert len(found.hidden_motions(0)) == 0
-
-
-def test_a_sensor_that_sees_nothing_in_common_is_not_observed_at_all():
     rng = np.random.default_rng(3)
     far = TRUE[2].copy()
     far[0, 3] += 500.0
@@ -147,12 +144,9 @@ def test_more_pairs_say_what_the_scene_does_not():
     assert moved < 0.02
 
 
-def test_normals_look_at_the_sensor():
+def test_normals_look_at_sensors_of_which_there_are_several():
     ahead = Surface(np.array([[0.0, 0, 5], [0, 0, 5]]), np.array([[0.0, 0, 1], [0, 0, -1]]), np.zeros(2))
     assert face_sensor(ahead).normals[:, 2].tolist() == [-1.0, -1.0]
-
-
-def test_one_sensor_and_held_ones_that_are_not_there_are_refused():
     surface = seen_by(TRUE[0], np.random.default_rng(6))
     with pytest.raises(ValueError, match="got 1 surfaces and 1 poses"):
         align([surface], [TRUE[0]])
@@ -221,16 +215,10 @@ def test_only_each_others_nearest_that_head_alike_are_one_road_user():
     assert len(pairs) == 1
     assert pairs[0].residual.tolist() == pytest.approx([-0.5, -0.2, 0.0, 0.0])
     assert (pairs[0].one, pairs[0].other) == (0, 1)
-
-
-def test_a_box_that_heads_backwards_is_the_same_road_user():
     box = np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]])
     round_about = box + np.array([[0, 0, 0, 0, 0, 0, np.pi - 0.05]])
     pairs = object_pairs([[SeenBoxes.of(box, np.eye(4)), SeenBoxes.of(round_about, np.eye(4))]], [np.eye(4)] * 2, 1.5)
     assert pairs[0].residual[3] == pytest.approx(0.05)
-
-
-def test_sensors_that_see_no_road_user_together_have_no_rows():
     nothing = SeenBoxes(np.zeros((0, 3)), np.zeros((0, 3)))
     one = SeenBoxes.of(np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]]), np.eye(4))
     assert object_pairs([[one, nothing]], [np.eye(4)] * 2, 1.5) == []

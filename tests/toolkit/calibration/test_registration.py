@@ -76,7 +76,7 @@ def test_a_crooked_sensor_is_put_right(deg, metres):
     assert (found.deviations[3:] < 0.01).all()
 
 
-def test_a_bare_plane_leaves_two_moves_and_a_turn_as_they_were_believed():
+def test_planes_and_walls_leave_moves_along_them_as_believed():
     rng = np.random.default_rng(1)
     ground = surface_of(plane(rng, [-20, -20, 0], [40, 0, 0], [0, 40, 0], 20000))
     true = pose(1.0, 2.0, 5.0, yaw=0.4)
@@ -91,9 +91,6 @@ def test_a_bare_plane_leaves_two_moves_and_a_turn_as_they_were_believed():
     assert found.pose[2, 3] == pytest.approx(5.0, abs=0.005)
     assert turned(found.pose, true) < 0.1
     assert np.abs(found.pose[:2, 3] - [1.0, 2.0]).max() < 0.03
-
-
-def test_a_single_wall_leaves_the_move_along_it():
     rng = np.random.default_rng(2)
     street = surface_of(
         plane(rng, [-20, -5, 0], [40, 0, 0], [0, 15, 0], 12000), plane(rng, [-20, 10, 0], [40, 0, 0], [0, 0, 6], 6000)
@@ -105,7 +102,7 @@ def test_a_single_wall_leaves_the_move_along_it():
     assert found.pose[1, 3] == pytest.approx(0.0, abs=0.01)
 
 
-def test_what_is_not_in_the_reference_does_not_pull():
+def test_strangers_noise_and_distance_do_not_pull():
     """Two in five points lie on parked cars that the reference does not have."""
     rng = np.random.default_rng(3)
     reference, seen = corner(rng), corner(rng, 1000)
@@ -114,9 +111,6 @@ def test_what_is_not_in_the_reference_does_not_pull():
     found = register(points, reference, TRUE @ off(1.0, 0.1, rng))
     assert turned(found.pose, TRUE) < 0.05
     assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.02
-
-
-def test_noisy_points_count_less():
     rng = np.random.default_rng(4)
     reference, seen = corner(rng), corner(rng, 1000)
     world = seen.points.copy()
@@ -127,6 +121,12 @@ def test_noisy_points_count_less():
     weighed = register(points, reference, TRUE, deviation=np.where(far, 0.3, 0.01))
     error = [np.linalg.norm(each.pose[:3, 3] - TRUE[:3, 3]) for each in (equal, weighed)]
     assert error[1] < error[0]
+    rng = np.random.default_rng(6)
+    reference = corner(rng, 500)
+    with pytest.raises(ValueError, match=r"0 of \d+ points lie within 3 m of the reference, 50 are needed"):
+        register(rng.uniform(400, 410, (500, 3)), reference, np.eye(4))
+    with pytest.raises(ValueError, match="0 of 0 points"):
+        register(np.zeros((0, 3)), reference, np.eye(4))
 
 
 def test_the_motion_of_the_world_moves_what_is_found():
@@ -139,15 +139,6 @@ def test_the_motion_of_the_world_moves_what_is_found():
     )
     one, other = register(points, reference, believed), register(points, moved_surface, motion @ believed)
     np.testing.assert_allclose(other.pose, motion @ one.pose, atol=2e-3)
-
-
-def test_points_far_from_the_reference_are_refused():
-    rng = np.random.default_rng(6)
-    reference = corner(rng, 500)
-    with pytest.raises(ValueError, match=r"0 of \d+ points lie within 3 m of the reference, 50 are needed"):
-        register(rng.uniform(400, 410, (500, 3)), reference, np.eye(4))
-    with pytest.raises(ValueError, match="0 of 0 points"):
-        register(np.zeros((0, 3)), reference, np.eye(4))
 
 
 def test_resistance_is_the_derivative_of_the_distance_from_the_plane():
@@ -163,13 +154,10 @@ def test_resistance_is_the_derivative_of_the_distance_from_the_plane():
         np.testing.assert_allclose(along / 1e-6, rows[:, k], atol=1e-4)
 
 
-def test_a_turn_counts_as_the_move_of_a_point_at_the_levers_end():
+def test_motions_between_poses_count_as_moves_at_the_levers_end():
     after = apply_motion(np.eye(4), np.array([0, 0, 0.1, 1, 2, 3.0]))
     assert np.arctan2(after[1, 0], after[0, 0]) == pytest.approx(0.1 / LEVER)
     assert after[:3, 3].tolist() == [1, 2, 3]
-
-
-def test_the_motion_between_poses_is_the_one_that_was_made():
     motion = np.array([0.3, -1.2, 0.7, 1.0, 2.0, -3.0])
     np.testing.assert_allclose(motion_between(TRUE, apply_motion(TRUE, motion)), motion, atol=1e-12)
     assert motion_between(TRUE, TRUE).tolist() == [0.0] * 6
@@ -190,11 +178,8 @@ def test_a_row_of_equal_bays_does_not_catch_a_sensor_that_is_one_bay_off():
     assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.02
 
 
-def test_tukeys_weights_end_at_the_limit():
+def test_weights_end_and_one_point_of_each_cube_stays():
     assert tukey_weight(np.array([0.0, 1.0, -1.0, 2.0, 3.0]), 2.0).tolist() == [1.0, 0.5625, 0.5625, 0.0, 0.0]
-
-
-def test_one_point_of_each_cube_stays():
     points = np.array([[0.1, 0, 0], [0.2, 0, 0], [1.2, 0, 0], [0.3, -0.2, 0], [0.4, 0, 2.0]])
     assert thin_rows(points, 1.0).tolist() == [0, 2, 3, 4]
     assert thin_rows(points[:0], 1.0).tolist() == []
@@ -216,7 +201,7 @@ def scene(depth, share=1.0, spread=0.02, frames=16):
     return EmptyScene("c", model, frames=frames, **images)
 
 
-def test_a_site_is_sampled_evenly_with_its_normals_and_without_leaves():
+def test_sites_and_clouds_have_normals_where_they_are_flat():
     surface = site_surface(PLACE)
     assert np.allclose(np.linalg.norm(surface.normals, axis=1), 1.0)
     roof = np.isclose(surface.points[:, 2], 5.0)
@@ -228,9 +213,6 @@ def test_a_site_is_sampled_evenly_with_its_normals_and_without_leaves():
     assert np.abs(surface.points[:, :2]).max() < 60.0
     again = site_surface(PLACE)
     assert again.points.tobytes() == surface.points.tobytes()
-
-
-def test_a_cloud_has_normals_where_it_is_flat():
     rng = np.random.default_rng(0)
     ground = np.column_stack([rng.uniform(-5, 5, (20000, 2)), 0.005 * rng.standard_normal(20000)])
     bush = rng.uniform([6, 6, 0.5], [8, 8, 2.5], (3000, 3))
@@ -242,7 +224,7 @@ def test_a_cloud_has_normals_where_it_is_flat():
         cloud_surface(rng.uniform(0, 100, (30, 3)))
 
 
-def test_the_points_of_a_scene_lie_at_its_depth_and_know_how_sure_they_are():
+def test_points_of_scenes_know_how_sure_they_are_and_make_one_surface():
     points, deviation = scene_points(scene(8.0))
     assert points.shape == (300, 3)
     assert np.allclose(points[:, 2], 8.0)
@@ -251,9 +233,6 @@ def test_the_points_of_a_scene_lie_at_its_depth_and_know_how_sure_they_are():
     assert len(scene_points(scene(0.0))[0]) == 0
     assert len(scene_points(scene(8.0, share=0.4))[0]) == 0
     assert len(scene_points(scene(8.0, share=0.4), least_share=0.3)[0]) == 300
-
-
-def test_scenes_of_several_sensors_make_one_surface():
     poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
     wide = [scene(8.0), scene(8.0)]
     surface = scenes_surface(wide, poses)

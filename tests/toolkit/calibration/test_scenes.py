@@ -34,7 +34,7 @@ def recording():
     return Recording(Frame(SENSORS, tuple(images), Objects.empty(), 0.1 * k, k) for k in range(5))
 
 
-def test_they_are_learnt_once_and_only_when_asked_for():
+def test_scenes_are_learnt_once_or_found_by_name():
     frames = recording()
     scenes = Scenes(frames)
     assert (frames.reads, scenes.digests) == (0, [])
@@ -42,9 +42,6 @@ def test_they_are_learnt_once_and_only_when_asked_for():
     assert scenes(0).name == "a"
     assert frames.reads <= 7
     assert scenes.digests == [scene.digest for scene in learn_empty_scenes(frames)]
-
-
-def test_those_given_are_found_by_name():
     given = learn_empty_scenes(recording())
     scenes = Scenes(recording(), given[::-1])
     assert [scenes(k).digest for k in (0, 1)] == [scene.digest for scene in given]
@@ -75,7 +72,7 @@ def images(count=10):
         yield image
 
 
-def test_who_passes_is_not_in_the_scene():
+def test_who_passes_is_not_in_the_scene_learnt_when_asked_for():
     learnt = learn_sample_scenes(sample(k, image, twice=5) for k, image in enumerate(images()))["north"]
     assert learnt.scene.name == "north"
     assert learnt.scene.model == learnt.grid.model
@@ -89,9 +86,6 @@ def test_who_passes_is_not_in_the_scene():
     stands_out = ~learnt.scene.shows(present)
     assert stands_out[SOMEBODY].all()
     assert stands_out.sum() == 8
-
-
-def test_scenes_are_learnt_once_when_they_are_asked_for():
     frames = Recording(sample(k, image) for k, image in enumerate(images()))
     scenes = Scenes(frames)
     assert (frames.reads, scenes.used) == (0, False)
@@ -116,7 +110,7 @@ def test_given_scenes_take_the_place_of_learnt_ones(tmp_path):
         Scenes([], [camera]).grid("c")
 
 
-def test_a_sensor_that_moves_has_none():
+def test_sensors_that_move_and_few_samples_have_no_good_scene():
     with pytest.raises(ValueError, match=r"north moves, by 0\.6 m: only a sensor that stands still"):
         learn_sample_scenes([sample(0, WALL), sample(1, WALL, moved=0.6)])
     here = sample(1, WALL)
@@ -126,9 +120,6 @@ def test_a_sensor_that_moves_has_none():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         learn_sample_scenes([sample(0, WALL), sample(1, WALL, moved=0.4)])
-
-
-def test_few_samples_are_warned_of():
     with pytest.warns(UserWarning, match="learnt from 4 samples, so who stands still in them is part of the scene"):
         learn_sample_scenes(sample(k, WALL) for k in range(4))
     with warnings.catch_warnings():
@@ -155,9 +146,6 @@ def test_grids_are_found_in_the_first_samples_alone():
     learnt = learn_sample_scenes([*every[:8], *late[:2]])["north"]
     assert learnt.left_out == {OUTSIDE_GRID: 2 * 60}
     assert learnt.scene.frames == 10
-
-
-def test_without_points_there_is_nothing_to_learn():
     nobody = Frame.of_clouds("0", (SensorCloud("north", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     with pytest.raises(ValueError, match="no cloud has a point"):
         learn_sample_scenes([nobody])

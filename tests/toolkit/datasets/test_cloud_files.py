@@ -55,12 +55,9 @@ def test_every_format_gives_the_same_points(tmp_path, ending):
     np.testing.assert_array_equal(points, POINTS)
 
 
-def test_points_that_are_not_finite_are_left_out(tmp_path):
+def test_points_of_no_number_are_left_out_and_others_keep_their_millimetres(tmp_path):
     np.save(tmp_path / "a.npy", [[1, 2, 3], [np.nan, 0, 0], [0, np.inf, 0]])
     assert read_points(tmp_path / "a.npy").tolist() == [[1, 2, 3]]
-
-
-def test_fusing_in_map_coordinates_keeps_the_millimetres(tmp_path):
     world = POINTS + POSES[0][:3, 3]
     paths = []
     for k, world_SE3_sensor in enumerate(POSES):
@@ -118,15 +115,15 @@ def test_quaternions_turn_as_the_quaternion_product_does(quaternion):
         np.testing.assert_allclose(matrix @ axis, turned, atol=1e-12)
 
 
-def test_matching_by_name_or_place():
+def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
     poses = {"b": POSES[1], "a": POSES[0]}
     assert [p is q for p, q in zip(match_poses(["x/a.ply", "b.pcd.bin"], poses), POSES, strict=True)] == [True, True]
     assert match_poses(["a.ply"], {"0": POSES[1]})[0] is POSES[1]
     with pytest.raises(ValueError, match="files a, c, poses b, a"):
         match_poses(["a.ply", "c.ply"], poses)
-
-
-def test_one_pose_file_for_all_or_one_each(tmp_path):
+    with pytest.raises(ValueError, match="cannot tell which pose"):
+        match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
+    assert match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0] is POSES[0]
     clouds = [tmp_path / "a.ply", tmp_path / "b.ply"]
     for name, content in (("a", [POSES[0]]), ("b", [POSES[1]]), ("all", POSES)):
         (tmp_path / f"{name}.json").write_text(json.dumps([p.tolist() for p in content]))
@@ -162,7 +159,7 @@ def test_bad_json_says_what_is_wrong(tmp_path, content):
         read_poses(tmp_path / "poses.json")
 
 
-def test_bad_cloud_files_say_what_is_wrong(tmp_path):
+def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such cloud file"):
         read_points(tmp_path / "a.ply")
     for name, content, message in (
@@ -184,9 +181,6 @@ def test_bad_cloud_files_say_what_is_wrong(tmp_path):
     np.save(tmp_path / "b.npy", np.zeros(7))
     with pytest.raises(ValueError, match="rows of x y z"):
         read_points(tmp_path / "b.npy")
-
-
-def test_one_pose_for_each_file(tmp_path):
     with pytest.raises(ValueError, match="2 poses"):
         fuse_files([tmp_path / "a.ply"], POSES)
     assert parse_pose(np.eye(4)).shape == (4, 4)
@@ -227,13 +221,7 @@ def test_a_ply_that_is_cut_off_is_refused(tmp_path, ascii):
         read_points(tmp_path / "a.ply")
 
 
-def test_clouds_of_one_name_do_not_share_its_pose():
-    with pytest.raises(ValueError, match="cannot tell which pose"):
-        match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
-    assert match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0] is POSES[0]
-
-
-def test_fused_files_keep_what_all_of_them_have_and_turn_normals(tmp_path):
+def test_fused_files_keep_what_all_have_in_named_columns(tmp_path):
     normals = np.tile(np.float32([1, 0, 0]), (40, 1))
     whole: dict[str, np.ndarray] = {"positions": POINTS, "normals": normals, "intensity": np.arange(40.0)[:, None]}
     save(from_attributes({**whole, "ring": np.ones((40, 1), np.uint16)}), tmp_path / "a.pcd")
@@ -243,9 +231,6 @@ def test_fused_files_keep_what_all_of_them_have_and_turn_normals(tmp_path):
     np.testing.assert_array_equal(fused["intensity"][:, 0], np.tile(np.arange(40.0), 2))
     np.testing.assert_allclose(fused["normals"][:40], np.tile(POSES[0][:3, 0], (40, 1)), atol=1e-6)
     np.testing.assert_allclose(fused["normals"][40:], np.tile(POSES[1][:3, 0], (40, 1)), atol=1e-6)
-
-
-def test_named_columns_come_with_the_points(tmp_path):
     (tmp_path / "a.csv").write_text("t,x,y,z,r,g,b,word\n7,1,2,3,255,0,9,car\n8,4,5,6,1,2,3,bus\n")
     np.hstack([POINTS, np.arange(40)[:, None], np.ones((40, 1))]).astype("<f4").tofile(tmp_path / "a.pcd.bin")
     text, scan = (attributes(fuse_files([tmp_path / name], [np.eye(4)])) for name in ("a.csv", "a.pcd.bin"))

@@ -278,11 +278,15 @@ def test_a_damaged_frame_spares_the_others(path, content, says):
         dataset[2]
 
 
-def test_a_flipped_bit_in_a_compressed_image_is_found(path):
+def test_truncated_files_and_flipped_bits(path):
     write(path, (NORTH,))
     with h5py.File(path) as file:
         chunk = file["dslices"].id.get_chunk_info(0)
     content = bytearray(path.read_bytes())
+    for share in (0.1, 0.5, 0.99):
+        path.write_bytes(content[: int(len(content) * share)])
+        with pytest.raises(OSError, match="is cut off"):
+            CoopDataset(path)
     content[chunk.byte_offset + chunk.size // 2] ^= 0xFF
     path.write_bytes(content)
     with pytest.raises(OSError, match="frame 0 cannot be read"):
@@ -297,46 +301,37 @@ def test_files_that_are_none(path):
         CoopDataset(path)
     with pytest.raises(IsADirectoryError, match="give the HDF5 file"):
         CoopDataset(path.parent)
-    path.write_bytes(b"")
-    with pytest.raises(OSError, match="is empty"):
-        CoopDataset(path)
-    path.write_bytes(b"not this" * 100)
-    with pytest.raises(OSError, match="not an HDF5 file"):
-        CoopDataset(path)
+    for content, says in ((b"", "is empty"), (b"not this" * 100, "not an HDF5 file")):
+        path.write_bytes(content)
+        with pytest.raises(OSError, match=says):
+            CoopDataset(path)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
-def test_truncated_files(path, share):
-    write(path, (NORTH,))
-    content = path.read_bytes()
-    path.write_bytes(content[: int(len(content) * share)])
-    with pytest.raises(OSError, match="is cut off"):
-        CoopDataset(path)
-
-
-def test_a_camera_moved_by_hand_is_where_the_file_says(path):
+def test_a_camera_is_where_the_file_says_with_a_name_of_its_own(path):
     write(path, (NORTH, WEST))
     with h5py.File(path, "r+") as file:
         file["cameras/d00/extrinsic"][2, 3] += 1.0
-    moved = CoopDataset(path).sensors[0]
-    assert moved.name == "north"
-    assert np.allclose(moved.position, NORTH.position + NORTH.pose[:3, 1])
+    with CoopDataset(path) as dataset:
+        assert dataset.sensors[0].name == "north"
+        assert np.allclose(dataset.sensors[0].position, NORTH.position + NORTH.pose[:3, 1])
+    damage(path, lambda file: file["cameras/d01"].attrs.__setitem__("name", NORTH.name))
+    with pytest.raises(ValueError, match="name of its own"):
+        CoopDataset(path)
 
 
-NONSENSE = {
-    "half extents of -1": (6, -1.0, "has half extents"),
-    "half extents of 0": (7, 0.0, "has half extents"),
-    "half extents of a million": (8, 1e6, "has half extents"),
-    "x of 1e300": (0, 1e300, "lies at"),
-    "yaw of 1e18": (5, 1e18, "has yaw"),
-    "NaN": (2, np.nan, "holds NaN"),
-    "class 7": (9, 7.0, "has class"),
-}
-
-
-@pytest.mark.parametrize("what", NONSENSE)
-def test_objects_that_cannot_be_are_refused_by_row_or_dropped(path, what):
-    column, value, says = NONSENSE[what]
+@pytest.mark.parametrize(
+    ("column", "value", "says"),
+    [
+        (6, -1.0, "has half extents"),
+        (7, 0.0, "has half extents"),
+        (8, 1e6, "has half extents"),
+        (0, 1e300, "lies at"),
+        (5, 1e18, "has yaw"),
+        (2, np.nan, "holds NaN"),
+        (9, 7.0, "has class"),
+    ],
+)
+def test_objects_that_cannot_be_are_refused_by_row_or_dropped(path, column, value, says):
     made = write(path, (NORTH,))
 
     def spoil(file):
@@ -353,7 +348,6 @@ def test_objects_that_cannot_be_are_refused_by_row_or_dropped(path, what):
             survey(dataset)
     with pytest.warns(UserWarning, match=rf"1 objects in 1 frames are left out, .*objects/2 row 1, which {says}"):
         dataset = CoopDataset(path, drop_invalid=True)
-    assert len(dataset[2].objects) == len(made[2].objects) - 1
     assert dataset[2].objects.ids.tolist() == np.delete(made[2].objects.ids, 1).tolist()
     assert survey(dataset).frames == len(made)
     assert any(f.where == "objects/2" and "row 1" in f.evidence for f in diagnose_file(path))
@@ -364,10 +358,3 @@ def test_a_healthy_recording_loses_nothing_when_the_invalid_is_dropped(path, rec
     with CoopDataset(path, drop_invalid=True) as dataset:
         assert all(same(frame, was) for frame, was in zip(dataset, made, strict=True))
     assert not recwarn.list
-
-
-def test_two_sensors_of_one_name_are_refused(path):
-    write(path, (NORTH, WEST))
-    damage(path, lambda file: file["cameras/d01"].attrs.__setitem__("name", NORTH.name))
-    with pytest.raises(ValueError, match="name of its own"):
-        CoopDataset(path)

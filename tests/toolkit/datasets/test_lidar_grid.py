@@ -44,14 +44,11 @@ def turning(columns=360, noise=0.0, seed=0, lost=0.3, phase=0.5, **given):
     return cloud(elevation, azimuth, seed=seed, **rings, **given)
 
 
-def test_angles():
+def test_angles_have_their_nearest_row():
     elevation, azimuth, distance = compute_angles(np.array([[0.0, 3.0, 4.0], [-2.0, 0.0, 0.0]]))
     np.testing.assert_allclose(elevation, [np.arctan2(4, 3), 0])
     np.testing.assert_allclose(azimuth, [np.pi / 2, np.pi])
     np.testing.assert_allclose(distance, [5, 2])
-
-
-def test_the_nearest_row():
     rows = np.array([0.2, 0.0, -0.4])
     assert nearest_row(np.array([0.9, 0.11, 0.09, -0.19, -0.21, -2.0]), rows).tolist() == [0, 0, 1, 1, 2, 2]
 
@@ -78,22 +75,20 @@ def test_azimuths_are_in_the_middle_of_their_columns(phase, columns):
     assert abs(model.heading) <= np.pi / columns + 1e-9
 
 
-def test_azimuths_that_are_others_in_every_cloud_have_no_phase():
+def test_rows_are_found_where_elevations_scatter_and_lasers_stay_apart():
     clouds = [turning(phase=k / 18, seed=k) for k in range(18)]
     assert find_grid(clouds).model.heading == 0
-
-
-def test_rows_are_found_where_elevations_scatter():
     grid = find_grid([turning(noise=0.001, seed=k) for k in range(3)])
     np.testing.assert_allclose(grid.model.elevations, ROWS, atol=3e-4)
-
-
-def test_lasers_at_one_elevation_stay_apart():
     every = turning(rings=True)
     ring = np.where(np.arange(len(every.points)) % 2, every.ring, every.ring + 100)
     grid = find_grid([SensorCloud("l", every.points, np.eye(4), ring=ring)])
     assert len(grid.model.elevations) == 14
     assert set(grid.rings) == {*range(10, 17), *range(110, 117)}
+    far = turning()
+    stretched = SensorCloud("l", far.points * 10, np.eye(4))
+    farthest = np.linalg.norm(stretched.points, axis=1).max()
+    assert find_grid([stretched]).model.max_range == np.ceil(1.25 * farthest)
 
 
 def test_a_lidar_that_looks_one_way_across_the_seam():
@@ -118,13 +113,6 @@ def test_a_pattern_that_never_repeats_has_even_cells_that_are_mostly_met():
     assert grid.model.elevations[-1] <= -0.3 + 1e-3
 
 
-def test_ranges_reach_beyond_the_farthest_point():
-    far = turning()
-    stretched = SensorCloud("l", far.points * 10, np.eye(4))
-    farthest = np.linalg.norm(stretched.points, axis=1).max()
-    assert find_grid([stretched]).model.max_range == np.ceil(1.25 * farthest)
-
-
 def test_what_is_no_image_is_refused(monkeypatch):
     with pytest.raises(ValueError, match="0 points of the sensor say nothing of its rows, 100 are needed"):
         find_grid([])
@@ -147,7 +135,7 @@ def along(*cells, model=MODEL):
     return np.array([distance * ray(row, column, model) for row, column, distance in cells]).astype(np.float32)
 
 
-def test_an_image_and_back():
+def test_images_there_and_back_are_exact_in_range():
     rng = np.random.default_rng(0)
     image = np.where(rng.random(MODEL.shape) < 0.7, rng.uniform(2, 90, MODEL.shape), 0).astype(np.float32)
     points = (MODEL.rays() * image[..., None])[image > 0]
@@ -161,9 +149,6 @@ def test_an_image_and_back():
         assert made.left_out == {}
         np.testing.assert_array_equal(made.cells, np.flatnonzero(image > 0)[order])
         np.testing.assert_allclose(made.points, points[order], atol=2e-5)
-
-
-def test_the_range_is_exact_and_the_direction_within_half_a_cell():
     rng = np.random.default_rng(1)
     azimuth = rng.uniform(-np.pi, np.pi, 30)
     points = np.stack([20 * np.cos(azimuth), 20 * np.sin(azimuth), np.zeros(30)], axis=1).astype(np.float32)
@@ -171,9 +156,16 @@ def test_the_range_is_exact_and_the_direction_within_half_a_cell():
     np.testing.assert_allclose(np.linalg.norm(made.points, axis=1), 20, rtol=1e-6)
     assert np.linalg.norm(points[made.shown] - made.points, axis=1).max() <= 20 * np.pi / 36
     assert made.shown.sum() + sum(made.left_out.values()) == 30
+    made = rasterize_cloud(SensorCloud("l", np.zeros((0, 3), np.float32), np.eye(4)), LidarGrid(MODEL))
+    assert not made.measurement.any()
+    assert made.points.shape == (0, 3)
+    one = LidarGrid(RowLidar((0.0,), columns=4))
+    assert rasterize_cloud(SensorCloud("l", np.array([[5.0, 0, 3]], np.float32), np.eye(4)), one).inside.tolist() == [
+        True
+    ]
 
 
-def test_of_points_in_a_cell_the_nearest_is_shown_and_the_others_are_counted():
+def test_points_in_cells_and_outside_are_counted():
     cloud = SensorCloud("l", along((1, 5, 30.0), (1, 5, 12.0), (1, 5, 20.0), (2, 5, 9.0)), np.eye(4))
     made = rasterize_cloud(cloud, LidarGrid(MODEL))
     assert made.shown.tolist() == [False, True, False, True]
@@ -181,9 +173,6 @@ def test_of_points_in_a_cell_the_nearest_is_shown_and_the_others_are_counted():
     assert made.measurement[1, 5] == pytest.approx(12.0)
     assert made.measurement[2, 5] == pytest.approx(9.0)
     assert (made.measurement > 0).sum() == 2
-
-
-def test_points_outside_are_counted():
     far = along((0, 0, 500.0), (3, 1, 10.0))
     high = np.array([[10 * np.cos(0.31), 0, 10 * np.sin(0.31)]], np.float32)  # 0.11 above the row, 0.1 to the next
     low = np.array([[10 * np.cos(0.5), 0, -10 * np.sin(0.5)]], np.float32)  # 0.2 below the row, 0.3 to the next
@@ -191,9 +180,6 @@ def test_points_outside_are_counted():
     assert made.inside.tolist() == [False, True, False, True]
     assert made.left_out == {OUTSIDE_GRID: 2}
     assert made.cells.max() < 4 * 36
-
-
-def test_a_sector_ends():
     azimuth = 3.0 + np.array([-0.52, -0.48, 0.0, 0.48, 0.52])  # on across the seam
     points = 10 * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(5)], axis=1)
     made = rasterize_cloud(SensorCloud("l", points.astype(np.float32), np.eye(4)), LidarGrid(SECTOR))
@@ -208,13 +194,3 @@ def test_rings_say_the_row_whatever_the_elevation():
     assert made.inside.tolist() == [True, True, False]
     assert made.cells[:2].tolist() == [2 * 36 + 4, 3 * 36 + 5]
     assert rasterize_cloud(SensorCloud("l", points, np.eye(4)), grid).cells.tolist() == [4, 5, 6]
-
-
-def test_a_cloud_without_points_is_an_empty_image():
-    made = rasterize_cloud(SensorCloud("l", np.zeros((0, 3), np.float32), np.eye(4)), LidarGrid(MODEL))
-    assert not made.measurement.any()
-    assert made.points.shape == (0, 3)
-    one = LidarGrid(RowLidar((0.0,), columns=4))
-    assert rasterize_cloud(SensorCloud("l", np.array([[5.0, 0, 3]], np.float32), np.eye(4)), one).inside.tolist() == [
-        True
-    ]

@@ -116,9 +116,6 @@ def test_rows_that_belong_to_the_frames_are_given_back():
     sound, own = suspect_frames([side(10.0 * k) for k in (0, 2, 4)], tables, [0, 2, 4], LEVEL)
     assert sound is None
     assert [table[0, 0] for table in own] == [0.0, 20.0, 40.0]
-
-
-def test_few_points_and_empty_frames_say_nothing():
     tables = [rows(10.0 * k) for k in range(6)]
     assert suspect_frames([side(20.0, 99)] * 2, tables, [0, 1], LEVEL)[0] is None
     assert suspect_frames([side(20.0)] * 2, [table[:0] for table in tables], [0, 1], LEVEL)[0] is None

@@ -33,23 +33,17 @@ def test_objects_and_back(map_SE3_site, places):
     assert back.ids.tolist() == objects.ids.tolist()
 
 
-def test_a_camera_in_carla_coordinates():
+def test_cameras_and_boxes_in_carla_coordinates():
     """On an unturned map a camera at (1, 2, 5) that looks north (+y) looks along -y in CARLA, its right is +x."""
     matrix = published.extrinsic(look((1.0, 2.0, 5.0), np.pi / 2), np.eye(4))
     ahead, right, above = np.array([[1, -2 - 7, 5, 1], [1 + 3, -2 - 7, 5, 1], [1, -2 - 7, 5 + 2, 1]]).T.T
     assert np.allclose(matrix @ ahead, [7, 0, 0, 1])
     assert np.allclose(matrix @ right, [7, 3, 0, 1])
     assert np.allclose(matrix @ above, [7, 0, 2, 1])
-
-
-def test_a_box_in_carla_coordinates():
     rows = published.format_objects(
         Objects(np.array([[1, 2, 0.75, 4, 2, 1.5, np.deg2rad(30)]]), np.array([1])), np.eye(4)
     )
     assert np.allclose(rows, [[1, -2, 0.75, 0, 0, -30, 2, 1, 0.75, 1]])
-
-
-def test_the_principal_point_need_not_be_central():
     camera = DepthCamera(width=320, height=200, fov=1.2, centre=(150.0, 99.5))
     back = published.parse_intrinsic(published.intrinsic(camera), 200, 320)
     assert back.centre == (150.0, 99.5)

@@ -47,9 +47,11 @@ def test_bodies_that_are_not_drawn_are_a_little_stretched():
     assert (nearest > 1e-4).any()
 
 
-def test_seed_and_number_decide(recording):
+def test_seed_and_number_decide_in_sensible_counts(recording):
     assert digest(recording) == digest(random_recording(seed=4, number=1, frames=3))
     assert digest(recording) != digest(random_recording(seed=4, number=2, frames=3))
+    with pytest.raises(ValueError, match="at least one site"):
+        next(random_recordings(0, 2, 7, digest))
 
 
 def test_what_fails_is_left_out_with_a_note(recording, monkeypatch):
@@ -65,11 +67,6 @@ def test_what_fails_is_left_out_with_a_note(recording, monkeypatch):
         made = list(random_recordings(3, 2, 7, digest, workers=1, progress=counts.append))
     assert made == [digest(recording)] * 2
     assert counts == [1, 2, 3]
-
-
-def test_counts_must_make_sense():
-    with pytest.raises(ValueError, match="at least one site"):
-        next(random_recordings(0, 2, 7, digest))
 
 
 @pytest.mark.slow

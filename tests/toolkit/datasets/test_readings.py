@@ -64,7 +64,7 @@ def test_paper_is_the_noise_there_was_to_the_bit(seed):
     assert same(read_frame(Frames(), 2, noise_seed=None), frame_at(2))
 
 
-def test_every_model_has_the_errors_of_a_profile():
+def test_models_have_the_errors_of_a_profile_in_any_company():
     said, true = with_errors(frame_at(1), POOR, 0), frame_at(1)
     for sensor, before, image, seen in zip(said.sensors, SENSORS, said.images, true.measurements, strict=True):
         assert sensor.name == before.name
@@ -74,9 +74,6 @@ def test_every_model_has_the_errors_of_a_profile():
         assert image.dtype == np.float32
     assert np.array_equal(said.objects.boxes, true.objects.boxes)
     assert (said.index, said.time) == (true.index, true.time)
-
-
-def test_a_sensor_says_the_same_in_any_company_and_order():
     frame = frame_at(2)
     turned = replace(frame, sensors=frame.sensors[::-1], measurements=frame.images[::-1])
     alone = replace(frame, sensors=frame.sensors[1:2], measurements=frame.images[1:2])
@@ -89,15 +86,12 @@ def test_a_sensor_says_the_same_in_any_company_and_order():
     assert not same(with_errors(frame, POOR, 5), all_)
 
 
-def test_calibration_stays_over_the_frames_of_a_recording_and_noise_does_not():
+def test_calibration_stays_over_frames_and_places_the_cloud():
     poses = [[sensor.pose.tolist() for sensor in read_frame(Frames(), k, errors=TYPICAL).sensors] for k in range(4)]
     assert poses[0] == poses[1] == poses[3]
     still = replace(frame_at(0), index=1)
     one, two = with_errors(frame_at(0), TYPICAL, 0), with_errors(still, TYPICAL, 0)
     assert not np.array_equal(one.images[0], two.measurements[0])
-
-
-def test_the_cloud_is_placed_by_the_wrong_pose_and_the_measurement_is_right():
     moved = ErrorProfile("moved", (Calibration(0.0, 0.5),))
     frame = frame_at(0)
     said = with_errors(frame, moved, 0)
@@ -107,7 +101,7 @@ def test_the_cloud_is_placed_by_the_wrong_pose_and_the_measurement_is_right():
         assert np.allclose(placed - true, said.sensors[c].position - SENSORS[c].position, atol=1e-4)
 
 
-def test_a_clocks_offset_moves_the_points_on_cars_alone():
+def test_a_clocks_offset_moves_points_on_cars_in_close_frames():
     late = ErrorProfile("late", (ClockOffset(0.05),))
     clouds = [frame_points(each, area=AREA) for each in (frame_at(1), read_frame(Frames(), 1, errors=late))]
     moved = 0
@@ -118,9 +112,6 @@ def test_a_clocks_offset_moves_the_points_on_cars_alone():
         assert len(np.unique(step[some, 0].round(4))) <= 1
         moved += some.sum()
     assert 10 < moved < sum(map(len, clouds[0])) / 2
-
-
-def test_a_clocks_offset_cannot_be_had_of_frames_far_apart():
     late = ErrorProfile("late", (ClockOffset(0.05),))
     with pytest.raises(ValueError, match=r"at most 0\.5 s apart, got 5 s"):
         read_frame(Frames(5.0), 1, errors=late)
@@ -128,15 +119,12 @@ def test_a_clocks_offset_cannot_be_had_of_frames_far_apart():
         with_errors(frame_at(1), late, 0)
 
 
-def test_no_terms_no_change_and_none_of_the_frame_is_written_to():
+def test_no_terms_or_numbers_for_names():
     frame = frame_at(1)
     before = [image.copy() for image in frame.images]
     assert same(with_errors(frame, ErrorProfile("none", ()), 0), frame)
     with_errors(frame, POOR, 0)
     assert all(np.array_equal(*pair) for pair in zip(before, frame.images, strict=True))
-
-
-def test_numbers_stand_for_names():
     frame = frame_at(1)
     one, two = (with_errors(frame, TYPICAL, 0, numbers=numbers) for numbers in ([9, 8, 7], [9, 1, 2]))
     assert np.array_equal(one.images[0], two.measurements[0])

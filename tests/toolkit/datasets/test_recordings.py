@@ -188,22 +188,16 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_a_recording_is_read_one_by_one(folder):
+def test_a_recording_is_read_one_by_one_in_part_with_its_problems(folder):
     samples = read(folder, "folder")
     assert iter(samples) is samples
     assert [sample.name for sample in samples] == ["000000", "000001", "000002"]
     assert len(open_recording(str(folder), "folder")) == 3
     assert toolkit.datasets.read is read
-
-
-def test_some_classes(folder):
     assert [sample.objects.labels.tolist() for sample in read(folder, "folder", classes=["cyclist"])] == [[1]] * 3
     assert [sample.objects.labels.tolist() for sample in read(folder, "folder", classes=[0, 1])] == [[0, 1]] * 3
     with pytest.raises(ValueError, match="label must be one of"):
         read(folder, "folder", classes=["dog"])
-
-
-def test_problems_are_added_up(folder):
     total: dict[str, int] = {}
     for sample in read(folder, "folder"):
         add_problems(total, sample.problems)

@@ -75,13 +75,10 @@ def test_rotations_are_made_orthonormal_or_refused():
         rigid(np.eye(3), [np.nan, 0, 0])
 
 
-def test_twelve_or_sixteen_numbers_are_a_pose():
+def test_poses_and_headings_turn_with_the_frame():
     placed = pose(1.0, 2.0, 3.0, yaw=0.5)
     np.testing.assert_allclose(rigid_matrix(placed.tolist()), placed)
     np.testing.assert_allclose(rigid_matrix(placed[:3].ravel().astype(str)), placed)
-
-
-def test_headings_turn_with_the_frame():
     np.testing.assert_allclose(heading(pose(9.0, yaw=0.25), [0.5, -3.0]), [0.75, -2.75])
     assert heading(np.diag([1.0, -1, 1, 1]), 0.5) == pytest.approx(-0.5)
 
@@ -95,64 +92,45 @@ def made(*rows, names=None, **more):
     return found, problems
 
 
-@pytest.mark.parametrize(
-    ("column", "value", "problem"),
-    [
+def test_what_cannot_be_is_counted():
+    for column, value, problem in (
         (0, np.nan, "labels with NaN or infinite numbers"),
         (6, np.inf, "labels with NaN or infinite numbers"),
         (4, 0.0, "boxes of no size"),
         (5, -1.0, "boxes of no size"),
         (3, 1001.0, "boxes too large or too far away to be"),
         (1, 1.1e6, "boxes too large or too far away to be"),
-    ],
-)
-def test_what_cannot_be_is_counted(column, value, problem):
-    wrong = list(BOX)
-    wrong[column] = value
-    found, problems = made(BOX, wrong)
-    assert len(found.objects) == 1
-    assert problems == {problem: 1}
+    ):
+        found, problems = made(BOX, [*BOX[:column], value, *BOX[column + 1 :]])
+        assert len(found.objects) == 1
+        assert problems == {problem: 1}
 
 
-def test_doubled_labels():
+def test_labels_doubled_of_other_kinds_or_without_counts():
     twin = [BOX[0] + 0.0009, *BOX[1:]]
     apart = [BOX[0] + 0.0011, *BOX[1:]]
     found, problems = made(BOX, twin, apart, BOX, names=["car", "car", "car", "bus"])
     assert found.objects.labels.tolist() == [0, 0, 3]
     assert problems == {"doubled labels": 1}
-
-
-def test_other_kinds_stay_with_their_counts():
     found, problems = made(BOX, BOX, names=["Traffic Cone", "PEDESTRIAN"], counts=[3, 8])
     assert found.objects.labels.tolist() == [2]
     assert found.counts.tolist() == [8]
     assert found.others.categories == ("Traffic Cone",)
     assert found.others.counts.tolist() == [3]
     assert problems == {"labels of other kinds than ours": 1}
-
-
-def test_a_count_that_is_missing_leaves_none():
     assert made(BOX, [0, *BOX[1:]], counts=[3, -1])[0].counts is None
     assert no_labels().counts is None
-
-
-def test_yaw_is_brought_to_half_a_turn():
     found, problems = made([*BOX[:6], 7.0], [0.0, *BOX[1:6], 6.28])
     assert found.objects.boxes[0, 6] == pytest.approx(7 - 2 * np.pi)
     assert problems == {"yaws beyond a full turn": 1}
 
 
-def test_track_ids_are_numbers_the_same_everywhere():
-    assert track_number(" 17 ") == 17
-    assert track_number("-3") == -3
+def test_kinds_and_track_ids_are_numbers_the_same_everywhere():
+    assert [CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [0, 0, 3, 1, 2]
+    assert [track_number(" 17 "), track_number("-3")] == [17, -3]
     assert track_number("b1d0-44") == track_number("b1d0-44") != track_number("b1d0-45")
     assert track_number("9" * 30) >= 0
     assert track_number("²") > 3
-
-
-@pytest.mark.parametrize(("name", "label"), [("car", 0), ("van", 0), ("bus", 3), ("cyclist", 1), ("person_sitting", 2)])
-def test_kinds(name, label):
-    assert CATEGORIES[name] == label
 
 
 def cloud(points, **columns):
@@ -160,18 +138,15 @@ def cloud(points, **columns):
     return build_cloud({"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems), problems
 
 
-def test_points_that_are_none_are_counted_apart():
+def test_points_that_are_none_are_counted_apart_unless_the_frame_is_the_worlds():
     made, problems = cloud([[1, 2, 3], [np.inf, 0, 0], [0, 0, 0], [2e5, 0, 0]], intensity=np.arange(4.0)[:, None])
-    assert made.points.tolist() == [[1, 2, 3]]
-    assert made.intensity.tolist() == [0]
+    assert (made.points.tolist(), made.intensity.tolist()) == ([[1, 2, 3]], [0])
     assert problems == {"points with NaN or infinite numbers": 2, "points of no return": 1}
-
-
-def test_the_origin_of_a_world_frame_is_a_point():
     problems = {}
     made = build_cloud({"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world")
-    assert len(made.points) == 1
-    assert problems == {}
+    assert (len(made.points), problems) == (1, {})
+    made, _ = cloud([[1, 0, 0]], colors=np.array([[7, 0, 0]], np.uint8))  # colours hold intensity in the red
+    assert made.intensity.tolist() == [7]
 
 
 def test_times_are_seconds_from_the_first():
@@ -181,11 +156,6 @@ def test_times_are_seconds_from_the_first():
     np.testing.assert_allclose(times, [0, 0.5])
     assert cloud([[1, 0, 0]])[0].time is None
     assert cloud([[1, 0, 0]])[0].intensity is None
-
-
-def test_colours_hold_intensity_in_the_red():
-    made, _ = cloud([[1, 0, 0]], colors=np.array([[7, 0, 0]], np.uint8))
-    assert made.intensity.tolist() == [7]
 
 
 def test_a_cloud_there_and_back(tmp_path):
@@ -227,7 +197,7 @@ def test_rings_are_read_and_written(tmp_path):
 BOX_BOXES_FILE = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
 
 
-def test_objects_there_and_back(tmp_path):
+def test_boxes_there_and_back(tmp_path):
     objects = Objects(BOX_BOXES_FILE, np.array([2]), np.array([7]))
     write_boxes(tmp_path / "a.json", [boxes_record("x", 0.5, objects, counts=[9])])
     (each,) = read_entries(tmp_path / "a.json").values()
@@ -237,9 +207,6 @@ def test_objects_there_and_back(tmp_path):
     np.testing.assert_allclose(found.objects.boxes, BOX_BOXES_FILE, atol=1e-12)
     assert found.objects.ids.tolist() == [7]
     assert found.counts.tolist() == [9]
-
-
-def test_detections_there_and_back(tmp_path):
     found = Detections(BOX_BOXES_FILE, np.array([0.75]), np.array([3]))
     write_boxes(tmp_path / "a.json", [boxes_record("x", float("nan"), found)], detector="general")
     content = json.loads((tmp_path / "a.json").read_text())

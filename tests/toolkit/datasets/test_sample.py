@@ -10,7 +10,7 @@ from toolkit.objects import Objects
 POINTS = np.array([[1.0, 0, 0], [2, 0, 0]], np.float32)
 
 
-def test_points_of_some_sensors_in_the_world():
+def test_points_and_objects_in_the_world_to_the_millimetre():
     clouds = (SensorCloud("a", POINTS, pose(10.0, yaw=np.pi / 2)), SensorCloud("b", POINTS, pose(99.0), "world"))
     sample = Frame.of_clouds("0", clouds, Objects.empty())
     np.testing.assert_allclose(sample.points(), [[10, 1, 0], [10, 2, 0], [1, 0, 0], [2, 0, 0]], atol=1e-9)
@@ -19,14 +19,8 @@ def test_points_of_some_sensors_in_the_world():
     with pytest.raises(ValueError, match=r"no sensor 'c': choose among 0\.\.1 or a, b"):
         sample.seen_by(["c"])
     assert sample.points().dtype == np.float64
-
-
-def test_map_coordinates_keep_their_millimetres():
     cloud = SensorCloud("a", np.array([[0.001, 0, 0]], np.float32), pose(5e6))
     assert cloud.in_world()[0, 0] - 5e6 == pytest.approx(0.001, abs=1e-8)
-
-
-def test_some_of_the_objects():
     boxes = np.tile([0, 0, 0, 1, 1, 1, 0.0], (3, 1))
     sample = Frame.of_clouds("0", (), Objects(boxes, np.array([0, 1, 2])), ("a", "b", "c"), np.array([5, 6, 7]))
     some = sample.of(np.array([True, False, True]))
@@ -50,15 +44,12 @@ def test_what_does_not_fit_is_refused(made, names):
         made()
 
 
-def test_regions():
+def test_regions_hold_places_and_boxes_in_an_image():
     boxes = np.array([[0, 0, 0, 1, 1, 1, 0], [5, 0, 0, 1, 1, 1, 0.0]])
     assert Everywhere().covers(boxes).tolist() == [True, True]
     assert Rectangle((-1.0, -1.0, 4.0, 1.0)).covers(boxes).tolist() == [True, False]
     assert isinstance(Rectangle((0.0, 0.0, 1.0, 1.0)), Region)
-
-
-def test_the_rectangle_of_a_box_in_an_image():
-    """A camera at the origin that looks along z: a box of 2 m at 10 m is 200 pixels wide at its nearer face."""
+    # A camera at the origin that looks along z: a box of 2 m at 10 m is 200 pixels wide at its nearer face.
     wedge = ImageWedge(np.array([[900.0, 0, 500, 0], [0, 900, 400, 0], [0, 0, 1, 0]]), 1000, 800)
     boxes = np.array([[0, 0, 10, 2, 2, 2, 0], [0, 0, -10, 2, 2, 2, 0.0], [9.0, 0, 10, 20, 2, 2, 0]])
     left, top, right, bottom = wedge.rectangles(boxes)[0]

@@ -17,13 +17,20 @@ def slab(step=0.1):
     return np.concatenate([ground, np.column_stack([np.full(y.size, 5.0), y.ravel(), z.ravel()])])
 
 
-def test_it_holds_what_lies_in_or_beside_its_voxels_and_nothing_else():
+def test_a_background_holds_what_lies_in_or_beside_its_voxels():
     background = Background.learn(slab())
     own = slab() + np.random.default_rng(0).normal(0, 0.03, slab().shape)
     assert background.holds(own).all()
     above = np.array([[0.0, 0, 0.5], [0, 0, 3.0], [4.5, 0, 1.0], [-40, 0, 0], [0, 0, -5]])
     assert not background.holds(above).any()
     assert background.holds(np.array([[0.0, 0, 0.14], [4.87, 0, 1.0]])).all()
+    background = Background.learn(slab())
+    assert background.digest == Background.learn(slab()).digest
+    others = [Background.learn(slab()[:-600]), Background.learn(slab(), voxel=0.2), Background.learn(slab(), cell=2.0)]
+    moved = slab()
+    moved[:, 0] += 0.01
+    others.append(Background.learn(moved))
+    assert len({background.digest, *(each.digest for each in others)}) == 5
 
 
 @pytest.mark.parametrize(
@@ -32,16 +39,6 @@ def test_it_holds_what_lies_in_or_beside_its_voxels_and_nothing_else():
 def test_a_background_that_is_none_is_refused(points):
     with pytest.raises(ValueError, match="background"):
         Background.learn(points)
-
-
-def test_the_digest_is_of_all_it_holds():
-    background = Background.learn(slab())
-    assert background.digest == Background.learn(slab()).digest
-    others = [Background.learn(slab()[:-600]), Background.learn(slab(), voxel=0.2), Background.learn(slab(), cell=2.0)]
-    moved = slab()
-    moved[:, 0] += 0.01
-    others.append(Background.learn(moved))
-    assert len({background.digest, *(each.digest for each in others)}) == 5
 
 
 WALL = np.array([6.0, 0, 1.0, 4, 0.6, 1.8, 0])
@@ -83,40 +80,29 @@ def seen(new, old=200):
     return np.concatenate([on(WALL, 500, 1), inside, on(CAR, new, 2)]).astype(np.float32)
 
 
-def test_results_say_that_it_knows_its_background(background):
-    assert detector_origin(KnownBackground(Fixed(), background))["detector"] == "Fixed+background"
-
-
 def test_what_stands_there_is_left_out_and_who_came_stays(background):
+    assert detector_origin(KnownBackground(Fixed(), background))["detector"] == "Fixed+background"
     found = KnownBackground(Fixed(), background)(seen(100))
     assert found.labels.tolist() == [VEHICLE]
     np.testing.assert_array_equal(found.boxes, [CAR])
     assert found.scores.tolist() == [0.8]
+    known = KnownBackground(Fixed(), background)
+    one = np.array([[0.0, 0, 1.0]])
+    np.testing.assert_array_equal(known(one).boxes, [CAR])
+    assert len(known(np.zeros((0, 3)))) == 0
+    lost = np.concatenate([seen(60), np.full((10, 3), np.nan, np.float32), [[np.inf, 0, 1]]])
+    np.testing.assert_array_equal(KnownBackground(Fixed(), background)(lost).boxes, [CAR])
+
+    def nobody(points):
+        return Detections.empty()
+
+    assert len(KnownBackground(nobody, background)(seen(10))) == 0
 
 
 @pytest.mark.parametrize(("new", "stays"), [(0, False), (49, False), (50, True), (51, True)])
 def test_from_a_fifth_of_new_points_on_somebody_is_there(background, new, stays):
     assert LEAST_NEW == 0.2
     assert len(KnownBackground(Fixed(), background)(seen(new))) == stays
-
-
-def test_a_single_point_of_one_is_enough_and_none_of_none_is_not(background):
-    known = KnownBackground(Fixed(), background)
-    one = np.array([[0.0, 0, 1.0]])
-    np.testing.assert_array_equal(known(one).boxes, [CAR])
-    assert len(known(np.zeros((0, 3)))) == 0
-
-
-def test_points_that_are_not_finite_are_nobody(background):
-    lost = np.concatenate([seen(60), np.full((10, 3), np.nan, np.float32), [[np.inf, 0, 1]]])
-    np.testing.assert_array_equal(KnownBackground(Fixed(), background)(lost).boxes, [CAR])
-
-
-def test_no_detections_stay_none(background):
-    def nobody(points):
-        return Detections.empty()
-
-    assert len(KnownBackground(nobody, background)(seen(10))) == 0
 
 
 def test_it_says_of_itself_what_the_detector_says_and_what_it_knows(background):

@@ -21,17 +21,14 @@ def curve(hits, truths):
     return precision_recall(np.linspace(0.9, 0.1, len(hits)), np.array(hits, bool), truths=truths)
 
 
-def test_kitti_takes_forty_recalls():
+def test_ap_of_kitti_and_of_nuscenes():
     """Hit, miss, hit of 4: precision 1 up to recall 1/4, then 2/3 up to 1/2, nothing beyond."""
     assert kitti_ap(curve([1, 0, 1], 4)) == pytest.approx((10 * 1 + 10 * 2 / 3) / 40)
     assert kitti_ap(curve([1], 1)) == 1
     assert kitti_ap(curve([0], 1)) == 0
     assert kitti_ap(curve([], 3)) == 0
     assert np.isnan(kitti_ap(curve([0], 0)))
-
-
-def test_nuscenes_leaves_the_lowest_tenth_out():
-    """Precision 1 to recall 1/2, nothing beyond: recalls 0.11 to 0.50 of 0.11 to 1.00."""
+    # Precision 1 to recall 1/2, nothing beyond: recalls 0.11 to 0.50 of 0.11 to 1.00.
     assert nuscenes_ap(curve([1, 1], 4)) == pytest.approx(40 * 0.9 / 90 / 0.9)
     assert nuscenes_ap(curve([1, 1], 2)) == pytest.approx(1)
     assert nuscenes_ap(curve([], 2)) == 0
@@ -44,26 +41,17 @@ def found_at(places, scores=None, labels=None):
     return Objects(boxes, kinds) if scores is None else Detections(boxes, np.array(scores), kinds)
 
 
-def test_centres_are_matched_best_first():
+def test_centres_are_matched_best_first_within_their_class():
     found, truths = found_at([0.9, 0.2, 9.0], [0.9, 0.8, 0.7]), found_at([0.0, 20.0])
     matched = by_centre([found], [truths], [np.array([True, True])], 1.0, 0)
     assert matched.hits.tolist() == [True, False, False]  # the surer one takes it, though the other is nearer
     assert matched.truths == 2
     assert by_centre([found], [truths], [np.array([True, True])], 0.5, 0).hits.tolist() == [False, True, False]
-
-
-def test_what_is_not_counted_is_neither_hit_nor_false():
     matched = by_centre([found_at([0.1, 20.1], [0.9, 0.8])], [found_at([0.0, 20.0])], [np.array([True, False])], 1.0, 0)
     assert (matched.hits.tolist(), matched.truths) == ([True], 1)
-
-
-def test_other_classes_do_not_take_part():
     found, truths = found_at([0.0, 0.0], [0.9, 0.8], np.array([0, 1])), found_at([0.0], labels=np.array([1]))
     matched = by_centre([found], [truths], [np.array([True])], 1.0, 1)
     assert (matched.scores.tolist(), matched.hits.tolist(), matched.truths) == ([0.8], [True], 1)
-
-
-def test_frames_without_anything():
     empty = by_centre([Detections.empty()], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
     assert (len(empty.scores), empty.truths) == (0, 0)
     alarm = by_centre([found_at([0.0], [0.5])], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
@@ -95,15 +83,12 @@ def row(rows, protocol, measure, among="all"):
     return one
 
 
-def test_what_counts_and_what_does_not():
+def test_rows_count_once_what_overlaps_where_labels_are_complete():
     each = judged(frame(), PLACES, [0.9] * 5)
     assert each.counted.tolist() == [True, True, True, False, False]
     assert each.points.tolist() == list(POINTS)
     assert len(each.found) == 4  # that out of the area is left out
-
-
-def test_an_object_labelled_twice_counts_once():
-    """As in a real log: the same car, the second box some millimetres shorter; a cyclist in it is somebody else."""
+    # As in a real log: the same car, the second box some millimetres shorter; a cyclist in it is somebody else.
     again = boxes((5.002, 25.0))
     again[0, 3] -= 0.003
     objects = Objects(np.concatenate([boxes((5.0, 25.0)), again]), np.array([0, 0, 0, 2]))
@@ -114,6 +99,15 @@ def test_an_object_labelled_twice_counts_once():
     near = boxes((5.0, 5.25))  # IoU 0.88: two labels that differ by more than an annotator's hand
     assert not repeated(Objects(near)).any()
     assert repeated(Objects(np.zeros((0, 7)))).shape == (0,)
+    # Found 1.2 m short of a car at 20.5 m, which lies in the next ring.
+    sample = Frame.of_clouds("0", (SensorCloud("s", np.float32([[20.5, 0, 0.75]]), np.eye(4)),), Objects(boxes([20.5])))
+    rows = group_rows([judged(sample, [19.3], [0.9])], "vehicle", [0.3])
+    assert row(rows, "ours", "BEV 0.3", "20-35 m").ap == 1
+    assert np.isnan(row(rows, "ours", "BEV 0.3", "0-20 m").ap)
+    seen = frame(complete=Rectangle((0.0, -5.0, 8.0, 5.0)))
+    rows = group_rows([judged(seen, (5.0, 12.0), (0.8, 0.9))], "vehicle")
+    assert row(rows, "ours", "BEV 0.5").truths == 1
+    assert row(rows, "ours", "BEV 0.5").ap == 1  # the false alarm at 12 m lies where nobody labelled
 
 
 def test_rows_by_range_and_points():
@@ -134,30 +128,12 @@ def test_rows_by_range_and_points():
     assert row(rows, "nuScenes", "centre, mean").ap == pytest.approx(np.mean(means))
 
 
-def test_a_detection_goes_with_the_object_it_overlaps():
-    """Found 1.2 m short of a car at 20.5 m, which lies in the next ring."""
-    sample = Frame.of_clouds("0", (SensorCloud("s", np.float32([[20.5, 0, 0.75]]), np.eye(4)),), Objects(boxes([20.5])))
-    rows = group_rows([judged(sample, [19.3], [0.9])], "vehicle", [0.3])
-    assert row(rows, "ours", "BEV 0.3", "20-35 m").ap == 1
-    assert np.isnan(row(rows, "ours", "BEV 0.3", "0-20 m").ap)
-
-
-def test_where_labels_are_not_complete_nothing_counts():
-    seen = frame(complete=Rectangle((0.0, -5.0, 8.0, 5.0)))
-    rows = group_rows([judged(seen, (5.0, 12.0), (0.8, 0.9))], "vehicle")
-    assert row(rows, "ours", "BEV 0.5").truths == 1
-    assert row(rows, "ours", "BEV 0.5").ap == 1  # the false alarm at 12 m lies where nobody labelled
-
-
-def test_ranges_are_from_the_middle_and_the_area_is_about_it():
+def test_ranges_are_from_the_middle_and_stand_in_tables():
     found = Detections(boxes((70.0,)), np.array([0.9]))
     each = select_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
     assert each.counted.tolist() == [False, False, False, False, True]
     assert each.truth_range[-1] == 2
     assert len(each.found) == 1
-
-
-def test_tables():
     each = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
     text = format_rows([*group_rows(each, "vehicle"), *group_rows(each, "cyclist")])
     assert text.startswith("vehicle, ours\nobjects              to find  BEV 0.3")

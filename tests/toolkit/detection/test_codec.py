@@ -9,22 +9,16 @@ from toolkit.objects import Detections
 BOXES = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
 
 
-def test_the_papers_counting():
+def test_the_papers_counting_and_estimates():
     points, boxes = np.ones((5, 3), np.float32), Detections(BOXES, np.array([0.5, 0.4]))
     assert PAPER.encode_points(points).bits == 5 * 3 * 32
     assert PAPER.encode_boxes(boxes).bits == 2 * 8 * 32
     assert PAPER.bits(points=5, boxes=2) == 5 * 96 + 2 * 256
     assert PAPER.bits(points=np.array([1.5, 0]), messages=3).tolist() == [144, 0]
     assert isinstance(PAPER, Codec)
-
-
-def test_all_arrives_as_it_was_sent():
     points, boxes = np.ones((5, 3), np.float32), Detections(BOXES, np.array([0.5, 0.4]), np.array([3, 1]))
     assert PAPER.decode_points(PAPER.encode_points(points)) is points
     assert PAPER.decode_boxes(PAPER.encode_boxes(boxes)) is boxes
-
-
-def test_an_estimate_is_what_messages_take():
     codec = PaperCodec(bits_per_point=12.5, bits_per_box=40)
     for n in (0, 1, 10):
         assert codec.encode_points(np.zeros((n, 3), np.float32)).bits == round(float(codec.bits(points=n)))
@@ -39,9 +33,6 @@ def test_nonsense_costs_are_refused(which, bits):
 
 def test_its_digest_says_its_parameters():
     assert PaperCodec().digest == PAPER.digest != PaperCodec(48).digest
-
-
-def test_what_is_no_codec_is_refused():
     assert check_codec(PAPER) is PAPER
     with pytest.raises((ValueError, TypeError), match="codec"):
         check_codec("paper")

@@ -65,22 +65,21 @@ def test_a_raw_cloud_is_warned_of():
     assert found.stand.ground is None
 
 
-def test_points_are_counted_from_the_middle():
+def test_points_are_counted_from_the_middle_on_one_ground():
     detector = Blocks()
     (found,) = detect_frames(samples(pose(5000.0)), detector, Place("none", area=(4995.0, -8.0, 5015.0, 12.0)))
     assert detector.seen[0].dtype == np.float32
     assert detector.seen[0][:, 0].min() == pytest.approx(-35, abs=0.1)
     np.testing.assert_allclose(found.detections.boxes[0, :2], [5010, 5], atol=0.1)
-
-
-def test_sensors_that_stand_still_have_one_ground():
     found = list(detect_frames(samples(np.eye(4), 2), Blocks(), Place(still=True)))
     assert found[0].stand.ground is found[1].stand.ground
     other = list(detect_frames(samples(np.eye(4), 2), Blocks()))
     assert other[0].stand.ground is not other[1].stand.ground
+    with pytest.raises((ValueError, TypeError), match=r"one of map, plane, none|Type-check"):
+        Place("flat")
 
 
-def test_clouds_without_points_or_without_ground():
+def test_clouds_without_points_and_some_sensors_only():
     nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     few = Frame.of_clouds("1", (SensorCloud("s", np.array([[1, 1, 1.0]], np.float32), np.eye(4)),), Objects.empty())
     first, second = detect_frames([nothing, few], Blocks())
@@ -88,20 +87,12 @@ def test_clouds_without_points_or_without_ground():
     assert first.stand.warning is None
     assert str(second.stand.warning).startswith("not levelled: no ground found in 1 points")
     assert len(second.detections) == 1
-
-
-def test_some_sensors_only():
     clouds = tuple(SensorCloud(name, np.ones((2, 3), np.float32), pose(k)) for k, name in ((0.0, "a"), (9.0, "b")))
     detector = Blocks()
     sample = Frame.of_clouds("0", clouds, Objects.empty())
     list(detect_frames([sample.seen_by(["b"])], detector, Place("none", area=(-1.0, -1.0, 1.0, 1.0))))
     assert detector.seen[0].tolist() == [[10, 1, 1]] * 2
     assert find_middle(sample).tolist() == [4, 0]
-
-
-def test_an_unknown_levelling():
-    with pytest.raises((ValueError, TypeError), match=r"one of map, plane, none|Type-check"):
-        Place("flat")
 
 
 def sample(complete=None, lift=20.0):
@@ -127,20 +118,14 @@ def test_points_and_boxes_stand_on_the_ground(levelling):
     assert made.clouds[0][:, 2].min() > 0
 
 
-def test_what_nobody_labelled_is_no_background():
+def test_samples_for_training_have_area_and_ground():
     (made,) = level_frames([sample(Rectangle((100.0, -5.0, 120.0, 5.0)))], Place("plane"))
     assert (made.clouds[0][:, 0] >= 0).all()
     assert (np.abs(made.clouds[0][:, 1]) <= 5).all()
-
-
-def test_an_area_of_ones_own_and_one_ground_for_all():
     first, second = level_frames([sample(), sample(lift=20.4)], Place(still=True, area=(102.0, -6.0, 118.0, 6.0)))
     assert first.area == (-8, -6, 8, 6)
     assert first.objects.boxes[0, 0] == pytest.approx(0, abs=0.01)
     assert second.objects.boxes[0, 2] == pytest.approx(1.15, abs=0.03)
-
-
-def test_samples_without_ground_are_left_out():
     nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     one = Frame.of_clouds("0", (SensorCloud("s", np.ones((1, 3), np.float32), np.eye(4)),), Objects.empty())
     assert list(level_frames([nothing, one], Place())) == []
@@ -165,15 +150,12 @@ def found():
     ]
 
 
-def test_boxes_in_one_file(found, tmp_path):
+def test_boxes_in_one_file_or_one_for_each_sample(found, tmp_path):
     assert list(write_detections(iter(found), tmp_path / "b.json", weights="general")) == found
     entries = read_entries(tmp_path / "b.json")
     assert list(entries) == ["a/0", "a/1"]
     np.testing.assert_allclose(parse_detections("b.json", entries["a/0"]).boxes, BOX, atol=1e-12)
     assert json.loads((tmp_path / "b.json").read_text())["weights"] == "general"
-
-
-def test_a_file_for_each_sample(found, tmp_path):
     list(write_detections(iter(found), tmp_path / "o", "openlabel"))
     list(write_detections(iter(found), tmp_path / "k", "kitti"))
     assert sorted(file.name for file in (tmp_path / "o").iterdir()) == ["a_0.json", "a_1.json"]
@@ -181,6 +163,7 @@ def test_a_file_for_each_sample(found, tmp_path):
     assert words[0] == "Car"
     assert len(words) == 16
     assert float(words[-1]) == 0.75
+    assert file_name("106-105/seq-1/00000 b") == "106-105_seq-1_00000_b"
 
 
 def test_a_summary(found):
@@ -194,7 +177,3 @@ def test_a_summary(found):
     }
     assert describe_summary(figures) == "2 detections in 2 clouds; 10 ms to level, 20 ms to detect; 3 doubled labels"
     assert describe_summary(summarise([])) == "0 detections in 0 clouds"
-
-
-def test_names_of_files():
-    assert file_name("106-105/seq-1/00000 b") == "106-105_seq-1_00000_b"

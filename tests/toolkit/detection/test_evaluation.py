@@ -127,23 +127,17 @@ def test_sensor_sets_share_what_each_sensor_detects():
     assert oracle.calls == 5 * (2 + 2)
 
 
-def test_same_seed_same_rows_and_other_seeds_other_noise():
+def test_rows_repeat_with_a_seed_and_report_frames():
     options = {"schemes": ["early"], "iou_thresholds": [0.7]}
     sent = [run(noise_seed=seed, **options)[0].kbit_per_sensor for seed in (1, 1, 2, 3, 4)]
     assert sent[0] == sent[1]
     assert len(set(sent)) > 1
-
-
-def test_frames_and_progress():
     told = []
     listening = Processes(progress=lambda *stage: told.append(stage))
     run(schemes=["early"], frames=3, run=listening)
     assert told == [("frame", done, 3) for done in (1, 2, 3)]
     run(schemes=["early"], frames=99, run=listening)
     assert told[-1] == ("frame", 5, 5)
-
-
-def test_published_protocol_knows_only_what_is_in_the_area():
     rows = run(Oracle(-1), schemes=["early"], iou_thresholds=[0.7], protocol="published")
     assert rows[0].precision < 1  # the car outside is a false alarm
 

@@ -67,11 +67,20 @@ def test_schemes_on_clouds(tmp_path):
     assert "kbit/sensor" in made.text()
 
 
-def test_the_link_is_said_at_a_rate():
+def test_scenes_and_sensors_may_be_given_with_a_rate():
     made = evaluate(samples(), "early", rate=10.0)
     assert made.schemes["early"]["load"]["mbit_per_s"] == pytest.approx(2 * 8 * 96 * 10 / 1e6)
     assert "on a link at 10 Hz" in made.text()
     assert "load" not in evaluate(samples(), None, rate=10.0).schemes["all clouds"]
+    learnt = learn_sample_scenes(still(5))["a"].scene
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = evaluate([list(still())[-1]], "foreground", scenes=Scenes([], [learnt]))
+    assert made.schemes["foreground"]["kbit_per_sensor"] > 0.3
+    made = evaluate(samples(), None, sensor_sets=[["b"]])
+    assert list(made.schemes) == ["all clouds"]
+    assert made.schemes["all clouds"]["kbit_per_sensor"] is None
+    assert made.rows[0].sensors == (1,)
 
 
 def test_several_sensor_sets_and_processes():
@@ -122,21 +131,6 @@ def test_differences_are_to_the_frame_before_of_the_same_sensors():
         view = stand_view(frame, Everything(), stand, scenes=scenes, memory=memory)
         bits.append(SCHEMES["differences"].fuse(view, [0]).bits.item())
     assert bits[7] == bits[8] < bits[6]
-
-
-def test_scenes_may_be_given():
-    learnt = learn_sample_scenes(still(5))["a"].scene
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        made = evaluate([list(still())[-1]], "foreground", scenes=Scenes([], [learnt]))
-    assert made.schemes["foreground"]["kbit_per_sensor"] > 0.3
-
-
-def test_all_clouds_at_once_and_some_sensors():
-    made = evaluate(samples(), None, sensor_sets=[["b"]])
-    assert list(made.schemes) == ["all clouds"]
-    assert made.schemes["all clouds"]["kbit_per_sensor"] is None
-    assert made.rows[0].sensors == (1,)
 
 
 def test_what_is_refused():

@@ -51,7 +51,7 @@ def every():
     return list(samples())
 
 
-def test_objects_are_what_stands_out(every):
+def test_objects_are_what_stands_out_of_the_grid(every):
     found = foreground_clusters(every[-1], Scenes(every))
     assert len(found) == 2
     middles = np.array([found[k].mean(axis=0)[:2] for k in range(2)])
@@ -64,9 +64,6 @@ def test_objects_are_what_stands_out(every):
     assert len(foreground_clusters(every[0], Scenes(every))) == 0
     with pytest.raises(IndexError, match="there are 2 objects, got number 2"):
         found[2]
-
-
-def test_points_outside_the_grid_stand_out_of_nothing(every):
     scenes = Scenes(every)
     before = foreground_clusters(every[-1], scenes)
     cloud = every[-1].clouds[0]

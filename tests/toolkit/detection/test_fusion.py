@@ -117,10 +117,6 @@ def test_order_of_the_sensors_does_not_matter(scheme):
     shuffled = scheme(frame(), grid_detector, ["s3", 0, "s1"], site=AREA)
     np.testing.assert_array_equal(straight.detections.boxes, shuffled.detections.boxes)
     np.testing.assert_array_equal(straight.bits[[2, 0, 1]], shuffled.bits)
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_order_of_the_sensors_in_the_frame_does_not_matter(scheme):
     scene, order = frame(), [2, 0, 3, 1]
     turned = Frame(tuple(SENSORS[k] for k in order), tuple(scene.measurements[k] for k in order), scene.objects)
     straight, shuffled = (scheme(s, grid_detector, site=AREA) for s in (scene, turned))
@@ -136,32 +132,20 @@ def test_a_duplicated_sensor_adds_nothing_to_late_fusion():
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_sensor_cannot_be_fused_with_itself(scheme):
+def test_sensors_unknown_twice_or_that_see_nothing(scheme):
     with pytest.raises(ValueError, match="once only"):
         scheme(frame(), grid_detector, [0, 0], site=AREA)
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_no_sensors_detect_and_send_nothing(scheme):
     fused = scheme(frame(), grid_detector, [], site=AREA)
     assert len(fused.detections) == len(fused.bits) == fused.kbit_per_sensor == 0
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_sensors_that_see_nothing_give_nothing(scheme):
     blind = Frame(SENSORS, tuple(np.zeros(s.model.shape, np.float32) for s in SENSORS), Objects.empty())
     fused = scheme(blind, grid_detector, site=AREA)
     assert len(fused.detections) == 0
     assert fused.bits.tolist() == [0, 0, 0, 0]
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_unknown_sensors_are_refused(scheme):
     with pytest.raises(ValueError, match="no sensor 7: choose among"):
         scheme(frame(), grid_detector, [7], site=AREA)
 
 
-def test_the_codec_can_be_replaced():
+def test_codecs_scores_and_radii_of_sites():
     clouds = frame_points(frame(), area=AREA)
     cost = PaperCodec(bits_per_point=48, bits_per_box=100)
     assert early(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [48 * len(c) for c in clouds]
@@ -170,15 +154,9 @@ def test_the_codec_can_be_replaced():
     far = [points[is_beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
     sent = hybrid(frame(), grid_detector, site=AREA, radius=12.0, codec=cost).bits
     assert sent.tolist() == [48 * len(f) + 100 * len(b) for f, b in zip(far, boxes, strict=True)]
-
-
-def test_equal_scores_are_settled_without_regard_to_order():
     boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
     forward, backward = (suppress(Detections(b, np.full(3, 0.5))) for b in (boxes, boxes[::-1]))
     np.testing.assert_array_equal(forward.boxes, backward.boxes)
-
-
-def test_hybrid_takes_the_radius_of_its_site():
     site = Site("here", np.array(AREA, float), hybrid_radius=12.0)
     given = hybrid(frame(), grid_detector, site=AREA, radius=12.0)
     same(hybrid(frame(), grid_detector, site=site), given)

@@ -41,49 +41,34 @@ def face(x, count=40, z=(0.5, 1.5)):
 
 
 def test_points_on_a_face_fit_and_those_within_or_around_do_not():
-    assert measure_fits(face(8.0), BOX).tolist() == [1.0]
-    assert measure_fits(face(10.0)[np.abs(face(10.0)[:, 1]) < 0.5], BOX).tolist() == [
-        0.0
-    ]  # in the hollow of the vehicle
-    assert measure_fits(face(7.6), BOX).tolist() == [0.0]  # in the shell, beside the box
-    assert measure_fits(np.concatenate([face(8.0), face(7.6)]), BOX).tolist() == [0.5]
-    assert measure_fits(np.concatenate([face(8.0), face(7.0)]), BOX).tolist() == [1.0]  # beyond the shell
-
-
-def test_a_face_may_stand_out_by_the_slack():
-    assert measure_fits(face(7.91), BOX).tolist() == [1.0]
-    assert measure_fits(face(7.89), BOX).tolist() == [0.0]
-
-
-def test_a_box_of_few_points_says_nothing():
-    assert measure_fits(face(8.0, LEAST_ON_BOX), BOX).tolist() == [1.0]
-    assert measure_fits(face(8.0, LEAST_ON_BOX - 1), BOX).tolist() == [0.0]
-
-
-def test_a_box_is_turned():
-    turned = BOX.copy()
-    turned[0, 6] = np.pi / 2  # 1 m ahead and behind, 2 m aside
+    hollow, turned = face(10.0)[np.abs(face(10.0)[:, 1]) < 0.5], BOX + np.eye(7)[6] * np.pi / 2
+    for points, fit in (
+        (face(8.0), [1.0]),
+        (hollow, [0.0]),
+        (face(7.6), [0.0]),  # in the shell, beside the box
+        (np.concatenate([face(8.0), face(7.6)]), [0.5]),
+        (np.concatenate([face(8.0), face(7.0)]), [1.0]),  # beyond the shell
+        (face(7.91), [1.0]),  # a face may stand out by the slack
+        (face(7.89), [0.0]),
+        (face(8.0, LEAST_ON_BOX), [1.0]),
+        (face(8.0, LEAST_ON_BOX - 1), [0.0]),  # a box of few points says nothing
+    ):
+        assert measure_fits(points, BOX).tolist() == fit
     wall = face(9.0)
-    assert measure_fits(wall, turned).tolist() == [1.0]
+    assert measure_fits(wall, turned).tolist() == [1.0]  # 1 m ahead and behind, 2 m aside
     assert measure_fits(wall[np.abs(wall[:, 1]) < 0.5], BOX).tolist() == [0.0]
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "said"),
-    [
+def test_better_by_more_than_chance():
+    for before, after, said in (
         (np.zeros(5), np.ones(5), True),
         (np.zeros(4), np.ones(4), False),  # too few
         (np.zeros(20), np.r_[np.ones(4), np.zeros(16)], False),  # four alone have any fit
         (np.full(9, 0.5), np.full(9, 0.515), False),  # hardly any gain
         (np.full(9, 0.5), np.full(9, 0.53), True),
         (np.full(10, 0.5), 0.5 + np.array([0.5, -0.4] * 5), False),  # chance
-    ],
-)
-def test_better_by_more_than_chance(before, after, said):
-    assert better(before, after) is said
-
-
-def test_a_gain_may_be_asked_for():
+    ):
+        assert better(before, after) is said
     assert not better(np.full(9, 0.5), np.full(9, 0.6), 0.15)
 
 
@@ -113,22 +98,13 @@ def test_a_mistake_changes_boxes_and_some_undo_themselves(mistake):
     assert mistake.axes is (mistake.name.startswith(("mirrored", "y of", "x and y", "yaw counted", "yaw in radians")))
 
 
-@pytest.mark.parametrize(
-    ("place", "undone"),
-    [
-        (0, [3, -5, 1, 4, 2, 1.5, -0.4]),
-        (1, [-3, 5, 1, 4, 2, 1.5, np.pi - 0.4]),
-        (2, [3, -5, 1, 4, 2, 1.5, 0.4]),
-        (3, [5, 3, 1, 4, 2, 1.5, np.pi / 2 - 0.4]),
-        (4, [3, 5, 1, 8, 4, 3, 0.4]),
-        (5, [3, 5, 1, 2, 1, 0.75, 0.4]),
-        (6, [3, 5, 1, 2, 4, 1.5, 0.4]),
-        (7, [3, 5, 1, 4, 2, 1.5, -0.4]),
-        (8, [3, 5, 1, 4, 2, 1.5, np.rad2deg(0.4)]),
-    ],
-)
-def test_what_undoes_each(place, undone):
-    np.testing.assert_allclose(LABEL_MISTAKES[place].undo(BOX_LABEL_MISTAKES)[0], undone)
+def test_what_undoes_each():
+    undone = [
+        *([3, -5, 1, 4, 2, 1.5, -0.4], [-3, 5, 1, 4, 2, 1.5, np.pi - 0.4], [3, -5, 1, 4, 2, 1.5, 0.4]),
+        *([5, 3, 1, 4, 2, 1.5, np.pi / 2 - 0.4], [3, 5, 1, 8, 4, 3, 0.4], [3, 5, 1, 2, 1, 0.75, 0.4]),
+        *([3, 5, 1, 2, 4, 1.5, 0.4], [3, 5, 1, 4, 2, 1.5, -0.4], [3, 5, 1, 4, 2, 1.5, np.rad2deg(0.4)]),
+    ]
+    np.testing.assert_allclose([each.undo(BOX_LABEL_MISTAKES)[0] for each in LABEL_MISTAKES[:9]], undone)
 
 
 def test_a_mistake_made_in_a_map_is_undone_there():
@@ -143,12 +119,11 @@ def test_a_mistake_made_in_a_map_is_undone_there():
     )
 
 
-@pytest.mark.parametrize("yaw", np.linspace(-1.5, 1.5, 7))
-def test_the_true_heading_is_among_those_that_degrees_leave_open(yaw):
-    stored = np.angle(np.exp(1j * np.rad2deg(yaw)))
-    headings = degrees_of_turns(np.array([stored]))
-    assert np.abs(headings - yaw).min() < 1e-9
-    assert len(headings) == 31
+def test_the_true_heading_is_among_those_that_degrees_leave_open():
+    for yaw in np.linspace(-1.5, 1.5, 7):
+        headings = degrees_of_turns(np.array([np.angle(np.exp(1j * np.rad2deg(yaw)))]))
+        assert np.abs(headings - yaw).min() < 1e-9
+        assert len(headings) == 31
 
 
 SPEED = 10.0  # m/s
@@ -183,7 +158,7 @@ def seen(samples):
     return [Seen(sample, sample.points()) for sample in samples]
 
 
-def test_what_moves_and_how_fast():
+def test_velocities_and_what_moves():
     boxes, velocities, ids = find_movers(driving(), 1)
     assert ids.tolist() == [0, 1, 2, 3, 4, 5]
     np.testing.assert_allclose(velocities, SPEED * np.column_stack([np.cos(HEADINGS), np.sin(HEADINGS)]), atol=1e-9)
@@ -193,10 +168,7 @@ def test_what_moves_and_how_fast():
     assert len(find_movers(driving(seconds=1e-6), 0).boxes) == 6
     still = [replace(each, time=time) for each, time in zip(driving(2), (0.0, 100.0), strict=True)]
     assert len(find_movers(still, 0).boxes) == 0
-
-
-def test_velocities_are_of_the_map():
-    """A vehicle that drives as fast as what it looks at: in its frame nothing moves, in the map everything does."""
+    # A vehicle that drives as fast as what it looks at: in its frame nothing moves, in the map everything does.
     one, two = driving(2)
     moved = replace(two, objects=one.objects, map_SE3_world=pose(1.0, 0.0, 0.0))
     np.testing.assert_allclose(find_movers([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9)
@@ -236,19 +208,13 @@ def test_fronts_that_point_backwards_are_counted():
     def undo(sample, boxes):
         return YAW_SIGN.undo(boxes)
 
-    headed = against_their_way(wrong(driving()), undo)
-    assert headed == (4, 16, 24)
+    assert against_their_way(wrong(driving()), undo) == (4, 16, 24)
     assert against_their_way(driving(), undo) is None
     assert against_their_way(wrong(driving(ids=False)), undo) is None
     alone = [each.of(np.arange(3)) for each in wrong(driving(8))]
     assert against_their_way(alone, undo) is None  # one car that drives backwards is no mistake of all
-
-
-def test_a_mistake_that_spoils_as_many_is_none():
-    def turned(sample, boxes):
-        return boxes + np.array([0, 0, 0, 0, 0, 0, np.pi])
-
-    assert against_their_way(wrong(driving()), turned) is None
+    # a mistake that spoils as many is none
+    assert against_their_way(wrong(driving()), lambda sample, boxes: boxes + np.eye(7)[6] * np.pi) is None
 
 
 SPEED_DIAGNOSIS = 8.0  # m/s
@@ -318,8 +284,10 @@ MISTAKES = {
 }
 
 
-def test_nothing_is_suspected_of_sound_labels(sound):
-    assert diagnose_labels(sound) == []
+def test_nothing_is_suspected_of_sound_labels_or_of_too_few(sound):
+    nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    for samples in (sound, [], [nothing]):
+        assert diagnose_labels(samples) == []
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -335,15 +303,12 @@ def test_labels_of_another_time(late, says):
     assert finding.suspected == f"labels lie about 0.2 s {says} the clouds"
 
 
-def test_degrees_read_as_radians_are_in_the_numbers(sound):
+def test_degrees_read_as_radians_are_found_in_numbers_or_sines(sound):
     far = [replace(sound[0], problems={"yaws beyond a full turn": 12})]
     (finding,) = diagnose_labels(far)
     assert finding.suspected == "yaw in degrees where radians belong"
     assert "12 of 14 yaws" in finding.evidence
     assert diagnose_labels([replace(sound[0], problems={"yaws beyond a full turn": 2})]) == []
-
-
-def test_degrees_of_which_only_sine_and_cosine_are_left(sound):
     lost = with_boxes(sound, lambda b: np.column_stack([b[:, :6], np.angle(np.exp(1j * np.rad2deg(b[:, 6])))]))
     (finding,) = diagnose_labels(lost)
     assert finding.suspected == "yaw in degrees where radians belong, of which only sine and cosine are left"
@@ -398,12 +363,6 @@ def test_heights_are_those_where_the_boxes_belong():
     assert diagnose_labels([sloped]) == []
     (finding,) = diagnose_labels(with_boxes([sloped], MISTAKES["mirrored: y"]))
     assert finding.suspected.startswith("mirrored: y")
-
-
-def test_too_little_to_say_anything():
-    assert diagnose_labels([]) == []
-    nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    assert diagnose_labels([nothing]) == []
 
 
 HERE = Path(__file__).parent

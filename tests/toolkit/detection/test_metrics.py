@@ -138,16 +138,13 @@ def test_nothing_to_find_is_undefined_and_nothing_found_is_zero():
         assert len(nothing.curve.score) == 0
 
 
-def test_each_label_is_scored_alone():
+def test_labels_are_scored_alone_and_heavy_ones_excuse():
     boxes = np.concatenate([CAR, moved(CAR, 10)])
     detections, truths = [Detections(boxes, np.ones(2), np.array([0, 1]))], [Objects(boxes, np.array([0, 0]))]
     vehicles = evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
     assert (vehicles.tp, vehicles.fp, vehicles.truths) == (1, 0, 2)
     cyclists = evaluate(detections, truths, iou_thresholds=[0.5], label="cyclist")[0.5]
     assert (cyclists.tp, cyclists.fp, cyclists.truths) == (0, 1, 0)
-
-
-def test_heavy_vehicles_are_neither_hit_nor_false_alarm():
     partly = moved(CAR, 25.5)  # a car seen at the back of the bus, 2.5 of its 4 m on it
     beside = moved(CAR, 20, 2.0)
     detections = [Detections(np.concatenate([CAR, BUS, partly, beside]), np.array([0.9, 0.8, 0.7, 0.6]))]
@@ -157,9 +154,6 @@ def test_heavy_vehicles_are_neither_hit_nor_false_alarm():
         assert (result.tp, result.fp, result.truths) == (1, 1, 1)
     heavy = evaluate(detections, truths, iou_thresholds=[0.5], label="heavy")[0.5]
     assert (heavy.tp, heavy.fp, heavy.truths) == (0, 0, 1)
-
-
-def test_a_car_under_way_beside_a_bus_still_counts_as_a_hit():
     inside = moved(CAR, 20)
     truths = [Objects(np.concatenate([inside, BUS]), np.array([0, 3]))]
     assert evaluate([Detections(inside, np.ones(1))], truths, iou_thresholds=[0.5])[0.5].tp == 1
@@ -209,15 +203,12 @@ def test_a_false_alarm_that_touches_nothing_never_raises_ap(seed):
         assert all(after[t].ap <= before[t].ap for t in AT)
 
 
-def test_frames_without_objects_count_their_false_alarms_unless_published():
+def test_what_the_published_protocol_counts():
     detections = [Detections(CAR, np.array([0.9])), Detections(CAR, np.array([0.8]))]
     truths = [Objects.empty(), Objects(CAR)]
     assert evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
     assert evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
-
-
-def test_published_lets_a_stray_box_void_a_good_one():
-    """The stray box overlaps nothing, its arg-max is truth 0, and it claims that."""
+    # The stray box overlaps nothing, its arg-max is truth 0, and it claims that.
     detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
     assert evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
     assert evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5], protocol="published")[0.5].ap == 0.0
@@ -276,11 +267,14 @@ def test_match_and_evaluate_agree(protocol):
         np.testing.assert_equal(vars(list(matches(*pair, AT, protocol=protocol))[AT.index(0.5)]), vars(alone))
 
 
-def test_equal_scores_make_one_point_of_the_curve():
+def test_curves_of_equal_scores_and_what_they_were_made_of():
     curve = precision_recall(np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2)
     assert curve.score.tolist() == [0.9, 0.5]
     assert curve.recall.tolist() == [0, 1]
     assert average_precision(curve) == 0.5
+    two = [scored([CAR, moved(CAR, 50)], [0.9, 0.4]), scored([CAR], [0.7])]
+    at = evaluate(two, [Objects(CAR), Objects(CAR)], iou_thresholds=[0.5])[0.5]
+    assert sorted(zip(at.scores.tolist(), at.hits.tolist(), strict=True)) == [(0.4, False), (0.7, True), (0.9, True)]
 
 
 @pytest.mark.parametrize(
@@ -297,7 +291,7 @@ def test_unusable_input_is_refused_with_its_place(arguments, message):
         evaluate(*arguments, iou_thresholds=[0.5])
 
 
-def test_unusable_options_are_refused():
+def test_unusable_options_and_counts_are_refused():
     frame = [Detections(CAR, np.ones(1))], [Objects(CAR)]
     for thresholds in ([0.0], [1.1], [np.nan]):
         with pytest.raises(ValueError, match=r"must lie in \(0, 1\]"):
@@ -310,15 +304,15 @@ def test_unusable_options_are_refused():
         evaluate(*frame, iou_thresholds=[0.5], counted=[])
     with pytest.raises((ValueError, TypeError)):
         evaluate(*frame, iou_thresholds=[0.5], protocol="exakt")
+    for hits, truths in (([True], -1), ([True], 0), ([True, False], 3), ([True], 1.5)):
+        with pytest.raises((ValueError, TypeError), match="truths"):
+            precision_recall(np.array([0.9]), np.array(hits), truths)
 
 
-def test_frames_may_come_one_at_a_time():
+def test_frames_may_come_one_at_a_time_and_thresholds_twice():
     detections, truths = random_frames(1)
     streamed = evaluate(iter(detections), (t for t in truths), iou_thresholds=AT)
     assert [streamed[t].ap for t in AT] == [r.ap for r in evaluate(detections, truths, iou_thresholds=AT).values()]
-
-
-def test_a_threshold_given_twice_counts_once():
     car = np.array([[0.0, 0, 1, 4, 2, 1.5, 0]])
     found, there = [Detections(car, np.array([0.9]))], [Objects(car)]
     assert evaluate(found, there, iou_thresholds=[0.7, 0.5, 0.7]) == evaluate(found, there, iou_thresholds=[0.7, 0.5])
@@ -328,46 +322,28 @@ def scored(boxes, scores, label="vehicle"):
     return Detections(np.concatenate(boxes), np.array(scores), np.array([label] * len(boxes)))
 
 
-def test_a_detection_mostly_on_a_heavy_vehicle_is_ignored_and_half_on_it_is_a_false_alarm():
+def test_a_detection_mostly_on_a_heavy_vehicle_or_that_overlaps_it_enough_is_ignored():
     bus = Objects(BUS, np.array(["heavy"]))
     for forward, ignored in ((4.0, True), (5.9, True), (6.0, False), (7.0, False)):  # its front is at 6 m
         found = match(scored([moved(CAR, 20 + forward)], [0.9]), bus, 0.5)
         assert found.ignored.tolist() == [ignored], forward
         result = evaluate([scored([moved(CAR, 20 + forward)], [0.9])], [bus], iou_thresholds=[0.5])[0.5]
         assert result.fp == (not ignored)
-
-
-def test_a_detection_that_overlaps_a_heavy_vehicle_enough_is_ignored_however_much_it_juts_out():
-    bus = Objects(BUS, np.array(["heavy"]))
     giant = BUS * [1, 1, 1, 1.0, 3.0, 1, 1]  # a third of its footprint on the bus
     assert match(scored([giant], [0.9]), bus, 0.3, metric="bev").ignored.tolist() == [True]
     assert match(scored([giant], [0.9]), bus, 0.4, metric="bev").ignored.tolist() == [False]
-
-
-def test_heavy_vehicles_excuse_vehicles_only():
-    bus = Objects(BUS, np.array(["heavy"]))
-    assert evaluate([scored([BUS], [0.9], "cyclist")], [bus], iou_thresholds=[0.5], label="cyclist")[0.5].fp == 1
-    assert evaluate([scored([BUS], [0.9])], [bus], iou_thresholds=[0.5])[0.5].fp == 0
+    for label, alarms in (("cyclist", 1), ("vehicle", 0)):  # heavy vehicles excuse vehicles only
+        assert evaluate([scored([BUS], [0.9], label)], [bus], iou_thresholds=[0.5], label=label)[0.5].fp == alarms
 
 
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
-def test_of_equal_scores_the_better_fit_goes_first(order):
+def test_orders_of_equal_scores_and_truths_make_no_difference(order):
     pair = [moved(CAR, 0.1), moved(CAR, 0.5)]
     found = match(scored([pair[k] for k in order], [0.9, 0.9]), Objects(CAR), 0.5)
     assert found.truth[order.index(0)] == 0
     assert found.truth[order.index(1)] == -1
-
-
-@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
-def test_a_detection_takes_the_truth_it_overlaps_most(order):
     there = Objects(np.concatenate([[moved(CAR, 0.2), moved(CAR, -0.6)][k] for k in order]))
     assert match(scored([CAR], [0.9]), there, 0.5).truth.tolist() == [order.index(0)]
-
-
-def test_counts_that_cannot_be_are_refused():
-    for hits, truths in (([True], -1), ([True], 0), ([True, False], 3), ([True], 1.5)):
-        with pytest.raises((ValueError, TypeError), match="truths"):
-            precision_recall(np.array([0.9]), np.array(hits), truths)
 
 
 def test_reliability_counts_every_detection_once():
@@ -376,23 +352,11 @@ def test_reliability_counts_every_detection_once():
     np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
     np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
     assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
-
-
-def test_scores_that_are_no_shares_go_to_the_ends():
     assert reliability(np.array([-0.5, 1.5]), np.array([False, True]), bins=2).count.tolist() == [1, 1]
     assert reliability(np.zeros(0), np.zeros(0, bool)).error == 0
 
 
-def test_what_is_true_is_by_the_iou_of_its_class():
-    assert TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
-
-
 def test_usual_thresholds_are_stricter_where_objects_are_large():
+    assert TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
     assert USUAL_IOUS[VEHICLE] == USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
     assert USUAL_IOUS[CYCLIST] == USUAL_IOUS[PEDESTRIAN] == (0.25, 0.5, 0.7)
-
-
-def test_a_score_keeps_what_its_curve_was_made_of():
-    two = [scored([CAR, moved(CAR, 50)], [0.9, 0.4]), scored([CAR], [0.7])]
-    at = evaluate(two, [Objects(CAR), Objects(CAR)], iou_thresholds=[0.5])[0.5]
-    assert sorted(zip(at.scores.tolist(), at.hits.tolist(), strict=True)) == [(0.4, False), (0.7, True), (0.9, True)]

@@ -21,12 +21,9 @@ def test_expected_bits(name, points, boxes):
     assert sent.tolist() == [96 * points + 256 * boxes] * 2
 
 
-def test_a_scheme_with_a_codec_of_its_own_sends_by_that():
+def test_own_codecs_and_means_per_sensor():
     """Three messages of 34 bytes and 5 bit for each of six pixels."""
     assert estimate_bits(find_scheme("foreground"), PAPER, COUNTS, np.full(2, 5.0)).tolist() == [3 * 34 * 8 + 6 * 5] * 2
-
-
-def test_kbit_per_sensor_is_the_mean():
     nothing = Detections.empty()
     assert Fused(nothing, np.array([1000, 3000])).kbit_per_sensor == 2
     assert Fused(nothing, np.zeros(0, np.int64)).kbit_per_sensor == 0

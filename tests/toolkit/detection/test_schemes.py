@@ -84,39 +84,27 @@ def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius)
     assert Hybrid().find_radius(AREA) == Hybrid().find_radius(Site("any", np.array(AREA, float))) == 20.0
 
 
-def test_one_detection_in_the_points_of_all():
+def test_early_detects_once_in_the_points_of_all():
     fused = Early().fuse(view(), [0, 1])
     np.testing.assert_allclose(fused.detections.boxes[:, :3], [[0.0, 6.0, 1.0]])
     assert fused.detections.scores.tolist() == [0.6]
     assert fused.bits.tolist() == [3 * 96, 3 * 96]
-
-
-def test_nobody_sends_nothing():
     fused = Early().fuse(view(), [])
     assert len(fused.detections) == len(fused.bits) == 0
-
-
-def test_points_in_the_crop_are_sent_and_no_boxes():
     assert Early().sent_points(COUNTS) is COUNTS.sent
     assert (Early().sends_points, Early().sends_boxes) == (True, False)
     scheme: Scheme = Early()
     assert scheme.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
 
 
-def test_every_sensor_detects_and_sends_its_boxes():
+def test_late_sends_the_boxes_of_every_sensor():
     fused = Late().fuse(view(), [0, 1])
     np.testing.assert_allclose(np.sort(fused.detections.boxes[:, 0]), [-9.0, 9.0])
     assert fused.bits.tolist() == [256, 256]
-
-
-def test_of_boxes_that_overlap_one_stays_but_both_were_sent():
     same = View(AREA, SENSORS, measure=lambda sensor: POINTS[0], run=one_box)
     fused = Late().fuse(same, [0, 1])
     assert len(fused.detections) == 1
     assert fused.bits.tolist() == [256, 256]
-
-
-def test_boxes_are_sent_and_no_points():
     assert not Late().sent_points(COUNTS).any()
     assert (Late().sends_points, Late().sends_boxes) == (False, True)
     scheme: Scheme = Late()
@@ -132,22 +120,16 @@ def test_each_goes_by_its_name(name):
     assert scheme.sends_points or scheme.sends_boxes
 
 
-def test_differences_in_steps():
+def test_names_steps_and_digests_of_schemes():
     assert schemes_in_steps(0.04)["differences"] == ForegroundDifferences(0.04)
     named = schemes_in_steps(0.08, refers_to="key", key_every=5)
     assert named["differences"] == ForegroundDifferences(0.08, "key", 5)
     assert named["foreground"] == Foreground(0.08)
-
-
-def test_the_papers_are_there_in_its_order():
     assert PAPER_SCHEMES == tuple(SCHEMES)[:3] == ("early", "late", "hybrid")
+    assert len({Hybrid().digest, Hybrid(5.0).digest, Hybrid(metric="published").digest, Early().digest}) == 4
 
 
 @pytest.mark.parametrize("scheme", ["middle", "", None, 3, Early])
 def test_what_is_none_is_refused(scheme):
     with pytest.raises((ValueError, TypeError), match="scheme"):
         find_scheme(scheme)
-
-
-def test_parameters_are_in_the_digest():
-    assert len({Hybrid().digest, Hybrid(5.0).digest, Hybrid(metric="published").digest, Early().digest}) == 4

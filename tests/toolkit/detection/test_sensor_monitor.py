@@ -45,14 +45,11 @@ def all_covered():
     return np.ones(EMPTY.shape, bool)
 
 
-def test_a_sensor_that_works_is_not_accused():
+def test_silence_is_noticed_and_work_is_not_accused():
     for image in (measured, with_car):
         assert watched([whole(0.1 * k, image(k)) for k in range(20)], all_covered) == [None] * 20
     assert watched([foreground(0.1 * k, with_car(k)) for k in range(20)], all_covered) == [None] * 20
     assert watched([foreground(0.1 * k, measured(k)) for k in range(20)]) == [None] * 20  # nobody there
-
-
-def test_silence_is_noticed_by_age_and_ends_with_the_next_message():
     last = whole(0.3, measured(0))
     found = watched([whole(0.1 * min(k, 3), measured(min(k, 3))) for k in range(12)])
     assert found == [None] * 9 + [Fault.SILENT] * 3  # more than half a second after 0.3 s
@@ -63,6 +60,8 @@ def test_silence_is_noticed_by_age_and_ends_with_the_next_message():
     assert SensorMonitor(SCENE, start=100.0).look(100.4, None) is None
     with pytest.raises(ValueError, match="above 0"):
         SensorMonitor(SCENE, silent_after=0.0)
+    with pytest.raises(ValueError, match=r"sensor 'a' measures \(60, 80\) pixels, got an image of \(30, 40\)"):
+        SensorMonitor(SCENE).look(0.0, whole(0.0, EMPTY[::2, ::2]))
 
 
 @pytest.mark.parametrize("sent", [whole, foreground])
@@ -81,7 +80,7 @@ def test_what_has_arrived_already_is_no_repetition_and_few_pixels_tell_nothing()
     assert watched(small) == [None] * 6
 
 
-def test_blinded_is_noticed_at_once_in_whole_images_and_by_others_in_foreground():
+def test_blinded_is_noticed_at_once_by_itself_and_others():
     blind = [whole(0.1 * k, measured(k) if k < 4 else NOTHING) for k in range(9)]
     assert watched(blind) == [None] * 6 + [Fault.BLINDED] * 3
     half = np.where(np.arange(80) < 38, NOTHING, EMPTY).astype(np.float32)
@@ -93,9 +92,6 @@ def test_blinded_is_noticed_at_once_in_whole_images_and_by_others_in_foreground(
     assert watched(sent, all_covered) == [None] * 6 + [Fault.BLINDED] * 3
     assert watched(sent, lambda: np.arange(EMPTY.size).reshape(EMPTY.shape) < 99) == [None] * 9
     assert watched(sent) == [None] * 9
-
-
-def test_foreground_says_itself_what_is_missing():
     lower = np.zeros(EMPTY.shape, bool)
     lower[30:] = True  # three fifths of what returns
 
@@ -108,8 +104,6 @@ def test_foreground_says_itself_what_is_missing():
     assert watched([dark(k) for k in range(5)], view=upper) == [None] * 5
     assert watched([dark(k) for k in range(5)], view=~upper)[-1] is Fault.BLINDED
 
-
-def test_others_are_asked_only_where_next_to_nothing_is_sent():
     def never():
         raise AssertionError("asked")
 
@@ -136,11 +130,6 @@ def test_shifted_is_what_lies_behind_the_scene():
     assert watched([whole(0.1 * k, measured(k, pushed)) for k in range(4)]) == [None] * 4
     near = np.minimum(EMPTY, np.float32(5))
     assert watched([whole(0.1 * k, measured(k, near)) for k in range(4)]) == [None] * 4
-
-
-def test_an_image_of_another_sensor_is_refused():
-    with pytest.raises(ValueError, match=r"sensor 'a' measures \(60, 80\) pixels, got an image of \(30, 40\)"):
-        SensorMonitor(SCENE).look(0.0, whole(0.0, EMPTY[::2, ::2]))
 
 
 def test_farther_is_beyond_the_last_surface_of_a_pixel():

@@ -29,15 +29,12 @@ def place(request):
     return site, seen_empty(site, request.param), site_background(site)
 
 
-def test_what_sensors_see_of_the_site_is_background(place):
+def test_what_sensors_see_of_the_site_is_background_and_who_drives_is_not(place):
     site, frames, background = place
     clouds = frame_points(frames[0], area=site, rng=np.random.default_rng(0))
     points = level_rows(np.concatenate(clouds), site.relief.slope)
     assert len(points) > 2000
     assert background.holds(points).mean() > 0.995
-
-
-def test_who_drives_there_is_not(place):
     site, frames, background = place
     rng = np.random.default_rng(1)
     (points,) = frame_points(frames[0], sensors=[0], area=site)
@@ -46,9 +43,6 @@ def test_who_drives_there_is_not(place):
     assert len(ground) > 50
     clear = ground + rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 1.5], ground.shape)
     assert background.holds(clear).mean() < 0.1  # there are crowns, fences and works
-
-
-def test_the_same_site_gives_the_same_and_some_of_them_slope(place):
     site, _, background = place
     assert site_background(site).digest == background.digest
     assert random_site(3).relief.slope != LEVEL

@@ -69,14 +69,11 @@ def test_bad_requests_are_refused(options, message):
         survey(Recording(), **options)
 
 
-def test_without_vehicles_the_share_of_unseen_is_nan():
+def test_surveys_without_vehicles_or_with_errors():
     empty = survey(Recording(), reads=Reads(frames=1))
     nobody = replace(empty, counts=empty.counts[:0])
     assert np.isnan(nobody.unseen([0]))
     assert len(nobody.points_on_vehicles([0, 1])) == 0
-
-
-def test_errors_take_points_and_are_named():
     clean, rough = survey(Recording()), survey(Recording(), reads=Reads(errors="poor"))
     assert rough.kbit_per_sensor.sum() < clean.kbit_per_sensor.sum()
     assert rough.provenance["errors"]["profile"] == "poor"
@@ -85,7 +82,7 @@ def test_errors_take_points_and_are_named():
         survey(Recording(), reads=Reads(errors="x"))
 
 
-def test_points_are_counted_for_each_class():
+def test_points_are_counted_for_each_class_that_is_asked_for():
     found = survey(Recording(), reads=Reads(noise_seed=3))
     assert list(found.by_class) == ["vehicle", "cyclist", "pedestrian", "heavy"]
     assert [len(found.by_class[label]) for label in found.by_class] == [20, 0, 0, 5]
@@ -102,9 +99,6 @@ def test_points_are_counted_for_each_class():
     assert written["cyclist"]["sets"]["1"] == {"mean_points": None, "median_points": None, "unseen": None}
     assert np.isnan(found.unseen([0], "pedestrian"))
     assert found.unseen([0], "vehicle") == found.unseen([0])
-
-
-def test_classes_restrict_what_is_counted_beside_vehicles():
     found = survey(Recording(), reads=Reads(frames=2), classes=["heavy"])
     assert list(found.by_class) == ["heavy"]
     assert found.counts.shape == (8, 3)
@@ -142,9 +136,6 @@ def test_what_is_counted_without_a_site():
     text = found.text([[0]])
     assert "7 of 8 labelled cuboids hold as many points as the set says" in text
     assert "vehicle from 0: 0.0% of 4 without a point, mean 1.5, median 1.5 points" in text
-
-
-def test_sets_without_counts_and_classes_without_objects():
     found = survey(Labelled([sample(None)]), classes=["cyclist"])
     assert found.agreeing == (1, 1)  # of the cone
     assert "cyclist from" not in found.text([[0]])

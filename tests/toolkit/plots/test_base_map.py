@@ -97,11 +97,14 @@ def test_a_long_legend_lies_below_the_map(count):
     assert box.x1 <= sheet.figure.bbox.x1
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.5, np.pi / 2, -3.0])
-def test_north_is_that_of_the_map(yaw):
-    site = Site("turned", AREA, map_SE3_site=pose(100.0, -5.0, yaw=yaw))
-    on_map = pose(yaw=yaw)[:2, :2] @ north(site)
-    assert on_map == pytest.approx([0, 1])
+def test_north_extent_and_scale_are_those_of_the_map():
+    for yaw in (0.0, 0.5, np.pi / 2, -3.0):
+        site = Site("turned", AREA, map_SE3_site=pose(100.0, -5.0, yaw=yaw))
+        assert pose(yaw=yaw)[:2, :2] @ north(site) == pytest.approx([0, 1])
+    for metres, length in ((0.09, 0.05), (1, 1), (1.99, 1), (2, 2), (49, 20), (50, 50), (4e3, 2e3)):
+        assert scale_length(float(metres)) == length
+    assert np.ravel(extent(SITE)).tolist() == [-20 - AROUND, -10 - AROUND, 20 + AROUND, 10 + AROUND]
+    assert np.ravel(extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [-30, -36, 55, 20]
 
 
 def test_the_arrow_points_north():
@@ -114,20 +117,6 @@ def test_the_arrow_points_north():
     rows, columns = np.nonzero(dark)
     assert abs(rows.mean() - 100) < 3
     assert columns.max() - 100 > 1.3 * (100 - columns.min())  # the letter is at the right
-
-
-def test_the_extent_holds_what_it_must():
-    low, high = extent(SITE)
-    assert (*low, *high) == (-20 - AROUND, -10 - AROUND, 20 + AROUND, 10 + AROUND)
-    low, high = extent(SITE, np.array([[50.0, 0], [0, -31]]))
-    assert (*low, *high) == (-30, -36, 55, 20)
-
-
-@pytest.mark.parametrize(
-    ("metres", "length"), [(0.09, 0.05), (1, 1), (1.99, 1), (2, 2), (49, 20), (50, 50), (4e3, 2e3)]
-)
-def test_scale_bars_are_round(metres, length):
-    assert scale_length(float(metres)) == length
 
 
 def test_holes_stay_open():
@@ -168,12 +157,14 @@ def test_more_sensors_than_colours_are_told_apart(axes):
     assert [text.get_text() for text in axes.texts] == [str(k + 1) for k in range(30)]
 
 
-@pytest.mark.parametrize(
-    ("names", "labels"),
-    [([], []), (["d0", "d11"], ["d0", "d11"]), (["d0", "post"], ["1", "2"]), (["_a", "$"], ["_a", "$"])],
-)
-def test_short_names_stand_on_the_discs(names, labels):
-    assert sensor_labels(names) == labels
+def test_short_names_stand_on_the_discs_in_text_that_can_be_read():
+    for names, labels in (
+        *(([], []), (["d0", "d11"], ["d0", "d11"])),
+        *((["d0", "post"], ["1", "2"]), (["_a", "$"], ["_a", "$"])),
+    ):
+        assert sensor_labels(names) == labels
+    assert text_colour("#ffffff") == text_colour("#f500c7") == INK
+    assert text_colour("#000000") == text_colour("#4463f6") == PAPER_WHITE
 
 
 def test_discs_in_one_place_stand_about_it():
@@ -183,15 +174,9 @@ def test_discs_in_one_place_stand_about_it():
     assert apart.min() >= 10 * (1 - 1e-9)
     assert discs[0].tolist() == [0, 0]
     assert np.linalg.norm(discs, axis=1).max() < 25
-
-
-def test_discs_with_room_stay():
     places = np.array([[0.0, 0], [20, 0], [0, 20]])
     assert np.array_equal(spread_discs(places, np.zeros(3), 10.0), places)
     assert spread_discs(np.zeros((0, 2)), np.zeros(0), 10.0).shape == (0, 2)
-
-
-def test_a_moved_disc_goes_along_its_heading():
     discs = spread_discs(np.zeros((2, 2)), np.array([0.0, np.pi / 2]), 10.0)
     assert discs[1] == pytest.approx([0, 11])
 
@@ -202,7 +187,7 @@ def test_the_heading_is_that_of_the_optical_axis(model):
     assert sensor_heading(Sensor("s", model, placed)) == pytest.approx(0.7)
 
 
-def test_a_field_of_view_ends_at_a_building():
+def test_a_field_of_view_ends_at_a_building_but_its_own_and_may_be_a_full_turn():
     free, cut = wedge(sensor(), []), wedge(sensor(), [shapely.Polygon(TOWER)])
     assert np.linalg.norm(free[1:], axis=1) == pytest.approx(VIEW_RANGE)
     assert free[0].tolist() == [0, 0]
@@ -210,14 +195,8 @@ def test_a_field_of_view_ends_at_a_building():
     assert cut[1:][ahead][:, 0] == pytest.approx(10)
     assert np.linalg.norm(cut[1:][~ahead], axis=1) == pytest.approx(VIEW_RANGE)
     assert shapely.Polygon(free).area == pytest.approx(VIEW_RANGE**2 * 1.0 / 2, rel=0.01)
-
-
-def test_the_building_that_carries_a_sensor_does_not_hide_everything():
     west = wedge(sensor(at=(10.0, 0.0, 5.0), heading=np.pi), [shapely.Polygon(TOWER)])
     assert west[1:, 0].min() == pytest.approx(-15, abs=0.01)
-
-
-def test_a_full_turn_has_no_seam():
     ring = wedge(Sensor("l", SpinningLidar(), pose(1.0, 2.0, 3.0)), [])
     assert np.linalg.norm(ring - [1, 2], axis=1) == pytest.approx(VIEW_RANGE)
 
@@ -268,8 +247,3 @@ def test_outcomes_have_their_lines_and_marks(axes, outcome):
     towards = nose.get_xydata()[1] - nose.get_xydata()[0]
     assert np.arctan2(*towards[::-1]) == pytest.approx(0.5)
     assert [mark.get_marker() for mark in marks] == [OUTCOME[outcome].marker] * bool(OUTCOME[outcome].marker)
-
-
-def test_text_on_discs_can_be_read():
-    assert text_colour("#ffffff") == text_colour("#f500c7") == INK
-    assert text_colour("#000000") == text_colour("#4463f6") == PAPER_WHITE

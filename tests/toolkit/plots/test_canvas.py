@@ -68,12 +68,9 @@ def test_text_is_taken_as_it_is(text):
     assert "<metadata" not in drawn
 
 
-def test_dollars_are_drawn():
+def test_pictures_stand_in_pages_with_their_size_and_short_paths():
     with house_style():
         assert svg_text(figure("$x$")) != svg_text(figure("x"))
-
-
-def test_two_pictures_can_stand_in_one_page():
     with house_style():
         one, other = svg_text(figure(value=1.0)), svg_text(figure(value=2.0))
     names = [{each.get("id") for each in ElementTree.fromstring(text).iter()} - {None} for text in (one, other)]
@@ -83,18 +80,12 @@ def test_two_pictures_can_stand_in_one_page():
         used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
         assert used
         assert used <= known
-
-
-def test_paths_are_short():
     with house_style():
         assert "1.234567" not in svg_text(figure())
         path = ElementTree.fromstring(svg_text(figure())).find(".//{*}g[@id]//{*}path").get("d")
     assert path is not None
     assert "  " not in path
     assert all(len(number.partition(".")[2]) <= 2 for number in path.replace("M", " ").replace("L", " ").split())
-
-
-def test_pixels_are_those_of_the_size():
     with house_style():
         pixels = render_pixels(figure())
     assert pixels.shape == (100, 200, 3)

@@ -52,34 +52,29 @@ def distances(one, other, vision):
     return np.linalg.norm(cielab(one, vision)[:, None] - cielab(other, vision)[None], axis=2)
 
 
-def test_the_measure_is_cielab():
+def test_outcomes_classes_and_lines_differ_by_more_than_colour():
     assert cielab(["#ffffff", "#000000", "#ff0000"]) == pytest.approx(
         np.array([[100, 0, 0], [0, 0, 0], [53.24, 80.09, 67.20]]), abs=0.02
     )
-
-
-@pytest.mark.parametrize("vision", VISION.values(), ids=VISION)
-def test_sensors_classes_and_outcomes_differ_for_every_reader(vision):
-    apart = distances(MEANINGS, MEANINGS, vision)
-    assert apart[np.triu_indices(len(MEANINGS), 1)].min() >= 18
-
-
-@pytest.mark.parametrize("vision", VISION.values(), ids=VISION)
-def test_sensors_stand_out_from_the_ground(vision):
-    ground = [*GROUND.values(), "#ffffff", SOLID["island"]]
-    assert distances(SENSORS, ground, vision).min() >= 20
-    assert distances([OUTCOME["hit"].colour, OUTCOME["missed"].colour], ground, vision).min() >= 30
-
-
-def test_outcomes_differ_by_line_and_by_mark_too():
     shown = [OUTCOME[name] for name in ("hit", "missed", "false alarm", "not scored")]
     assert len({str(style.line) for style in shown}) == len({style.colour for style in shown}) == 4
     assert [style.marker for style in shown] == ["", "X", "^", ""]
-
-
-def test_every_class_has_a_colour_and_no_sensor_has_it():
     assert tuple(CLASS) == LABELS
     assert not set(CLASS.values()) & set(SENSORS)
+    assert [sensor_colour(k) for k in range(8)] == list(SENSORS)
+    assert len(set(SENSORS)) == 8
+    assert sensor_colour(11) == SENSORS[3]
+    assert len({(colour, str(dashes)) for colour, dashes in LINES}) == 16
+    assert len({str(dashes) for _, dashes in LINES[:4]}) >= 3
+
+
+@pytest.mark.parametrize("vision", VISION.values(), ids=VISION)
+def test_sensors_stand_out_for_every_reader(vision):
+    apart = distances(MEANINGS, MEANINGS, vision)
+    assert apart[np.triu_indices(len(MEANINGS), 1)].min() >= 18
+    ground = [*GROUND.values(), "#ffffff", SOLID["island"]]
+    assert distances(SENSORS, ground, vision).min() >= 20
+    assert distances([OUTCOME["hit"].colour, OUTCOME["missed"].colour], ground, vision).min() >= 30
 
 
 @pytest.mark.parametrize("scale", [VIEW_COLOURS, tuple(BLIND.values())[::-1]])
@@ -102,14 +97,3 @@ def test_the_step_of_a_count(count, step):
     steps = point_colours(np.array([0.0, *POINT_STEPS]))
     assert point_colours(np.array([float(count)]))[0].tolist() == steps[step].tolist()
     assert len(point_names()) == len(steps)
-
-
-def test_sensors_share_a_colour_only_when_far_apart():
-    assert [sensor_colour(k) for k in range(8)] == list(SENSORS)
-    assert len(set(SENSORS)) == 8
-    assert sensor_colour(11) == SENSORS[3]
-
-
-def test_lines_of_one_colour_have_other_dashes():
-    assert len({(colour, str(dashes)) for colour, dashes in LINES}) == 16
-    assert len({str(dashes) for _, dashes in LINES[:4]}) >= 3

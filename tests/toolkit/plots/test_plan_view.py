@@ -73,11 +73,18 @@ def test_a_frame_shows_what_is_handed_over(tmp_path, bare, shown):
     assert one.shape != bare.shape or (one != bare).any()
 
 
-def test_the_same_frame_is_the_same_file(tmp_path):
+def test_the_same_frame_is_the_same_file_and_lines_in_an_svg(tmp_path):
     cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
     for name in ("a.png", "b.png"):
         draw_frame(SITE, tmp_path / name, clouds=[cloud], outcome=FrameOutcome(0.7, YES, NO, YES, NO), **SEEN)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
+    draw_frame(SITE, tmp_path / "frame.svg", clouds=[cloud], title="a & b", **SEEN)
+    root = ElementTree.parse(tmp_path / "frame.svg").getroot()
+    assert len(root.findall(".//{*}image")) == 1
+    assert len(root.findall(".//{*}path")) > 30
+    with pytest.raises(ValueError, match="match the same frame"):
+        draw_frame(SITE, tmp_path / "a.png", outcome=FrameOutcome(0.7, YES[:1], NO[:1], YES, NO), **SEEN)
 
 
 @pytest.mark.parametrize(
@@ -97,26 +104,10 @@ def test_hits_misses_and_false_alarms_are_told_apart(tmp_path, outcome, there):
         assert ((map_only == rgb(OUTCOME[name].colour)).all(axis=2).sum() > 20) == (name in there), name
 
 
-def test_an_outcome_of_another_frame_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="match the same frame"):
-        draw_frame(SITE, tmp_path / "a.png", outcome=FrameOutcome(0.7, YES[:1], NO[:1], YES, NO), **SEEN)
-
-
-def test_an_svg_has_everything_but_clouds_as_lines(tmp_path):
-    cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
-    draw_frame(SITE, tmp_path / "frame.svg", clouds=[cloud], title="a & b", **SEEN)
-    root = ElementTree.parse(tmp_path / "frame.svg").getroot()
-    assert len(root.findall(".//{*}image")) == 1
-    assert len(root.findall(".//{*}path")) > 30
-
-
-def test_the_legend_names_sensors_whose_discs_have_numbers():
+def test_the_legend_names_numbered_sensors_and_counts_poles():
     far = Sensor("north-east pole", DepthCamera(), CAMERA.pose)
     assert [name for _, name in sensor_entries([CAMERA])] == []
     assert [name for _, name in sensor_entries([CAMERA, far])] == ["1  d0", "2  north-east pole"]
-
-
-def test_the_legend_counts_poles():
     names = [name for _, name in pole_entries(used=2, unused=3)]
     assert names == ["pole with a sensor (2)", "pole without a sensor (3)"]
     assert [name for _, name in pole_entries(unused=1)] == ["pole (1)"]

@@ -77,12 +77,16 @@ def test_box_has_depth_along_the_axis_and_its_row_in_hits():
     assert np.array_equal(depth[still], renderer.background[0][still])
 
 
-def test_turned_boxes_turn_counter_clockwise():
+def test_boxes_lie_where_they_are_drawn():
     plank = make_body("plank", VEHICLE, *box((6.0, 0.2, 1.0)))
     sensor = camera((0.0, 0.0, 10.0), 0.0, np.pi / 2)  # up in the picture is +x, left is +y
     _, (hits,) = Renderer(FLAT, (plank,), (sensor,)).render(snapshot((plank,), (0, 0.0, 0.0, np.pi / 4)))
     rows, columns = np.nonzero(hits == 0)
     assert np.corrcoef(rows, columns)[0, 1] > 0.9  # up and left together
+    lifted = snapshot((CUBE,), (0, 12.0, 0.0, 0.0), lift=3.0)
+    (depth,), (hits,) = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 4.0)),)).render(lifted)
+    assert (hits == 0).sum() > 30
+    assert depth[30, 40] == pytest.approx(11.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -175,12 +179,15 @@ def test_a_sensor_does_not_see_the_post_it_hangs_on():
     assert np.allclose(seen[0], Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background[0], atol=1e-4)
 
 
-def test_no_objects_gives_the_background():
+def test_no_objects_or_own_scenery_is_the_background():
     renderer = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.2), lidar((0.0, 0.0, 5.0))))
     rendered = renderer.render(Snapshot(Objects.empty(), np.zeros(0, np.int64)))
     for measured, hits, background in zip(*rendered, renderer.background, strict=True):
         assert np.array_equal(measured, background)
         assert (hits == -1).all()
+    mesh = merge([place(box((1.0, 40.0, 20.0)), 9.0)])
+    depth = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0)),), scenery=mesh).background[0]
+    assert depth[30, 40] == pytest.approx(8.5, abs=1e-4)
 
 
 def test_rendering_repeats_itself_in_any_process_and_keeps_the_background():
@@ -192,12 +199,6 @@ def test_rendering_repeats_itself_in_any_process_and_keeps_the_background():
         assert np.array_equal(first.measurements[0], other.measurements[0])
         assert np.array_equal(first.hits[0], other.hits[0])
     assert np.array_equal(before, renderer.background[0])
-
-
-def test_own_scenery_replaces_the_sites():
-    mesh = merge([place(box((1.0, 40.0, 20.0)), 9.0)])
-    depth = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0)),), scenery=mesh).background[0]
-    assert depth[30, 40] == pytest.approx(8.5, abs=1e-4)
 
 
 def test_boxes_of_other_bodies_are_refused():
@@ -214,13 +215,6 @@ def test_windows_are_small_and_leave_out_what_is_behind():
     assert found[:, 0].tolist() == [0]
     _, top, bottom, left, right = found[0]
     assert (bottom - top) * (right - left) < 60
-
-
-def test_objects_are_where_their_boxes_are_also_above_the_ground():
-    lifted = snapshot((CUBE,), (0, 12.0, 0.0, 0.0), lift=3.0)
-    (depth,), (hits,) = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 4.0)),)).render(lifted)
-    assert (hits == 0).sum() > 30
-    assert depth[30, 40] == pytest.approx(11.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -292,7 +286,7 @@ def lines(starts, ways):
     return np.concatenate([starts, ways], axis=1).astype(np.float32)
 
 
-def test_a_line_meets_the_nearest_object_or_none():
+def test_lines_meet_the_nearest_object_or_none():
     moment = Moment((CAR, CAR), BEHIND, threads=1)
     starts = np.array([[-10.0, 0, 0.7], [20, 0, 0.7], [0, 9, 0.7], [10, 9, 0.7]])
     ways = np.array([[1.0, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0]])
@@ -300,9 +294,6 @@ def test_a_line_meets_the_nearest_object_or_none():
     assert met.tolist() == [0, 1, -1, 1]
     np.testing.assert_allclose(length[[0, 1, 3]], [8.0, 4.5, 7.0], atol=1e-5)
     assert np.isinf(length[2])
-
-
-def test_nothing_moves():
     moment = Moment((), np.zeros((0, 7)), threads=1)
     assert len(moment) == 0
     met, length = moment.met(lines(np.zeros((2, 3)), np.ones((2, 3))))
@@ -388,12 +379,9 @@ def test_nothing_nearer_than_a_sensor_measures_is_seen(distance, seen):
     assert SightLines(WALL).clear(np.zeros(3), np.array([[distance, 0.0, 0.0]])).tolist() == [seen]
 
 
-def test_what_stands_nearer_than_a_sensor_measures_hides_nothing():
+def test_what_is_near_or_a_surface_itself_hides_nothing():
     own_post = box((0.1, 0.1, 6.0), (0.1, 0.0, 0.0))
     ends = np.array([[4.0, 0.0, 1.0], [9.0, 0.0, 1.0]])
     assert SightLines(merge([own_post, WALL])).clear(np.array([0.0, 0, 1]), ends).tolist() == [True, False]
-
-
-def test_a_surface_does_not_hide_its_own_points():
     face = np.array([[4.9, 0.0, 1.0], [4.9 + GRAZE / 2, 0, 1], [4.9 + 3 * GRAZE, 0, 1]])
     assert SightLines(WALL).clear(np.array([0.0, 0, 1]), face).tolist() == [True, True, False]

@@ -41,15 +41,19 @@ def upright(x, y, yaw):
     return np.array([x, y, 0.75, 4.0, 2.0, 1.5, yaw])
 
 
-def test_the_rays_are_those_of_the_sensors_one_after_the_other(rays, renderer):
+def test_what_is_hidden_or_out_of_sight_has_no_pixels(rays, renderer):
     pixels = [int(np.prod(sensor.model.shape)) for sensor in SENSORS]
     assert np.diff(rays.first).tolist() == pixels
     assert rays.rays.shape == (sum(pixels), 3)
     np.testing.assert_array_equal(rays.still, np.concatenate([image.ravel() for image in renderer.background]))
+    behind = rays.silhouette(0, upright(11.0, 0.0, np.pi / 2))
+    assert 0 not in behind.sensors
+    assert 0 in rays.silhouette(0, upright(4.0, 0.0, np.pi / 2)).sensors
+    assert len(rays.silhouette(0, upright(500.0, 0.0, 0.0)).pixels) == 0
 
 
 @pytest.mark.parametrize(("x", "y", "yaw"), PLACES)
-def test_a_silhouette_is_what_a_picture_shows(rays, renderer, x, y, yaw):
+def test_silhouettes_are_what_a_picture_shows_on_the_body(rays, renderer, x, y, yaw):
     row = upright(x, y, yaw)
     snapshot = Snapshot(Objects(row[None], np.array([VEHICLE])), np.zeros(1, np.int64))
     measurements, hits = renderer.render(snapshot)
@@ -61,23 +65,9 @@ def test_a_silhouette_is_what_a_picture_shows(rays, renderer, x, y, yaw):
     np.testing.assert_allclose(found.depth, depth[found.pixels], atol=1e-3)
     assert set(found.sensors.tolist()) == {0, 1, 2}
     np.testing.assert_array_equal(found.sensors, np.searchsorted(rays.first, found.pixels, side="right") - 1)
-
-
-@pytest.mark.parametrize(("x", "y", "yaw"), PLACES)
-def test_its_points_lie_on_the_body(rays, x, y, yaw):
     points = rays.silhouette(0, upright(x, y, yaw)).points.astype(np.float64)
     local = np.abs((points - [x, y, 0.75]) @ pose(0.0, 0.0, 0.0, yaw=yaw)[:3, :3]) / [2.0, 1.0, 0.75]
     np.testing.assert_allclose(local.max(axis=1), 1.0, atol=0.02)
-
-
-def test_what_stands_behind_a_wall_is_not_seen(rays):
-    behind = rays.silhouette(0, upright(11.0, 0.0, np.pi / 2))
-    assert 0 not in behind.sensors
-    assert 0 in rays.silhouette(0, upright(4.0, 0.0, np.pi / 2)).sensors
-
-
-def test_what_is_out_of_sight_has_no_pixels(rays):
-    assert len(rays.silhouette(0, upright(500.0, 0.0, 0.0)).pixels) == 0
 
 
 def test_on_a_slope_too():

@@ -28,15 +28,12 @@ def places(rng, n=3000, margin=30.0):
 
 
 def test_bare_ground_is_what_the_site_says_everywhere():
+    assert np.abs(drop(build_scenery(site()), places(np.random.default_rng(0)))).max() < 1e-4
     uneven = site(relief=Relief(0.1, 3))
     xy = places(np.random.default_rng(0), margin=12.0)
     assert np.abs(drop(build_scenery(uneven), xy) - uneven.ground(xy)).max() < 0.003
     far = np.random.default_rng(1).uniform(-FAR * 0.8, FAR * 0.8, (500, 2))
     assert np.isfinite(drop(build_scenery(uneven), far)).all()
-
-
-def test_flat_ground_is_zero():
-    assert np.abs(drop(build_scenery(site()), places(np.random.default_rng(0)))).max() < 1e-4
 
 
 def test_pond_is_a_hole_with_banks_and_a_surface():
@@ -78,13 +75,23 @@ def test_houses_have_windows_set_into_closed_walls(outline):
     assert np.allclose(drop(mesh, np.array([[4.0, 3.0]])), 7.0)
 
 
-def test_low_and_tiny_houses_are_plain():
+def test_meshes_repeat_with_a_sane_number_of_triangles():
     assert np.allclose(
         drop(build_scenery(site(Solid(SQUARE / 20, -0.3, 0.8, "building"))), np.array([[0.2, 0.15]])), 0.8
     )
+    for name in ("tjunction", "roundabout"):
+        first, second = build_scenery(load_site(name)), build_scenery(load_site(name))
+        assert np.array_equal(first.vertices, second.vertices)
+        assert np.array_equal(first.triangles, second.triangles)
+        assert 10_000 < len(first.triangles) < 300_000
+        assert np.isfinite(first.vertices).all()
+    made = random_site(np.random.default_rng(3))
+    mesh = build_scenery(made)
+    assert np.isfinite(mesh.vertices).all()
+    assert len(mesh.triangles) < 300_000
 
 
-def test_hedges_are_rough_but_stay_in_place():
+def test_hedges_and_leaves_let_rays_pass_within_their_place():
     mesh = build_scenery(site(Solid(np.array([[0.0, 0], [6, 0], [6, 0.8], [0, 0.8]]), -0.3, 1.4, "hedge")))
     hedge = mesh.vertices[mesh.vertices[:, 2] > 0.05]
     assert hedge[:, :2].min() > -ROUGHNESS - 1e-9
@@ -94,9 +101,6 @@ def test_hedges_are_rough_but_stay_in_place():
     assert (heights > 1.2).all()
     assert heights.max() <= 1.4 + 1e-4
     assert heights.std() > 0.005
-
-
-def test_rays_pass_between_leaves():
     ring = 1.5 * np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
     mesh = build_scenery(site(Solid(ring, 2.0, 5.0, "tree")))
     rng = np.random.default_rng(0)
@@ -106,23 +110,7 @@ def test_rays_pass_between_leaves():
     assert heights[~passed].min() > 1.4
 
 
-def test_same_site_same_mesh_and_a_sane_number_of_triangles():
-    for name in ("tjunction", "roundabout"):
-        first, second = build_scenery(load_site(name)), build_scenery(load_site(name))
-        assert np.array_equal(first.vertices, second.vertices)
-        assert np.array_equal(first.triangles, second.triangles)
-        assert 10_000 < len(first.triangles) < 300_000
-        assert np.isfinite(first.vertices).all()
-
-
-def test_random_sites_have_scenery():
-    made = random_site(np.random.default_rng(3))
-    mesh = build_scenery(made)
-    assert np.isfinite(mesh.vertices).all()
-    assert len(mesh.triangles) < 300_000
-
-
-def test_what_stands_on_a_slope_follows_it_and_stays_upright():
+def test_what_stands_on_a_slope_follows_it_and_ponds_too():
     kerb, house = Solid(SQUARE, 0.0, 0.48, "kerb"), Solid(np.add(SQUARE, [0, 20]), -0.3, 6.0, "building")
     steep = site(kerb, house, relief=Relief(0.0, 0, (0.06, 0.03)))
     ground, solid = (
@@ -136,9 +124,6 @@ def test_what_stands_on_a_slope_follows_it_and_stays_upright():
     np.testing.assert_allclose(solid, 0.48 + (SQUARE * 0.9 + 0.3 - middle) @ [0.06, 0.03], atol=1e-4)
     flat = build_scenery(site(kerb, house))
     np.testing.assert_array_equal(build_scenery(steep).vertices[:, :2], flat.vertices[:, :2])
-
-
-def test_a_pond_on_a_slope_lies_as_deep_everywhere():
     pond = Solid(SQUARE, -1.5, -0.5, "pond")
     xy = SQUARE * 0.8 + 0.4
     heights = drop(build_scenery(site(pond, relief=Relief(0.0, 0, (0.05, 0.0)))), xy)

@@ -27,7 +27,7 @@ def file(tmp_path):
         yield made
 
 
-def test_what_is_sound_is_read(file):
+def test_what_is_sound_is_read_and_faults_of_h5py_are_of_reading(file):
     np.testing.assert_array_equal(hdf5.array(file, "numbers", axes=2), np.arange(6.0).reshape(2, 3))
     np.testing.assert_array_equal(hdf5.rows(hdf5.dataset(file, "numbers"), "numbers", 1), [3, 4, 5])
     assert hdf5.text(file, "words") == "hello"
@@ -36,6 +36,12 @@ def test_what_is_sound_is_read(file):
     assert hdf5.read_node_attributes(file["numbers"], "numbers") == {"unit": "m"}
     assert hdf5.contains(file, "group/inside")
     assert not hdf5.contains(file, "missing")
+    says = r"^dslices cannot be read \(bad chunk\): the file is damaged"
+    for kind in (RuntimeError, KeyError, TypeError, OverflowError):
+        with pytest.raises(OSError, match=says), hdf5.reading("dslices"):
+            raise kind("bad chunk")
+    with pytest.raises(ZeroDivisionError), hdf5.reading("dslices"):
+        raise ZeroDivisionError
 
 
 @pytest.mark.parametrize(
@@ -56,15 +62,6 @@ def test_what_is_not_is_refused_in_one_line(file, name, asked, says):
     with pytest.raises(ValueError, match=says) as error:
         hdf5.array(file, name, **asked)
     assert "\n" not in str(error.value)
-
-
-def test_whatever_h5py_raises_is_an_error_of_reading():
-    says = r"^dslices cannot be read \(bad chunk\): the file is damaged"
-    for kind in (RuntimeError, KeyError, TypeError, OverflowError):
-        with pytest.raises(OSError, match=says), hdf5.reading("dslices"):
-            raise kind("bad chunk")
-    with pytest.raises(ZeroDivisionError), hdf5.reading("dslices"):
-        raise ZeroDivisionError
 
 
 SIZES = [0, 1, 96, 2000, 5000, 20_000, 100_000, 200_000]

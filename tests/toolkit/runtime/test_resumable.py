@@ -178,11 +178,8 @@ class Nothing:
         return b""
 
 
-def test_workers_must_be_some(tmp_path):
+def test_workers_must_be_some_and_differences_are_in_words(tmp_path):
     with pytest.raises(ValueError, match="at least 1, got 0"):
         make_shards(Nothing(), folder(tmp_path), [0], workers=0, progress=lambda done: None)
-
-
-def test_differences_in_words():
     assert describe_differences({"a": 1}, {"a": 1}) == ""
     assert describe_differences({"a": 1, "b": 2}, {"a": 1, "c": 3}) == "b 2 instead of None, c None instead of 3"

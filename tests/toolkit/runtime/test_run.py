@@ -27,19 +27,13 @@ def test_a_cluster_needs_ray():
         Processes(ray="local")
 
 
-def test_work_is_done_in_order_and_counted():
+def test_work_is_done_in_order_by_as_many_workers():
     told = []
     run = Run(progress=lambda *stage: told.append(stage))
     assert list(run.map(abs, [-2, 1], progress=run.stage("numbers", 2))) == [2, 1]
     assert told == [("numbers", 1, 2), ("numbers", 2, 2)]
     assert Run().stage("numbers") is None
-
-
-def test_several_workers_give_the_same():
     assert list(Run(workers=2).map(abs, range(-5, 0))) == [5, 4, 3, 2, 1]
-
-
-def test_workers_are_counted():
     assert Run().alone
     assert not Run(workers=2).alone
     assert Processes(workers=None).count == os.cpu_count()

@@ -12,8 +12,5 @@ def test_texts_stand_left_and_numbers_right():
         "late    0,1            0.5",
         "hybrid  all of them  12.25",
     ]
-
-
-def test_a_ragged_table_is_none():
     with pytest.raises(ValueError, match="shorter"):
         align_columns([["a", "b"], ["c"]], texts=1)

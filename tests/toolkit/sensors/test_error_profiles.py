@@ -57,44 +57,9 @@ def test_what_is_no_term_is_refused(terms):
     assert "term" in str(refused.value)
 
 
-def test_a_profile_needs_a_name():
+def test_profiles_have_names_and_draw_from_a_seed():
     with pytest.raises(ValueError, match="needs a name"):
         ErrorProfile("", ())
-
-
-def test_own_terms_take_part(street):
-    assert isinstance(Offset(), ErrorTerm)
-    mine = ErrorProfile("mine", (Offset(0.25),))
-    said = mine.read(street, seed=0, sensor=1, frame=2)
-    assert np.allclose((said.measurement - street.measurement)[street.valid], 0.25, atol=1e-5)
-    assert not said.measurement[~street.valid].any()
-    assert mine.modules == [__name__]
-    assert not mine.needs_velocities
-
-
-def test_a_term_draws_the_same_whatever_other_terms_there_are(street):
-    rainy = ErrorProfile("a", (rain(30.0),)).read(street, seed=1, sensor=2, frame=3)
-    later = ErrorProfile("b", (Calibration(0.01, 0.1), DropOut(0.0), rain(30.0))).read(
-        street, seed=1, sensor=2, frame=3
-    )
-    assert np.array_equal(rainy.measurement, later.measurement)
-    assert (later.pose != rainy.pose).any()
-
-
-def test_two_terms_of_one_kind_draw_apart(wall, sensor):
-    term, truth = RangeNoise(constant=0.1), wall(sensor, 20.0)
-    said = ErrorProfile("twice", (term, term)).read(truth, seed=1, sensor=2, frame=3)
-    assert (said.measurement - truth.measurement).std() == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
-
-
-def test_no_terms_no_change(street):
-    said = ErrorProfile("none", ()).read(street, seed=0, sensor=0, frame=0)
-    assert said.measurement is street.measurement
-    assert said.pose is street.sensor.pose
-    assert replace(ErrorProfile("none", ()), name="x").terms == ()
-
-
-def test_the_names():
     assert list(PROFILES) == ["paper", "surveyed", "typical", "poor"]
     assert [find_profile(name) for name in PROFILES] == [PAPER_ERRORS, SURVEYED, TYPICAL, POOR]
     assert get_profile("poor") is POOR
@@ -102,6 +67,36 @@ def test_the_names():
     with pytest.raises(ValueError, match=r"unknown error profile 'bad': choose among paper, surveyed, typical, poor"):
         find_profile("bad")
     assert len({profile.digest for profile in PROFILES.values()}) == 4
+    check_drawn(PAPER_ERRORS, None)
+    check_drawn(TYPICAL, 0)
+    with pytest.raises(ValueError, match=r"errors 'typical' are drawn from a seed, got noise_seed None"):
+        check_drawn(TYPICAL, None)
+
+
+def test_own_terms_take_part_and_draw_the_same_in_any_company(street):
+    assert isinstance(Offset(), ErrorTerm)
+    mine = ErrorProfile("mine", (Offset(0.25),))
+    said = mine.read(street, seed=0, sensor=1, frame=2)
+    assert np.allclose((said.measurement - street.measurement)[street.valid], 0.25, atol=1e-5)
+    assert not said.measurement[~street.valid].any()
+    assert mine.modules == [__name__]
+    assert not mine.needs_velocities
+    rainy = ErrorProfile("a", (rain(30.0),)).read(street, seed=1, sensor=2, frame=3)
+    later = ErrorProfile("b", (Calibration(0.01, 0.1), DropOut(0.0), rain(30.0))).read(
+        street, seed=1, sensor=2, frame=3
+    )
+    assert np.array_equal(rainy.measurement, later.measurement)
+    assert (later.pose != rainy.pose).any()
+    said = ErrorProfile("none", ()).read(street, seed=0, sensor=0, frame=0)
+    assert said.measurement is street.measurement
+    assert said.pose is street.sensor.pose
+    assert replace(ErrorProfile("none", ()), name="x").terms == ()
+
+
+def test_two_terms_of_one_kind_draw_apart(wall, sensor):
+    term, truth = RangeNoise(constant=0.1), wall(sensor, 20.0)
+    said = ErrorProfile("twice", (term, term)).read(truth, seed=1, sensor=2, frame=3)
+    assert (said.measurement - truth.measurement).std() == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
 
 
 def test_the_paper_has_the_models_noise_and_nothing_else(street):
@@ -148,10 +143,3 @@ def test_what_is_no_number_disturbs_no_profile(street, name):
     said = PROFILES[name].read(replace(street, measurement=image), seed=0, sensor=1, frame=0)
     assert np.isfinite(said.measurement).all()
     assert (said.measurement >= 0).all()
-
-
-def test_errors_are_drawn_from_a_seed():
-    check_drawn(PAPER_ERRORS, None)
-    check_drawn(TYPICAL, 0)
-    with pytest.raises(ValueError, match=r"errors 'typical' are drawn from a seed, got noise_seed None"):
-        check_drawn(TYPICAL, None)

@@ -108,7 +108,7 @@ def test_the_share_that_drops_out(read, wall, sensor, share):
     assert set(np.unique(said.measurement)) == {0.0, 30.0}
 
 
-def test_range_and_incidence_take_more(read, street):
+def test_share_and_range_take_pixels(read, street):
     term = DropOut(half_range=25.0)
     lost = np.mean([~read(term, street, frame=f).valid[street.valid] for f in range(12)], axis=0)
     expected = 1 - chance_of_return(street.ranges, street.cosines, 25.0, 2.0)[street.valid]
@@ -116,6 +116,8 @@ def test_range_and_incidence_take_more(read, street):
         some = (expected >= low) & (expected < high)
         assert some.sum() > 100
         assert lost[some].mean() == pytest.approx(expected[some].mean(), abs=0.02)
+    nothing = replace(street, measurement=np.zeros_like(street.measurement))
+    assert not read(DropOut(0.5, 40.0), nothing).measurement.any()
 
 
 def test_shares_multiply(read, wall, sensor):
@@ -134,11 +136,6 @@ def test_dead_rows_are_whole_rows_and_stay_dead(read, wall, sensor):
     assert np.mean(shares) == pytest.approx(0.75, abs=0.01)
     assert len(set(shares)) > 5
     assert not read(DeadRows(1.0), truth).valid.any()
-
-
-def test_all_of_nothing(read, street):
-    nothing = replace(street, measurement=np.zeros_like(street.measurement))
-    assert not read(DropOut(0.5, 40.0), nothing).measurement.any()
 
 
 @pytest.fixture
@@ -162,13 +159,10 @@ def test_only_the_two_columns_at_the_edge_mix_and_lie_between(read, halves):
     assert between.std() == pytest.approx(10 / np.sqrt(12), rel=0.06)
 
 
-def test_gap_and_reach_bound_what_mixes(read, halves):
+def test_edges_that_mix_are_bounded_by_gap_reach_and_sky(read, halves):
     for still in (MixedPixels(1.0, gap=10.5), MixedPixels(1.0, reach=9.5)):
         assert np.array_equal(read(still, halves).measurement, halves.measurement)
     assert (read(MixedPixels(1.0, gap=9.5, reach=10.5), halves).measurement != halves.measurement).any()
-
-
-def test_the_open_sky_mixes_with_nothing(read, halves):
     image = np.where(halves.measurement > 15, np.float32(0), halves.measurement)
     assert np.array_equal(read(MixedPixels(1.0), replace(halves, measurement=image)).measurement, image)
 
@@ -262,14 +256,11 @@ def test_sigma_by_range(read, wall, sensor, term, metres):
     assert abs(noise.mean()) < 4 * expected / np.sqrt(noise.size)
 
 
-def test_stereo_by_the_textbook():
+def test_chances_of_return_and_stereo_and_time_of_flight():
     """f = 800 pixels and B = 0.5 m: at 20 m one tenth of a pixel is 10 cm."""
     assert stereo_noise(baseline=0.5, focal=800.0).quadratic * 20**2 == pytest.approx(0.1)
     with pytest.raises(ValueError, match="above 0"):
         stereo_noise(baseline=0.0, focal=800.0)
-
-
-def test_time_of_flight_splits_its_sigma_at_10_m():
     for ambient in (0.0, 0.3, 1.0):
         term = time_of_flight_noise(at_10_m=0.05, ambient=ambient)
         assert term.proportional * 10 + term.quadratic * 100 == pytest.approx(0.05)
@@ -293,7 +284,7 @@ def test_what_returned_nothing_still_does_and_nothing_comes_from_behind(read, st
     assert wild.dtype == np.float32
 
 
-def test_frames_differ_and_seeds_do(read, street):
+def test_noise_draws_anew_by_frame_and_seed(read, street):
     term = RangeNoise(constant=0.1)
     said = [
         read(term, street, **with_).measurement.tobytes()
@@ -301,9 +292,6 @@ def test_frames_differ_and_seeds_do(read, street):
     ]
     assert said[0] == said[4]
     assert len(set(said)) == 4
-
-
-def test_own_noise_is_the_models(read, street):
     said = read(OwnNoise(), street)
     assert (said.measurement - street.measurement)[street.valid].std() == pytest.approx(0.015, rel=0.02)
 
@@ -322,7 +310,7 @@ def test_the_window_band_is_that_of_cars_alone(street):
     assert band.sum() > 300
 
 
-def test_glass_returns_nothing_or_what_is_inside(read, street):
+def test_dark_pillars_and_glass(read, street):
     said = read(Glass(1.0, behind=0.4), street)
     band = Glass(1.0).band(street)
     assert np.array_equal(said.measurement[~band], street.measurement[~band])
@@ -334,6 +322,9 @@ def test_glass_returns_nothing_or_what_is_inside(read, street):
     inside = replace(street, measurement=said.measurement).points[np.flatnonzero(through)]
     boxes = street.objects.boxes + np.array([0, 0, 0, 0.02, 0.02, 0.02, 0])
     assert points_in_boxes(inside, boxes[:2]).any(axis=1).all()
+    band = Glass(1.0).band(street)
+    lost = ~read(Glass(0.7, behind=0.0), street).valid & band
+    assert lost.sum() / band.sum() == pytest.approx(0.7, abs=0.06)
 
 
 def test_the_way_through_a_car_is_that_to_its_far_side(read, street):
@@ -351,12 +342,6 @@ def test_the_way_through_a_car_is_that_to_its_far_side(read, street):
         entry = street.measurement[row, column]
         assert entry <= farthest <= leaves + 0.02
         assert farthest >= entry + 0.8 * (leaves - entry) - 0.02
-
-
-def test_pillars_are_left(read, street):
-    band = Glass(1.0).band(street)
-    lost = ~read(Glass(0.7, behind=0.0), street).valid & band
-    assert lost.sum() / band.sum() == pytest.approx(0.7, abs=0.06)
 
 
 def test_dark_cars_lose_more_the_same_ones_for_every_sensor(read, street, sensor):

@@ -16,7 +16,7 @@ def first(rng):
     return rng.random()
 
 
-def test_each_stream_depends_on_what_it_is_drawn_for_and_on_nothing_else():
+def test_streams_depend_on_what_they_are_drawn_for_alone():
     at = np.array([1.0, 2.0, 6.0])
     streams = {
         "of_frame": (lambda d: first(d.of_frame()), {"seed", "sensor", "frame", "term"}),
@@ -31,22 +31,13 @@ def test_each_stream_depends_on_what_it_is_drawn_for_and_on_nothing_else():
         for field in ("seed", "sensor", "frame", "term"):
             other = draw(replace(BASE, **{field: getattr(BASE, field) + 1}))
             assert (other != values[name]) == (field in on), (name, field)
-
-
-def test_the_own_noise_is_drawn_as_it_always_was():
     assert first(BASE.own_noise()) == np.random.default_rng([3, 7, 5]).random()
-
-
-def test_objects_keep_their_number_in_any_company():
     together = BASE.of_objects(np.array([4, -1, 2**40, 4]))
     assert together.tolist() == [BASE.of_objects(np.array([each]))[0] for each in (4, -1, 2**40, 4)]
     assert len(set(together.tolist())) == 3
     assert BASE.of_objects(np.zeros(0, np.int64)).shape == (0,)
     many = BASE.of_objects(np.arange(2000))
     assert many.mean() == pytest.approx(0.5, abs=0.03)
-
-
-def test_sensors_of_one_pole_share_its_numbers():
     one, above, beside = (np.array(p) for p in ([-3.0, 2.0, 5.0], [-3.001, 2.0, 6.0], [-3.02, 2.0, 5.0]))
     assert first(BASE.of_pole(one)) == first(replace(BASE, sensor=6).of_pole(above)) != first(BASE.of_pole(beside))
 
@@ -78,13 +69,10 @@ def test_cosines_on_even_ground_and_on_a_wall(street, wall, sensor):
     assert np.allclose(facing.cosines, expected, atol=0.01)
 
 
-def test_ranges_are_distances(street):
+def test_a_reading_without_error_is_what_is_there_in_ranges(street):
     apart = np.linalg.norm(street.points - street.sensor.position, axis=1).reshape(street.ranges.shape)
     assert np.allclose(street.ranges, apart, atol=1e-3)
     assert not street.ranges[~street.valid].any()
-
-
-def test_a_reading_without_error_is_what_is_there(street):
     reading = Reading.of(street)
     assert reading.measurement is street.measurement
     assert reading.pose is street.sensor.pose
@@ -94,6 +82,12 @@ def test_a_reading_without_error_is_what_is_there(street):
     assert half.valid.sum() == pytest.approx(street.valid.sum() / 2, abs=1)
     assert half.truth is street
     assert street.valid.sum() == is_return(street.measurement).sum()
+    image = street.measurement.copy()
+    image[0, :4] = np.nan, np.inf, -np.inf, -3.0
+    reading = Reading.of(replace(street, measurement=image))
+    assert reading.measurement[0, :4].tolist() == [0, 0, 0, -3]
+    assert not reading.valid[0, :4].any()
+    assert not reading.truth.ranges[0, :4].any()
 
 
 def test_an_image_of_nothing(sensor):
@@ -102,12 +96,3 @@ def test_an_image_of_nothing(sensor):
     assert not dark.ranges.any()
     assert (dark.cosines == 1).all()
     assert (dark.owners == -1).all()
-
-
-def test_no_numbers_are_no_returns(street):
-    image = street.measurement.copy()
-    image[0, :4] = np.nan, np.inf, -np.inf, -3.0
-    reading = Reading.of(replace(street, measurement=image))
-    assert reading.measurement[0, :4].tolist() == [0, 0, 0, -3]
-    assert not reading.valid[0, :4].any()
-    assert not reading.truth.ranges[0, :4].any()

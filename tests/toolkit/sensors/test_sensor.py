@@ -356,24 +356,15 @@ def test_a_model_of_ones_own_is_known_by_name():
     assert list(MODELS.values()).count(FisheyeCamera) == 1
 
 
-def test_a_camera_looks_the_same_whichever_way_its_pose_is_made():
-    sensor = Sensor("s", DepthCamera(), look((1.0, 2.0, 3.0), 0.4, 0.2))
-    assert np.allclose(sensor.world_SE3_body, pose(1.0, 2.0, 3.0, yaw=0.4, pitch=0.2))
-    assert np.allclose(invert(sensor.world_SE3_body) @ sensor.pose, BODY_SE3_CAMERA)
-
-
 CAMERA = DepthCamera()
 LIDAR = SpinningLidar(channels=16)
 
 
-def test_default_camera_is_the_papers():
+def test_a_default_camera_has_the_papers_rays():
     assert CAMERA.shape == (150, 200)
     np.testing.assert_allclose(CAMERA.intrinsic, [[200, 0, 200], [0, 200, 150], [0, 0, 1]])
     assert CAMERA.sigma == 0.015
-
-
-def test_camera_ray_is_equation_2():
-    """X = (u - cu) d / f, Y = (v - cv) d / f, Z = d, on every second pixel of the full image."""
+    # X = (u - cu) d / f, Y = (v - cv) d / f, Z = d, on every second pixel of the full image.
     depth = 7.5
     points = CAMERA.rays() * np.float32(depth)
     for row, column in ((0, 0), (149, 199), (75, 100), (31, 180)):
@@ -381,24 +372,18 @@ def test_camera_ray_is_equation_2():
         np.testing.assert_allclose(points[row, column], [(u - 200) / 200 * depth, (v - 150) / 200 * depth, depth])
 
 
-def test_points_project_back_onto_their_pixels():
+def test_camera_rays_in_image_and_world():
     camera = DepthCamera(width=64, height=41, stride=3, fov=1.2, centre=(30.0, 22.5))
     pixels = camera.rays() @ camera.intrinsic.T
     rows, columns = camera.shape
     u, v = np.meshgrid(np.arange(columns) * 3, np.arange(rows) * 3)
     np.testing.assert_allclose(pixels[..., 0], u, atol=1e-4)
     np.testing.assert_allclose(pixels[..., 1], v, atol=1e-4)
-
-
-def test_world_rays_are_equation_1():
     sensor = Sensor("s", CAMERA, look((3.0, -2.0, 5.2), heading=2.0, tilt=0.3))
     depth = np.random.default_rng(0).uniform(1, 80, CAMERA.shape)
     in_sensor = depth[..., None] * CAMERA.rays().astype(np.float64)
     expected = transform(sensor.pose, in_sensor.reshape(-1, 3))
     np.testing.assert_allclose((sensor.world_rays * depth.ravel()).T + sensor.position, expected, atol=1e-4)
-
-
-def test_level_camera_looks_along_its_heading_with_the_ground_below():
     sensor = Sensor("s", CAMERA, look((0.0, 0.0, 5.0), heading=np.pi / 2))
     rays = sensor.world_rays.reshape(3, *CAMERA.shape)
     np.testing.assert_allclose(rays[:, 75, 100], [0, 1, 0], atol=1e-6)
@@ -406,7 +391,7 @@ def test_level_camera_looks_along_its_heading_with_the_ground_below():
     assert rays[0, 75, 0] < 0 < rays[0, 75, -1]  # looking north, the image's left is west
 
 
-def test_lidar_rays_are_unit_vectors_top_row_first():
+def test_lidar_rays_are_unit_vectors_top_row_first_evenly():
     lidar = SpinningLidar(channels=3, fov_up=0.2, fov_down=-0.4, azimuth_step=np.pi / 2)
     rays = lidar.rays()
     assert rays.shape == (3, 4, 3) == (*lidar.shape, 3)
@@ -414,9 +399,6 @@ def test_lidar_rays_are_unit_vectors_top_row_first():
     np.testing.assert_allclose(rays[:, 0, 2], np.sin([0.2, -0.1, -0.4]), rtol=1e-6)
     azimuth = np.arctan2(rays[0, :, 1], rays[0, :, 0])
     np.testing.assert_allclose(np.diff(azimuth), np.pi / 2, rtol=1e-6)
-
-
-def test_lidar_of_a_sector_looks_forward_evenly():
     rays = SpinningLidar(channels=1, fov_up=0.0, fov_down=0.0, azimuth_step=0.1, azimuth_fov=1.0).rays()
     assert rays.shape == (1, 10, 3)
     np.testing.assert_allclose(rays[0, :, 1], -rays[0, ::-1, 1], atol=1e-6)
@@ -424,15 +406,11 @@ def test_lidar_of_a_sector_looks_forward_evenly():
 
 
 @pytest.mark.parametrize("model", [CAMERA, LIDAR])
-def test_what_returned_nothing_stays_nothing_under_noise(model):
+def test_noise_has_the_models_deviation_is_reproducible_and_keeps_nothing_nothing(model):
     nothing = np.zeros(model.shape, np.float32)
     nothing[0, :5] = [np.nan, np.inf, -np.inf, -3.0, model.max_range]
     assert not is_return(nothing, model.max_range).any()
     assert not model.noisy(nothing, np.random.default_rng(0)).any()
-
-
-@pytest.mark.parametrize("model", [CAMERA, LIDAR])
-def test_noise_has_the_models_deviation_and_is_reproducible(model):
     clean = np.full(model.shape, 20.0, np.float32)
     noisy = model.noisy(clean, np.random.default_rng(3))
     assert noisy.dtype == np.float32
@@ -441,20 +419,20 @@ def test_noise_has_the_models_deviation_and_is_reproducible(model):
     np.testing.assert_array_equal(noisy, model.noisy(clean, np.random.default_rng(3)))
 
 
-def test_models_and_sensors_compare_and_hash_by_value():
+def test_sensors_compare_by_value_and_keep_their_own_pose():
     one, other = (Sensor("s", DepthCamera(), pose(1.0, 2.0, 3.0)) for _ in range(2))
     assert one == other
     assert hash(one) == hash(other)
     assert one != Sensor("s", DepthCamera(), pose(1.0, 2.0, 4.0)) != "s"
-
-
-def test_sensor_keeps_its_own_pose():
     mine = pose(1.0, 2.0, 3.0)
     sensor = Sensor("s", CAMERA, mine)
     mine[0, 3] = 99
     assert sensor.position[0] == 1
     with pytest.raises(ValueError, match="read-only"):
         sensor.pose[0, 3] = 5
+    sensor = Sensor("s", DepthCamera(), look((1.0, 2.0, 3.0), 0.4, 0.2))
+    assert np.allclose(sensor.world_SE3_body, pose(1.0, 2.0, 3.0, yaw=0.4, pitch=0.2))
+    assert np.allclose(invert(sensor.world_SE3_body) @ sensor.pose, BODY_SE3_CAMERA)
 
 
 @pytest.mark.parametrize(

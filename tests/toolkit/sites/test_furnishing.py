@@ -93,13 +93,10 @@ def test_avenues_hang_over_the_road_and_what_drives_passes_below():
     assert 4 <= seen <= 11
 
 
-def test_no_kerb_no_avenue():
+def test_crowns_are_clumps_and_narrower_beside_houses():
     plot = Plot(ROAD, WINDOW, [])
     avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
     assert plot.solids == []
-
-
-def test_a_crown_is_clumps_within_its_radius_and_levels_with_gaps():
     for seed in range(10):
         made = clumps(5.0, -2.0, OVER_ROAD[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
         assert 3 <= len(made) <= 8
@@ -107,9 +104,6 @@ def test_a_crown_is_clumps_within_its_radius_and_levels_with_gaps():
         assert 3.0 < reach < 4.51
         assert min(s.base for s in made) == 3.0
         assert max(s.top for s in made) == 7.0
-
-
-def test_crowns_are_narrower_beside_houses_and_not_planted_in_them():
     rng, plot = np.random.default_rng(0), Plot(ROAD, WINDOW, [])
     plot.solids.append(Solid(rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
     assert plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
@@ -143,7 +137,7 @@ def planted(seed, sides=SIDES):
     return plot
 
 
-def test_what_stands_on_an_island_keeps_off_the_lanes_and_differs_from_site_to_site():
+def test_islands_are_planted_off_the_lanes_and_slivers_stay_bare():
     kinds, numbers, sizes = set(), [], []
     for seed in range(25):
         plot = planted(seed)
@@ -159,9 +153,6 @@ def test_what_stands_on_an_island_keeps_off_the_lanes_and_differs_from_site_to_s
     assert {"hedge", "bush", "tree", "sign", "container", "planter"} <= kinds
     assert min(numbers) < 25 < 50 < max(numbers)
     assert min(sizes) < 1.0 < 4.0 < max(sizes)
-
-
-def test_slivers_between_lanes_stay_bare():
     narrow = [(-20.0, -8.0, 20.0, -2.0), (-20.0, 2.0, 20.0, 8.0), (-20.0, -8.0, -3.0, 8.0), (3.0, -8.0, 20.0, 8.0)]
     assert planted(0, narrow).solids == []
 
@@ -187,11 +178,8 @@ def test_a_closed_lane_is_fenced_off_and_nothing_of_it_is_in_the_way(edge):
     assert {"cone", "barrier", "fence", "container", "machine", "heap"} <= found
 
 
-def test_a_strip_too_short_for_works_has_none():
+def test_works_beside_the_street_keep_off_it_and_need_room():
     assert works(0, line=np.array([[0.0, -6.1], [12.0, -6.1]])) == []
-
-
-def test_works_beside_the_street_keep_off_it():
     number = 0
     for seed in range(8):
         plot = Plot(ROAD, WINDOW, [])

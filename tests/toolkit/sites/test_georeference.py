@@ -33,25 +33,35 @@ TURNED = Site("berlin", AREA, map_SE3_site=pose(3.0, 4.0, 34.0, yaw=np.pi / 2), 
 UTM = "+proj=utm +zone=33 +datum=WGS84 +units=m +no_defs"
 
 
-def test_projection_is_transverse_mercator():
+def test_projections_are_those_of_proj():
     # Independent figures: one degree of longitude and latitude at 52.505° on WGS84 are 67,922.6 m and 111,268.5 m.
     metres = project(np.array([[13.401, 52.505], [13.4, 52.506], CENTRE]), CENTRE)
     np.testing.assert_allclose(metres, [[67.9, 0.0], [0.0, 111.27], [0, 0]], atol=0.05)
     points = np.random.default_rng(0).uniform(-2000, 2000, (50, 2))
     np.testing.assert_allclose(project(inverse_project(points, CENTRE), CENTRE), points, atol=1e-6)
-
-
-def test_our_own_projection_is_that_of_proj():
-    """Within 2 km to 1 mm, also for southern, western and far northern places."""
+    # Within 2 km to 1 mm, also for southern, western and far northern places.
     pyproj = pytest.importorskip("pyproj")
     points = np.random.default_rng(1).uniform(-1400, 1400, (50, 2))
     for centre in (CENTRE, (-70.25, -33.5), (179.999, 0.0), (25.7, 69.5)):
         there = pyproj.Transformer.from_crs(projection(*centre), "EPSG:4326", always_xy=True)
         degrees = np.stack(there.transform(*points.T), axis=1)
         assert np.abs((inverse_project(points, centre) - degrees + 180) % 360 - 180).max() < 2e-8, centre
+    pytest.importorskip("pyproj")
+    site = Site("utm", AREA, map_SE3_site=pose(500000.0, 4982950.400), geo_reference=UTM)
+    degrees = longitude_latitude(site, np.array([[0.0, 0.0], [10.0, 20.0]]))
+    assert degrees is not None
+    # Independent figures: zone 33 is about 15°; the meridian from the equator to 45° is 4,984,944.378 m, times 0.9996
+    assert degrees[0] == pytest.approx([15.0, 45.0], abs=1e-8)
+    assert site_metres(site, degrees) == pytest.approx(np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5)
+    # Its map's zero is where equator and Greenwich meet; 1 degree of longitude is 111,319.5 m there.
+    pytest.importorskip("pyproj")
+    carla = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +geoidgrids=egm96_15.gtx +vunits=m"
+    site = Site("town01", AREA, map_SE3_site=pose(104.0, -196.0), geo_reference=carla)
+    degrees = longitude_latitude(site, np.zeros((1, 2)))
+    assert degrees == pytest.approx(np.array([[104 / 111319.49, -196 / 110574.28]]), abs=1e-8)
 
 
-def test_site_places_on_earth_and_back():
+def test_sites_lie_on_earth_or_nowhere():
     xy = np.array([[0.0, 0.0], [100.0, 0.0], [-4.0, 3.0]])
     degrees = longitude_latitude(TURNED, xy)
     assert degrees is not None
@@ -60,31 +70,13 @@ def test_site_places_on_earth_and_back():
     assert degrees[2] == pytest.approx(CENTRE, abs=1e-9)
     assert site_metres(TURNED, degrees) == pytest.approx(xy, abs=1e-6)
     assert longitude_latitude(TURNED, np.zeros((0, 2))) == pytest.approx(np.zeros((0, 2)))
-
-
-def test_other_projections_through_pyproj():
-    pytest.importorskip("pyproj")
-    site = Site("utm", AREA, map_SE3_site=pose(500000.0, 4982950.400), geo_reference=UTM)
-    degrees = longitude_latitude(site, np.array([[0.0, 0.0], [10.0, 20.0]]))
-    assert degrees is not None
-    # Independent figures: zone 33 is about 15°; the meridian from the equator to 45° is 4,984,944.378 m, times 0.9996
-    assert degrees[0] == pytest.approx([15.0, 45.0], abs=1e-8)
-    assert site_metres(site, degrees) == pytest.approx(np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5)
-
-
-def test_georeference_of_carla_town01():
-    """Its map's zero is where equator and Greenwich meet; 1 degree of longitude is 111,319.5 m there."""
-    pytest.importorskip("pyproj")
-    carla = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +geoidgrids=egm96_15.gtx +vunits=m"
-    site = Site("town01", AREA, map_SE3_site=pose(104.0, -196.0), geo_reference=carla)
-    degrees = longitude_latitude(site, np.zeros((1, 2)))
-    assert degrees == pytest.approx(np.array([[104 / 111319.49, -196 / 110574.28]]), abs=1e-8)
-
-
-def test_site_that_is_nowhere_on_earth():
     assert longitude_latitude(load_site("tjunction"), np.zeros((2, 2))) is None
     with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is \(geo_reference\)"):
         site_metres(load_site("tjunction"), np.zeros((2, 2)))
+    pytest.importorskip("pyproj")
+    site = replace(TURNED, geo_reference="+proj=merc +datum=WGS84")
+    with pytest.raises(ValueError, match=r"does not reach \[0.0, 95.0\]"):
+        site_metres(site, np.array([[0.0, 0.0], [0.0, 95.0]]))
 
 
 @pytest.mark.parametrize(
@@ -105,13 +97,6 @@ def test_what_is_no_projection_is_said_so(reference):
         longitude_latitude(site, np.zeros((1, 2)))
     with pytest.raises(ValueError, match="names no projection that PROJ knows"):
         site_metres(site, np.zeros((1, 2)))
-
-
-def test_places_beyond_the_map():
-    pytest.importorskip("pyproj")
-    site = replace(TURNED, geo_reference="+proj=merc +datum=WGS84")
-    with pytest.raises(ValueError, match=r"does not reach \[0.0, 95.0\]"):
-        site_metres(site, np.array([[0.0, 0.0], [0.0, 95.0]]))
 
 
 def test_without_pyproj_only_foreign_maps_are_refused(monkeypatch):
@@ -195,14 +180,6 @@ def test_every_layer_is_there_with_its_properties(site):
     assert (by_name["l0"]["model"], by_name["d0"]["model"]) == ("spinning-lidar", "depth-camera")
 
 
-def test_places_lie_where_they_are_on_earth(site):
-    features = {each["properties"]["name"]: each for each in json.loads(site_geojson(site))["features"]}
-    # site (1, 3) is 3 m to the west and 1 m to the north of (3, 4)
-    assert on_map(features["b"]["geometry"]) == pytest.approx(np.array([[0.0, 5.0]]), abs=2e-3)
-    area = on_map(features["small"]["geometry"])
-    assert [area.min(axis=0), area.max(axis=0)] == pytest.approx(np.array([[-2.0, -6.0], [8.0, 14.0]]), abs=2e-3)
-
-
 def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
     collection = json.loads(site_geojson(site))
     assert collection["type"] == "FeatureCollection"
@@ -219,6 +196,15 @@ def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
             (ring,) = each["geometry"]["coordinates"]
             assert ring[0] == ring[-1]
             assert shapely.LinearRing(ring).is_ccw
+    features = {each["properties"]["name"]: each for each in json.loads(site_geojson(site))["features"]}
+    # site (1, 3) is 3 m to the west and 1 m to the north of (3, 4)
+    assert on_map(features["b"]["geometry"]) == pytest.approx(np.array([[0.0, 5.0]]), abs=2e-3)
+    area = on_map(features["small"]["geometry"])
+    assert [area.min(axis=0), area.max(axis=0)] == pytest.approx(np.array([[-2.0, -6.0], [8.0, 14.0]]), abs=2e-3)
+    written = feature(replace(site, geo_reference=None), shapely.Point(1.23456, -0.0001, 7.0))
+    assert written["geometry"] == {"type": "Point", "coordinates": (1.235, 0.0)}
+    with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is .* in metres"):
+        site_geojson(load_site("tjunction"))
 
 
 def test_clockwise_polygons_and_holes_are_turned(site):
@@ -232,13 +218,6 @@ def test_clockwise_polygons_and_holes_are_turned(site):
         assert not shapely.LinearRing(inside).is_ccw
         assert shapely.LinearRing(second).is_ccw
         assert written["properties"] == {"layer": "seen"}
-
-
-def test_metres_where_a_site_is_nowhere_on_earth(site):
-    written = feature(replace(site, geo_reference=None), shapely.Point(1.23456, -0.0001, 7.0))
-    assert written["geometry"] == {"type": "Point", "coordinates": (1.235, 0.0)}
-    with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is .* in metres"):
-        site_geojson(load_site("tjunction"))
 
 
 def test_the_same_site_gives_the_same_text(site, tmp_path):

@@ -77,7 +77,7 @@ def test_roundabout_of_the_paper(tmp_path, check_site, on_lanes):
 
 
 @carla
-def test_turned_site_is_the_same_place(tmp_path, on_lanes):
+def test_turned_site_is_the_same_place_and_needs_a_road(tmp_path, on_lanes):
     town = SHARED / "carla" / "Town01.xodr"
     straight = import_opendrive(town, centre=(104, -196), size=(60, 60))
     turned = import_opendrive(town, centre=(104, -196), size=(60, 60), heading=0.6)
@@ -85,10 +85,6 @@ def test_turned_site_is_the_same_place(tmp_path, on_lanes):
     assert on_lanes(straight, *spot[0, :2])
     moved = transform(np.linalg.inv(turned.map_SE3_site), transform(straight.map_SE3_site, spot))
     assert on_lanes(turned, *moved[0, :2])
-
-
-@carla
-def test_opendrive_without_a_road_there():
     with pytest.raises(ValueError, match="no road within the area about 200 -260"):
         import_opendrive(SHARED / "carla" / "Town01.xodr", centre=(200, -260), size=(20, 20))
     with pytest.raises(ValueError, match=r"centre 9000 0 lies outside the map, whose roads start at x"):
@@ -129,12 +125,15 @@ def test_crossroads(tmp_path, imported, crossroads, on_lanes, union):
     assert "300" not in site.network.partition("convBoundary")[2][:40]
 
 
-def test_place_on_earth(tmp_path, imported, on_lanes, crossroads):
+def test_a_place_on_earth_and_left_hand_traffic(tmp_path, imported, on_lanes, crossroads):
     """The site's geo-reference and pose lead back to longitude and latitude."""
     site = imported(crossroads(), tmp_path, heading=0.3)
     assert site.geo_reference.startswith("+proj=tmerc +lat_0=52.505 +lon_0=13.4 ")
     east = transform(np.linalg.inv(site.map_SE3_site), np.array([[38.0, 2.0, 0.0]]))[0]
     assert on_lanes(site, *east[:2])
+    site = imported(crossroads(), tmp_path, lefthand=True)
+    assert 'lefthand="true"' in site.network
+    assert on_lanes(site, 30, 2)
 
 
 def test_what_real_extracts_contain(tmp_path, crossroads, imported):
@@ -151,12 +150,6 @@ def test_what_real_extracts_contain(tmp_path, crossroads, imported):
     draft.text.append('<node id="5"/><node id="6" lat="north" lon="1"/><way id="7"/><relation id="8"/>')
     draft.text.append('<way id="9" action="delete"><nd ref="5"/></way><note>made by hand</note>')
     imported(draft, tmp_path)
-
-
-def test_left_hand_traffic(tmp_path, imported, on_lanes, crossroads):
-    site = imported(crossroads(), tmp_path, lefthand=True)
-    assert 'lefthand="true"' in site.network
-    assert on_lanes(site, 30, 2)
 
 
 def test_centre_outside_and_off_the_road(tmp_path, put, empty_map, crossroads, box):
@@ -277,7 +270,7 @@ def test_a_vehicle_that_turns_needs_room_inside_the_bend():
     assert find_turns(NET).is_empty
 
 
-def test_a_stub_of_footway_across_a_lane_is_carriageway():
+def test_roads_are_whole_and_footways_yield():
     lanes = [shapely.box(-60, -4, -0.8, 4), shapely.box(0.8, -4, 60, 4)]
     footways = [shapely.box(-60, 4, 60, 6), shapely.box(-0.8, 1, 0.8, 5)]
     track = shapely.box(-60, -3, 60, 0)
@@ -286,18 +279,12 @@ def test_a_stub_of_footway_across_a_lane_is_carriageway():
     assert road.contains(shapely.box(-0.7, 1.1, 0.7, 3.9))
     assert walk.symmetric_difference(shapely.box(-50, 4, 50, 6)).area < 0.1
     assert road.intersection(walk).area < 1e-6
-
-
-def test_cracks_close_slivers_go_and_the_ends_are_square():
     lanes = [shapely.box(-80, -4, 80, -0.1), shapely.box(-80, 0.1, 80, 4), shapely.box(-20, 20, 20, 20.6)]
     footways = [shapely.box(-80, 4.2, 80, 6), shapely.box(10, -4.3, 30, -4)]
     road, walk = (shape(each) for each in whole_road(lanes, footways, shapely.Polygon(), WINDOW))
     assert road.bounds[0::2] == walk.bounds[0::2] == (-50, 50)
     assert road.symmetric_difference(shapely.box(-50, -4, 50, 4)).area < 0.5
     assert walk.bounds[1] >= 4.0
-
-
-def test_what_is_driven_is_no_footway_and_islets_go():
     lanes = [shapely.box(-60, -8, 60, 8).difference(shapely.box(0, -2, 4, 2))]
     islet, refuge = shapely.box(0, -2, 4, 2), shapely.box(-40, 8, 40, 12)
     track = shapely.box(-60, 7, 60, 9)
@@ -332,22 +319,16 @@ def test_legs_are_the_streets_that_cars_use():
     np.testing.assert_allclose(paths[0], [[-80, -2], [0, -2], [130, -2]])
 
 
-def test_bays_in_which_something_stands_or_drives_are_none():
+def test_bays_are_free_and_along_lanes():
     bays = [(0.0, 9.0, 0.0), (10.0, 9.0, 0.0), (20.0, 9.0, 0.0), (38.0, 9.0, 0.0)]
     window = shapely.box(-40, -40, 40, 40)
     rows = free_bays(bays, window, [post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20))
     np.testing.assert_allclose(rows, [[0, 9, 0]])
-
-
-def test_the_front_of_a_slanted_bay_may_reach_over_the_edge_of_a_lane():
-    strip, lane, window = 4.8, shapely.box(-40, -3.3, 40, 0), shapely.box(-40, -40, 40, 40)
+    strip, lane = 4.8, shapely.box(-40, -3.3, 40, 0)  # the front of a slanted bay may reach over a lane's edge
     assert len(free_bays([(0.0, strip / 2, 0.25 * np.pi)], window, [], lane)) == 1
     assert len(free_bays([(0.0, strip / 2 - 0.5, 0.25 * np.pi)], window, [], lane)) == 0
-
-
-def test_bays_follow_a_parking_lane():
-    rows = bays_along(np.array([[0.0, 0], [0, 20]]))
-    np.testing.assert_allclose(rows, [(0, 3.2, np.pi / 2), (0, 9.6, np.pi / 2), (0, 16.0, np.pi / 2)])
+    along = bays_along(np.array([[0.0, 0], [0, 20]]))
+    np.testing.assert_allclose(along, [(0, 3.2, np.pi / 2), (0, 9.6, np.pi / 2), (0, 16.0, np.pi / 2)])
     assert bays_along(np.array([[0.0, 0], [5, 0]])) == []
 
 

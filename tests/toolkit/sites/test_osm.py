@@ -56,7 +56,7 @@ def test_truncated_map(tmp_path, put, crossroads):
         import_osm(path, centre=CENTRE, size=(60, 60))
 
 
-def test_one_way_and_its_reverse(tmp_path, empty_map, imported):
+def test_one_way_streets_roundabouts_and_cycleways(tmp_path, empty_map, imported, on_lanes):
     for value, sign in (("yes", 1), ("-1", -1)):
         draft = empty_map()
         draft.way((-300, 0), (300, 0), highway="residential", oneway=value, sidewalk="no")
@@ -66,9 +66,6 @@ def test_one_way_and_its_reverse(tmp_path, empty_map, imported):
         assert len(shapes) == 1
         first, *_, last = shapes[0].partition('shape="')[2].partition('"')[0].split()
         assert sign * (float(last.split(",")[0]) - float(first.split(",")[0])) > 200
-
-
-def test_roundabout_and_cycleway(tmp_path, empty_map, imported, on_lanes):
     draft = empty_map()
     ring = [(round(18 * np.cos(a), 2), round(18 * np.sin(a), 2)) for a in np.linspace(0, 2 * np.pi, 17)[:-1]]
     draft.way(*ring, ring[0], highway="tertiary", junction="roundabout")

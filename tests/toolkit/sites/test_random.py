@@ -86,12 +86,9 @@ def test_many_sites_are_valid(seed, tmp_path):
     check(random_site(np.random.default_rng(1000 + seed)), tmp_path)
 
 
-def test_same_seed_same_site():
+def test_sensors_repeat_with_the_seed_and_are_of_both_sorts():
     assert format_site(random_site(3)) == format_site(random_site(np.random.default_rng(3)))
     assert format_site(random_site(3)) != format_site(random_site(4))
-
-
-def test_sensors_are_of_both_sorts_and_in_order_of_name():
     site = random_site(1)
     rng = np.random.default_rng(0)
     drawn = [random_sensors(site, rng) for _ in range(60)]
@@ -103,9 +100,6 @@ def test_sensors_are_of_both_sorts_and_in_order_of_name():
     for sensors in drawn:
         names = [sensor.name for sensor in sensors]
         assert names == sorted(names)
-
-
-def test_most_cameras_look_at_the_area():
     site = random_site(2)
     rng = np.random.default_rng(0)
     middle = (site.area[:2] + site.area[2:]) / 2
@@ -114,9 +108,6 @@ def test_most_cameras_look_at_the_area():
     ahead = np.array([s.pose[:2, 2] for s in sensors])
     cosine = (towards * ahead).sum(1) / np.linalg.norm(towards, axis=1) / np.linalg.norm(ahead, axis=1)
     assert np.mean(cosine > np.cos(np.pi / 4)) > 0.6
-
-
-def test_number_of_sensors():
     site = random_site(0)
     assert len(random_sensors(site, 5, 7)) == 7
     assert len(random_sensors(site, 5, len(site.mounts) + 3)) == len(site.mounts) + 3

@@ -32,7 +32,7 @@ def test_areas_heights_and_sensors_are_the_papers(site):
     assert {s.model.shape for s in site.sensors} == {(150, 200)}
 
 
-def test_nothing_stands_on_the_road_and_only_posts_on_footways(site, union):
+def test_nothing_is_in_the_way_on_the_road(site, union):
     lanes = union(site.lanes)
     walk = union(site.footways).buffer(-0.2)  # kerbstones lie on the footway's edge
     for solid in site.solids:
@@ -41,9 +41,6 @@ def test_nothing_stands_on_the_road_and_only_posts_on_footways(site, union):
             assert footprint.intersection(lanes).area < 0.02, (solid.kind, footprint.centroid)
         if solid.base < 2 and solid.kind != "kerb" and footprint.area > 0.04:
             assert footprint.intersection(walk).area < 0.02, (solid.kind, footprint.centroid)
-
-
-def test_no_solid_is_in_the_way_of_what_drives(site):
     edges = [e for e in ElementTree.fromstring(site.network).iter("edge") if e.get("function") in (None, "internal")]
     lanes = [lane for e in edges for lane in e.iter("lane") if "passenger" in lane.get("allow", "")]
     corners = [[spot.split(",") for spot in lane.attrib["shape"].split()] for lane in lanes]
@@ -53,16 +50,13 @@ def test_no_solid_is_in_the_way_of_what_drives(site):
     assert not blocking
 
 
-def test_parking_bays_are_free_and_off_the_street(site, union):
+def test_parking_bays_and_mounts_are_free_of_the_street(site, union):
     street_ = union([*site.lanes, *site.footways])
     standing = shapely.union_all([shapely.Polygon(s.footprint) for s in site.solids if s.base < 1.5])
     for x, y, yaw in site.parking:
         bay = shapely.affinity.rotate(shapely.box(x - 2.4, y - 1, x + 2.4, y + 1), yaw, use_radians=True)
         assert not bay.intersects(street_)
         assert not bay.intersects(standing)
-
-
-def test_mounts_are_many_on_the_ground_and_clear(site, union):
     assert len(site.mounts) >= 40
     places = np.array([mount.position for mount in site.mounts])
     assert np.allclose(places[:, 2], site.ground(places[:, :2]), atol=1e-3)
@@ -137,7 +131,7 @@ def headings(site):
     return np.rad2deg([np.arctan2(s.pose[1, 2], s.pose[0, 2]) for s in site.sensors])
 
 
-def test_sensor_poses_of_the_tjunction():
+def test_sensor_poses_are_the_papers():
     site = load_site("tjunction")
     published = [
         (40.9, 8.1, 155),
@@ -150,19 +144,6 @@ def test_sensor_poses_of_the_tjunction():
     places = np.array([s.position[:2] for s in site.sensors])
     assert np.allclose(places, [p[:2] for p in published])
     assert np.allclose((headings(site) - [p[2] for p in published] + 180) % 360, 180)
-
-
-def test_streets_lie_where_the_paper_has_them(union):
-    tjunction = load_site("tjunction")
-    road, walk = union(tjunction.lanes), union(tjunction.footways)
-    assert all(road.contains(shapely.Point(p)) for p in [(-30, 9.7), (30, 17.5), (-0.8, 13.6), (-4.7, -15), (3.1, -15)])
-    assert all(walk.contains(shapely.Point(p)) for p in [(-30, 5.4), (30, 21.8), (-9.0, -15), (7.4, -15)])
-    across = shapely.LineString([(-30, 0), (-30, 30)])
-    assert across.intersection(road).length == pytest.approx(8.6, abs=0.01)
-    assert across.intersection(walk).length == pytest.approx(8.0, abs=0.01)
-
-
-def test_odd_sensors_of_the_roundabout_face_the_centre_and_even_ones_outwards():
     site = load_site("roundabout")
     for i, sensor in enumerate(site.sensors):
         outwards = sensor.pose[:2, 2] @ (sensor.position[:2] / np.linalg.norm(sensor.position[:2]))
@@ -170,7 +151,14 @@ def test_odd_sensors_of_the_roundabout_face_the_centre_and_even_ones_outwards():
     assert np.allclose([s.position[:2] for s in site.sensors[::2]], [(29, -2), (-28, 1), (0, 30), (-1.5, -30)])
 
 
-def test_ring_lies_where_the_paper_has_it(union):
+def test_streets_and_ring_lie_where_the_paper_has_them(union):
+    tjunction = load_site("tjunction")
+    road, walk = union(tjunction.lanes), union(tjunction.footways)
+    assert all(road.contains(shapely.Point(p)) for p in [(-30, 9.7), (30, 17.5), (-0.8, 13.6), (-4.7, -15), (3.1, -15)])
+    assert all(walk.contains(shapely.Point(p)) for p in [(-30, 5.4), (30, 21.8), (-9.0, -15), (7.4, -15)])
+    across = shapely.LineString([(-30, 0), (-30, 30)])
+    assert across.intersection(road).length == pytest.approx(8.6, abs=0.01)
+    assert across.intersection(walk).length == pytest.approx(8.0, abs=0.01)
     roundabout = load_site("roundabout")
     road = union(roundabout.lanes)
     ring = [(r * np.cos(t), r * np.sin(t)) for r in (17.6, 20.95, 24.3) for t in np.linspace(0, 2 * np.pi, 73)]

@@ -36,16 +36,13 @@ def spots(mounts):
     return [shapely.Point(mount.position[:2]) for mount in mounts]
 
 
-def test_a_road_knows_its_surface_and_the_ground_it_encloses():
+def test_ground_is_taken_once_and_solids_together_or_not_at_all():
     assert ROAD.carriageway.area == pytest.approx(160 * 7, rel=0.01)
     assert ROAD.surface.area == pytest.approx(160 * 11, rel=0.01)
     assert ROAD.islands == []
     sides = [(-10.0, -10.0, 10.0, -6.0), (-10.0, 6.0, 10.0, 10.0), (-10.0, -10.0, -6.0, 10.0), (6.0, -10.0, 10.0, 10.0)]
     (island,) = Road([], [], [rectangle(*side) for side in sides], []).islands
     assert island.centroid.distance(shapely.Point(0, 0)) < 1e-6
-
-
-def test_ground_is_taken_once_and_never_on_a_lane():
     mount = Mount("post", np.array([30.0, 10.0, 0.0]))
     plot = Plot(ROAD, shapely.box(*AREA), [mount])
     assert plot.claim(shapely.box(0, 8, 4, 12))
@@ -55,9 +52,6 @@ def test_ground_is_taken_once_and_never_on_a_lane():
     assert plot.claim(shapely.box(20, 4, 21, 5), footway=True)
     assert not plot.claim(shapely.box(30, 10, 31, 11).buffer(MOUNT_CLEARANCE / 2))
     assert not plot.claim(shapely.box(100, 8, 104, 12)), "outside the window"
-
-
-def test_solids_are_placed_together_or_not_at_all():
     plot = Plot(ROAD, shapely.box(*AREA), [])
     free, in_the_way = (Solid(rectangle(x, y, x + 2, y + 2), 0.0, 1.0, "hedge") for x, y in ((0.0, 9.0), (4.0, 2.0)))
     assert not plot.place([free, in_the_way])
@@ -118,7 +112,7 @@ def test_bays_are_headed_for_the_kerb_on_the_right_and_do_not_overlap(angle):
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_bays_between_two_junctions_keep_clear_of_both(angle):
+def test_bays_and_forecourts_keep_clear_of_street_and_junctions(angle):
     line = shapely.LineString(LINE)
     right, left = bays_between(line, angle), bays_between(line, angle, kerb_left=True)
     assert np.abs(right[:, 0]).max() < 80 - 6 - BAY[0] / 2 + 0.01
@@ -126,11 +120,11 @@ def test_bays_between_two_junctions_keep_clear_of_both(angle):
     assert np.rad2deg(right[:, 2]) == pytest.approx(-angle, abs=0.01)
     assert np.rad2deg(left[:, 2]) == pytest.approx(angle, abs=0.01)
     assert len(bays_between(shapely.LineString([(0, 0), (15, 0)]), angle)) == 0
-
-
-def test_the_junction_is_where_the_way_begins_for_edges_that_leave_it():
     rows = stations((LINE, 2.3), 0, at_end=False)
     assert -80 + 6 + BAY[0] / 2 - 0.01 < rows[:, 0].min() < rows[:, 0].max() < -80 + 76
+    for seed in range(6):
+        bays = forecourts(plot(), np.random.default_rng(seed))
+        assert all(outline(*bay).intersection(ROAD_BAYS.surface).is_empty for bay in bays)
 
 
 def test_a_drawn_share_of_the_bays_is_claimed_and_repeats():
@@ -144,9 +138,3 @@ def test_a_drawn_share_of_the_bays_is_claimed_and_repeats():
         counts.append(len(bays))
     assert 5 < min(counts) < 15
     assert 15 < max(counts) < 25
-
-
-def test_forecourts_keep_off_the_street():
-    for seed in range(6):
-        bays = forecourts(plot(), np.random.default_rng(seed))
-        assert all(outline(*bay).intersection(ROAD_BAYS.surface).is_empty for bay in bays)

@@ -69,18 +69,11 @@ def lights_and_one_way_streets():
 
 
 def same(a, b):
-    return all(
-        np.array_equal(x, y)
-        for x, y in (
-            (a.objects.boxes, b.objects.boxes),
-            (a.objects.ids, b.objects.ids),
-            (a.objects.labels, b.objects.labels),
-            (a.bodies, b.bodies),
-        )
-    )
+    pairs = [(getattr(a.objects, key), getattr(b.objects, key)) for key in ("boxes", "ids", "labels")]
+    return all(np.array_equal(*pair) for pair in (*pairs, (a.bodies, b.bodies)))
 
 
-def test_snapshots_describe_their_bodies(snapshots):
+def test_snapshots_describe_bodies_on_the_ground_and_few_repairs(snapshots):
     assert [s.time for s in snapshots[:3]] == [0.0, 5.0, 10.0]
     for snapshot in snapshots:
         objects = snapshot.objects
@@ -90,32 +83,39 @@ def test_snapshots_describe_their_bodies(snapshots):
         assert np.allclose(
             objects.boxes[:, 3:6], np.array([BODIES[row].size for row in snapshot.bodies]).reshape(-1, 3)
         )
+    repaired = np.array([s.repaired for s in snapshots])
+    assert 0 < (repaired > 0).mean() < 0.4
+    assert repaired.sum() < 0.02 * sum(len(s.objects) for s in snapshots)
+    stays = []
+    for a, b in pairwise(s.objects for s in snapshots):
+        common, i, j = np.intersect1d(a.ids, b.ids, return_indices=True)
+        moved = np.hypot(*(a.boxes[i, :2] - b.boxes[j, :2]).T) > 1
+        stays.append(1 - moved.sum() / max(len(a), 1) - (len(a) - len(common)) / max(len(a), 1))
+    assert np.mean(stays) < 0.5, "most objects of a frame have moved or left by the next"
 
 
-def test_boxes_stand_on_the_ground_near_the_area(site, snapshots):
+def test_boxes_stand_on_the_ground_apart_near_the_area(site, snapshots):
     near = shapely.box(*site.area).buffer(MARGIN, join_style="mitre")
     for boxes in (s.objects.boxes for s in snapshots):
         floor = boxes[:, 2] - boxes[:, 5] / 2
         assert np.abs(floor - site.ground(boxes[:, :2])).max() < 0.05
         assert (np.abs(boxes[:, 6]) <= np.pi).all()
         assert shapely.intersects(shapely.polygons(footprints(boxes)), near).all()
-
-
-def test_bodies_keep_apart_and_out_of_what_stands_still(site, snapshots):
     walls = shapely.union_all([shapely.Polygon(s.footprint) for s in site.solids if s.top > 0.5 and s.base < 0.3])
     for boxes in (s.objects.boxes for s in snapshots):
         overlap = iou_bev(boxes, boxes)
         assert (overlap[~np.eye(len(boxes), dtype=bool)] < 1e-12).all()
         assert not shapely.intersects(shapely.polygons(footprints(boxes)), walls).any()
+    bays = site.parking[:, None, :2]
+    for boxes in (s.objects.boxes for s in snapshots):
+        distances = np.hypot(*(boxes[None, :, :2] - bays).transpose(2, 0, 1))
+        bay, row = np.nonzero(distances < 0.5)
+        assert len(set(bay)) == len(bay), "one vehicle to a bay"
+        assert np.allclose(np.sin(boxes[row, 6] - site.parking[bay, 2]), 0, atol=0.05)
+        assert len(bay) <= MOST_OBJECTS // 5
 
 
-def test_repairs_are_counted(snapshots):
-    repaired = np.array([s.repaired for s in snapshots])
-    assert 0 < (repaired > 0).mean() < 0.4
-    assert repaired.sum() < 0.02 * sum(len(s.objects) for s in snapshots)
-
-
-def test_the_scene_is_as_crowded_as_the_papers(site, snapshots):
+def test_the_scene_is_as_crowded_as_the_papers_in_its_shares(site, snapshots):
     inside = [
         s.objects[((s.objects.boxes[:, :2] > site.area[:2]) & (s.objects.boxes[:, :2] < site.area[2:])).all(axis=1)]
         for s in snapshots
@@ -123,6 +123,14 @@ def test_the_scene_is_as_crowded_as_the_papers(site, snapshots):
     vehicles = np.mean([np.isin(o.labels, [VEHICLE, HEAVY]).sum() for o in inside])
     assert 12 < np.mean([len(o) for o in inside]) < 24
     assert 0.45 < vehicles / np.mean([len(o) for o in inside]) < 0.75
+    label = {}
+    for objects in (s.objects for s in snapshots):
+        label.update(zip(objects.ids.tolist(), objects.labels.tolist(), strict=True))
+    shares = {kind: times / len(label) for kind, times in Counter(label.values()).items()}
+    assert shares[VEHICLE] + shares[HEAVY] == pytest.approx(0.6, abs=0.1)
+    assert shares[CYCLIST] == pytest.approx(0.2, abs=0.07)
+    assert shares[PEDESTRIAN] == pytest.approx(0.2, abs=0.07)
+    assert 0.01 < shares[HEAVY] < 0.1
 
 
 def test_each_moving_object_is_seen_at_most_four_times(site, snapshots):
@@ -133,17 +141,6 @@ def test_each_moving_object_is_seen_at_most_four_times(site, snapshots):
     assert all(bays.contains(shapely.Point(where[name])) for name in long_seen)
     assert long_seen, "some vehicles park"
     assert len(seen) > FRAMES * 3, "objects are replaced"
-
-
-def test_spawned_classes_come_in_the_papers_shares(snapshots):
-    label = {}
-    for objects in (s.objects for s in snapshots):
-        label.update(zip(objects.ids.tolist(), objects.labels.tolist(), strict=True))
-    shares = {kind: times / len(label) for kind, times in Counter(label.values()).items()}
-    assert shares[VEHICLE] + shares[HEAVY] == pytest.approx(0.6, abs=0.1)
-    assert shares[CYCLIST] == pytest.approx(0.2, abs=0.07)
-    assert shares[PEDESTRIAN] == pytest.approx(0.2, abs=0.07)
-    assert 0.01 < shares[HEAVY] < 0.1
 
 
 def test_traffic_keeps_to_its_ways(site, snapshots):
@@ -161,15 +158,6 @@ def test_same_seed_same_bytes_whatever_ran_before(site, snapshots):
     again = list(simulate(site, BODIES, frames=10, seed=7))
     assert all(same(a, b) for a, b in zip(snapshots, again, strict=False))
     assert not same(next(simulate(site, BODIES, frames=1, seed=8)), snapshots[0])
-
-
-def test_frames_are_far_enough_apart(snapshots):
-    stays = []
-    for a, b in pairwise(s.objects for s in snapshots):
-        common, i, j = np.intersect1d(a.ids, b.ids, return_indices=True)
-        moved = np.hypot(*(a.boxes[i, :2] - b.boxes[j, :2]).T) > 1
-        stays.append(1 - moved.sum() / max(len(a), 1) - (len(a) - len(common)) / max(len(a), 1))
-    assert np.mean(stays) < 0.5, "most objects of a frame have moved or left by the next"
 
 
 def test_classes_without_ways_or_bodies_are_left_out(road_without_footways):
@@ -224,16 +212,6 @@ def test_a_mix_refuses(wrong, says):
 
 def test_no_frames(site):
     assert list(simulate(site, BODIES, frames=0, seed=0)) == []
-
-
-def test_parked_vehicles_stay_in_their_bays(site, snapshots):
-    bays = site.parking[:, None, :2]
-    for boxes in (s.objects.boxes for s in snapshots):
-        distances = np.hypot(*(boxes[None, :, :2] - bays).transpose(2, 0, 1))
-        bay, row = np.nonzero(distances < 0.5)
-        assert len(set(bay)) == len(bay), "one vehicle to a bay"
-        assert np.allclose(np.sin(boxes[row, 6] - site.parking[bay, 2]), 0, atol=0.05)
-        assert len(bay) <= MOST_OBJECTS // 5
 
 
 def parked_in(site, snapshot):
@@ -299,35 +277,25 @@ def cars(*offsets):
     return CAR + [[x, y, 0, 0, 0, 0, yaw] for x, y, yaw in offsets]
 
 
-def test_what_is_apart_stays_as_it_is():
+def test_the_later_row_steps_aside_or_is_dropped():
     boxes = cars((0, 0, 0), (0, 2.0 + 2 * GAP, 0), (10, 0, 1))
     settled, kept, repaired = separate(boxes, FREE)
     assert settled is boxes
-    assert kept.all()
-    assert repaired == 0
-
-
-def test_the_later_row_steps_aside():
+    assert (kept.tolist(), repaired) == ([True] * 3, 0)
     boxes = cars((0, 0, 0), (0, 1.8, 0))
     settled, kept, repaired = separate(boxes, FREE)
-    assert kept.all()
-    assert repaired == 1
+    assert (kept.tolist(), repaired) == ([True] * 2, 1)
     assert np.array_equal(settled[0], boxes[0])
     assert settled[1, 1] == pytest.approx(2.3)
     assert not overlaps(settled).any()
-
-
-def test_what_finds_no_room_is_dropped():
-    settled, kept, repaired = separate(cars((0, 0, 0), (0, 4.2, 0), (0, 2.1, 0)), FREE)
-    assert kept.tolist() == [True, True, False]
-    assert repaired == 1
+    settled, kept, repaired = separate(cars((0, 0, 0), (0, 4.2, 0), (0, 2.1, 0)), FREE)  # no room for the third
+    assert (kept.tolist(), repaired) == ([True, True, False], 1)
     assert not overlaps(settled[kept]).any()
-
-
-def test_a_dropped_row_is_in_nobodys_way():
-    boxes = cars((0, 0, 0), (0.5, 0, np.pi / 2), (0.5, 3.2, 0))  # the third touches only the second
-    _, kept, _ = separate(boxes, FREE)
-    assert kept.tolist() == [True, False, True]
+    _, kept, _ = separate(cars((0, 0, 0), (0.5, 0, np.pi / 2), (0.5, 3.2, 0)), FREE)
+    assert kept.tolist() == [True, False, True]  # the third touches only the second, which is dropped
+    settled, kept, repaired = separate(np.zeros((0, 7)), FREE)
+    assert (settled.shape, kept.shape, repaired) == ((0, 7), (0,), 0)
+    assert overlaps(settled).shape == (0, 0)
 
 
 @pytest.mark.parametrize(
@@ -344,15 +312,6 @@ def test_obstacles(solid, moves):
     _, kept, repaired = separate(cars((0, 0, 0)), Obstacles(Site("walled", AREA, solids=(solid,))))
     assert kept.all()
     assert repaired == moves
-
-
-def test_nothing():
-    boxes = np.zeros((0, 7))
-    settled, kept, repaired = separate(boxes, FREE)
-    assert settled.shape == (0, 7)
-    assert kept.shape == (0,)
-    assert repaired == 0
-    assert overlaps(boxes).shape == (0, 0)
 
 
 def test_random_heaps_end_apart():
@@ -376,7 +335,7 @@ def draw(seed, most=20, solids=()):
     return Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(seed), count(), most=most)
 
 
-def test_vehicles_stand_in_bays_of_their_own():
+def test_vehicles_stand_in_free_bays_of_their_own():
     for seed in range(10):
         parked = draw(seed)
         assert 0 < len(parked.places) <= 20
@@ -384,10 +343,10 @@ def test_vehicles_stand_in_bays_of_their_own():
         assert (TYPES.labels[parked.bodies] == VEHICLE).all()
         assert np.abs(parked.poses[:, :2] - parked.bays[parked.places, :2]).max() < 0.2
         assert np.abs(np.sin(parked.poses[:, 2] - 0.5)).max() < 0.05
-
-
-def test_bays_that_something_reaches_into_stay_empty():
     assert len(draw(0, solids=(WALL,)).bays) == len(BAYS) - 1
+    site = Site("none", np.array([-5.0, -5, 5, 5]))
+    parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), most=6)
+    assert len(parked.ids) == len(parked.later(TYPES, np.random.default_rng(0), count()).ids) == 0
 
 
 def test_each_stays_about_so_many_frames_and_another_comes():
@@ -399,9 +358,3 @@ def test_each_stays_about_so_many_frames_and_another_comes():
         assert len(set(later.places.tolist())) == number
         parked = later
     assert 0.8 < gone * STAY / (400 * number) < 1.2
-
-
-def test_no_bays_no_vehicles():
-    site = Site("none", np.array([-5.0, -5, 5, 5]))
-    parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), most=6)
-    assert len(parked.ids) == len(parked.later(TYPES, np.random.default_rng(0), count()).ids) == 0

@@ -66,20 +66,11 @@ def test_so_many_are_spawned_and_gone_after_their_last_frame(site):
         assert len(spawner.state()[0]) <= 12
 
 
-def test_things_are_spawned_outside_of_what_snapshots_show():
+def test_shares_lanes_and_types_of_classes():
     assert SPAWN_REACH > MARGIN
-
-
-ONE_EACH = catalogue()
-
-
-def test_shares_are_the_papers():
     assert sum(SHARES.values()) == pytest.approx(1)
     assert SHARES[VEHICLE] + SHARES[HEAVY] == pytest.approx(0.6)
     assert set(SHARES) == set(range(len(LABELS)))
-
-
-def test_classes_say_what_lanes_are_open():
     types = VehicleTypes.of(ONE_EACH)
     by_label = {label: {types.classes[row] for row in np.flatnonzero(types.labels == label)} for label in SHARES}
     assert by_label == {
@@ -88,9 +79,6 @@ def test_classes_say_what_lanes_are_open():
         CYCLIST: {"bicycle", "motorcycle"},
         PEDESTRIAN: {"pedestrian"},
     }
-
-
-def test_sumo_gets_a_type_for_each_body_and_position_with_its_size():
     types = VehicleTypes.of(ONE_EACH)
     declared = ElementTree.fromstring(types.sumo_types(np.random.default_rng(0)))
     assert [v.get("id") for v in declared] == [f"{row}-{p}" for row in range(len(ONE_EACH)) for p in range(POSITIONS)]
@@ -98,23 +86,20 @@ def test_sumo_gets_a_type_for_each_body_and_position_with_its_size():
     assert lengths == pytest.approx(types.sizes[:, 0], abs=1e-3)
 
 
+ONE_EACH = catalogue()
+
+
 ROWS = np.array([2, 5, 7])
 
 
-def test_any_row_may_come_again_unless_each_is_to_come_once():
+def test_rows_come_again_or_once_before_any_comes_again():
     supply, rng = Supply(8), np.random.default_rng(0)
     taken = [supply.offer(ROWS, rng) for _ in range(30)]
     assert set(taken) == set(ROWS.tolist())
     assert np.array_equal(supply.several(ROWS, 4, np.random.default_rng(3)), np.random.default_rng(3).choice(ROWS, 4))
-
-
-def test_each_row_comes_once_before_any_comes_again():
     supply, rng = Supply(8, once=True), np.random.default_rng(0)
     for _ in range(3):
         assert sorted(supply.several(ROWS, 3, rng).tolist()) == ROWS.tolist()
-
-
-def test_what_is_offered_and_not_taken_or_given_back_may_come_again():
     supply, rng = Supply(8, once=True), np.random.default_rng(1)
     assert {supply.offer(ROWS, rng) for _ in range(30)} == set(ROWS.tolist())
     for row in (2, 5):
@@ -147,35 +132,26 @@ FOOTWAY = lane("foot_0", (-60, 4), (60, 4), forbidden=("passenger",))
 ROADS = Roads({each.name: each for each in (TOWARDS, AWAY, FOOTWAY)})
 
 
-def test_offsets_are_in_sumos_length_of_the_lane():
+def test_cars_and_pedestrians_start_on_their_lanes():
     longer = lane("in_0", (0, 0), (10, 0), length=20.0)
     assert longer.at(np.array([0.0, 10.0, 20.0])).tolist() == [[0, 0], [5, 0], [10, 0]]
-
-
-def test_cars_start_in_the_area_or_headed_for_it():
     places = ROADS.places(AREA, 20.0, "passenger")
     x = places.points[:, 0]
     assert set(places.lanes) == {"in_0", "out_0"}
     assert x.min() >= -30
     assert x.max() <= 10, "beyond the area the lane leads away from it"
     assert len(places) == len(places.offsets) == len(places.lengths)
-
-
-def test_pedestrians_start_on_lanes_of_their_own_and_walk_either_way():
     places = ROADS.places(AREA, 20.0, "pedestrian")
     assert set(places.lanes) == {"foot_0"}
     assert places.points[:, 0].min() < -25
     assert places.points[:, 0].max() > 25
 
 
-def test_a_route_goes_on_until_it_is_long_enough_or_the_road_ends():
+def test_routes_go_on_until_long_enough_by_neighbours_links():
     rng = np.random.default_rng(0)
     assert ROADS.route("in_0", "passenger", 1.0, rng) == ["in", "out"]
     assert ROADS.route("in_0", "passenger", 1e6, rng) == ["in", "out"]
     assert ROADS.route("out_0", "passenger", 100.0, rng) == ["out"]
-
-
-def test_where_a_lane_ends_its_neighbours_links_are_taken():
     ends = lane("in_1", (-60, 3), (0, 3))
     roads = Roads({**ROADS.lanes, "in_1": ends})
     assert roads.route("in_1", "passenger", 1.0, np.random.default_rng(0)) == ["in", "out"]

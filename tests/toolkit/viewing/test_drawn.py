@@ -42,7 +42,7 @@ def by_x(outcomes):
     return {name: {kind: boxes[:, 0].tolist() for kind, boxes in by.items()} for name, by in outcomes.items()}
 
 
-def test_hits_misses_and_false_alarms_of_each_class():
+def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
     found = BOXES[[0, 0, 3, 1]] + np.array([[0.2, 0, 0, 0, 0, 0, 0], [0.9, 0, 0, 0, 0, 0, 0]] + [[0.0] * 7] * 2)
     outcomes = sort_outcomes(detected(found, np.array([0, 0, 2, 2])))
     assert by_x(outcomes) == {
@@ -50,26 +50,17 @@ def test_hits_misses_and_false_alarms_of_each_class():
         "missed": {"vehicle": [10.0]},
         "false alarms": {"vehicle": [0.9], "pedestrian": [10.0]},
     }
-
-
-def test_the_iou_is_that_of_volumes_and_depends_on_the_class():
     lifted = BOXES[[0, 3]] + np.array([0, 0, 0.9, 0, 0, 0, 0])  # IoU 1.1 / 2.9 = 0.38
     outcomes = sort_outcomes(detected(lifted, np.array([0, 2])))
     assert by_x(outcomes)["hits"] == {"pedestrian": [30.0]}
     assert by_x(outcomes)["false alarms"] == {"vehicle": [0.0]}
-
-
-def test_what_cannot_be_judged_is_neither():
-    """A label without points, one beyond the area, and what lies where labels are not complete."""
+    # A label without points, one beyond the area, and what lies where labels are not complete.
     outcomes = sort_outcomes(detected(BOXES[[2, 4]]))
     assert by_x(outcomes) == {
         "hits": {}, "missed": {"vehicle": [0.0, 10.0], "pedestrian": [30.0]}, "false alarms": {},
     }  # fmt: skip
     near = sort_outcomes(detected(BOXES[[1]] + 5.0, complete=Rectangle((-5.0, -5.0, 5.0, 5.0))))
     assert by_x(near) == {"hits": {}, "missed": {"vehicle": [0.0]}, "false alarms": {}}
-
-
-def test_without_labels_nobody_knows():
     assert sort_outcomes(detected(BOXES, objects=Objects.empty())) == {}
     assert list(MARKED) == ["hits", "missed", "false alarms"]
 
@@ -137,7 +128,7 @@ def test_map_coordinates_are_counted_from_an_origin_near_by(samples):
     np.testing.assert_allclose(there.clouds[0].place, here.clouds[0].place, atol=1e-6)
 
 
-def test_ground_far_below_is_put_on_zero_and_boxes_with_it(samples, finds_the_car):
+def test_ground_far_below_is_put_on_zero_or_warned_of(samples, finds_the_car):
     low = moved(samples[0], [3.0, 0.0, -7.3])
     drawing = Drawing(finds_the_car, Place("plane"))
     assert drawing.origin(low).tolist() == [3, 0, 0]
@@ -148,9 +139,6 @@ def test_ground_far_below_is_put_on_zero_and_boxes_with_it(samples, finds_the_ca
     assert drawn.warning is None
     (found,) = drawn.detections["vehicle"]
     np.testing.assert_allclose(found[:3], [12, 3, 0.75], atol=0.05)
-
-
-def test_ground_that_stays_where_it_is_is_warned_of(samples):
     (drawn,) = Drawing().draw_all([moved(samples[0], [0.0, 0.0, -7.3])])
     assert "level the points first" in str(drawn.warning)
 
@@ -171,24 +159,18 @@ def test_an_empty_sample_can_be_drawn():
         assert (drawn.clouds, drawn.truth, drawn.detections) == ((), {}, {})
 
 
-def test_thinning_keeps_columns_beside_their_points(samples):
+def test_samples_have_their_colourings_thinned_with_their_columns(samples):
     (cloud,) = Drawing().draw_all(samples[:1])[0].clouds
     few = thinned(cloud, 4)
     assert few.intensity.tolist() == [0, 100, 200, 300]
     np.testing.assert_array_equal(few.points, cloud.points[::100])
     np.testing.assert_array_equal(few.time, np.asarray(cloud.time)[::100])
     assert thinned(cloud, 400) is cloud
-
-
-def test_colourings_are_those_that_something_is_known_for(samples):
     first, second = Drawing().draw_all(samples)
     assert list_colourings([first]) == ("sensor", "height", "intensity", "age")
     bare = replace(second, clouds=second.clouds[1:])
     assert list_colourings([bare]) == ("sensor", "height")
     assert list_colourings([bare, first])[2:] == ("intensity", "age")
-
-
-def test_progress_counts_samples(samples):
     seen = []
     Drawing().draw_all(samples, progress=seen.append)
     assert seen == [1, 2]
@@ -204,11 +186,8 @@ def brightness(cloud, colouring):
     return shades(cloud, colouring, SCALES, index=2, newest=0.1).astype(int).sum(axis=1)
 
 
-def test_sensors_have_the_colours_of_all_pictures():
+def test_colours_are_those_of_all_pictures_lighter_where_higher():
     assert {bytes(row).hex() for row in shades(CLOUD, "sensor", SCALES, index=2, newest=0.1)} == {sensor_colour(2)[1:]}
-
-
-def test_what_is_higher_brighter_or_older_is_lighter():
     height = brightness(CLOUD, "height")
     assert height[0] < height[1] < height[2] == height[3]  # beyond the scale
     assert (np.diff(brightness(CLOUD, "intensity")) < 0).all()
@@ -221,7 +200,7 @@ def test_points_without_what_is_asked_are_grey(colouring):
     assert shades(BARE, colouring, SCALES, index=0, newest=0.0).tolist() == [list(UNKNOWN_SHADE)] * 4
 
 
-def test_scales_span_nearly_all_points():
+def test_scales_span_nearly_all_points_and_say_of_what():
     sample = DrawnSample("s", 0.0, (CLOUD, BARE), {}, {})
     assert find_newest(sample) == 0.1
     scales = Scales.of(sample)
@@ -230,13 +209,7 @@ def test_scales_span_nearly_all_points():
     assert scales.age == pytest.approx(tuple(np.percentile([0.1, 0, 0.05, 0.08], (2, 98))))
     assert Scales.of(DrawnSample("none", 0.0, (), {}, {})) == Scales()
     assert find_newest(DrawnSample("bare", 0.0, (BARE,), {}, {})) == 0.0
-
-
-def test_a_scale_without_length_has_colours_still():
     flat = Scales(height=(1.0, 1.0))
     assert shades(CLOUD, "height", flat, index=0, newest=0.0).shape == (4, 3)
-
-
-def test_scales_say_what_they_are_of():
     said = [SCALES.describe(colouring) for colouring in ("sensor", "height", "intensity", "age")]
     assert said == ["sensor", "height, 0 to 2 m", "intensity, 1 to 4", "age, 0 to 0.1 s"]

@@ -39,13 +39,10 @@ FIRST = {
 }
 
 
-def test_it_opens_with_the_first_sample(view):
+def test_it_opens_with_the_first_sample_and_shows_another(view):
     assert view.said == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
     assert shown(view) == FIRST
     assert set(view.groups) >= {"/grid", "/sensors/0", "/truth/heavy", "/detections/others"}
-
-
-def test_another_sample_takes_its_place_with_its_new_sensor(view):
     view.show(1)
     assert view.said.startswith("second: 500 points")
     assert {"/sensors/1/place/0", "/sensors/1/sensor/0"} < shown(view)
@@ -100,12 +97,6 @@ def test_switches_hide_and_the_slider_goes_to_a_frame(view):
     assert "south" in view.switches
 
 
-def test_without_a_detector_there_are_no_outcomes_to_hide(recording):
-    with viser_server() as server:
-        switches = LiveView(server, recording, Drawing()).switches
-    assert not [name for name in switches if name.startswith(("hits", "missed", "false"))]
-
-
 @pytest.mark.parametrize("port", [0, -1, 65536])
 def test_a_port_that_is_none_is_refused(recording, port):
     with pytest.raises(ValueError, match=r"port must lie in 1\.\.65535"):
@@ -116,6 +107,9 @@ def test_a_first_sample_that_is_damaged_is_an_error(recording):
     damaged = Part(Listing(("2",), recording.recording.load))
     with viser_server() as server, pytest.raises(ValueError, match="damaged"):
         LiveView(server, damaged, Drawing())
+    with viser_server() as server:
+        switches = LiveView(server, recording, Drawing()).switches
+    assert not [name for name in switches if name.startswith(("hits", "missed", "false"))]
 
 
 def test_large_clouds_are_said_to_be_thinned(view, monkeypatch):

@@ -23,7 +23,7 @@ def written(drawn, tmp_path_factory):
     return out, write_page(drawn, "two <lidars>", out)
 
 
-def test_it_has_a_switch_for_everything(written):
+def test_every_frame_has_its_nodes_and_everything_a_switch(written):
     _, content = written
     assert [(each.name, each.nodes) for each in content.switches] == [
         ("north", "/sensors/0"),
@@ -38,9 +38,6 @@ def test_it_has_a_switch_for_everything(written):
         *(("sensor", True), ("height", False), ("intensity", False), ("age", False)),
     ]
     assert content.colourings[1].nodes == "/sensors/0/height /sensors/1/height"
-
-
-def test_every_frame_has_its_own_nodes(written):
     _, content = written
     assert content.names == ("first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms", SECOND)
     assert "/truth/pedestrian/0" in content.frames[0]
@@ -49,15 +46,16 @@ def test_every_frame_has_its_own_nodes(written):
     assert (content.points, content.drawn) == (900, 900)
 
 
-def test_without_a_detector_there_are_no_outcomes_to_hide(samples):
+def test_pages_need_a_sample_and_thin_its_points(drawn, samples):
+    content = page_content(drawn, "few", most=300)
+    assert (content.points, content.drawn) == (900, 300)
+    with pytest.raises(ValueError, match="no sample to view"):
+        page_content([], "none")
+    content = page_content([replace(drawn[0], clouds=())], "boxes")
+    assert (content.points, content.drawn, content.switches[0].name) == (0, 0, "truth")
     names = [(each.name, each.nodes) for each in page_content(Drawing().draw_all(samples[1:]), "labels").switches]
     assert ("vehicle", "/truth/vehicle /detections/vehicle") in names
     assert not {"hits", "missed", "false alarms"} & {name for name, _ in names}
-
-
-def test_points_are_thinned_to_what_is_allowed(drawn):
-    content = page_content(drawn, "few", most=300)
-    assert (content.points, content.drawn) == (900, 300)
 
 
 def test_the_page_asks_for_nothing_and_takes_names_for_text(written, drawn, tmp_path):
@@ -71,16 +69,6 @@ def test_the_page_asks_for_nothing_and_takes_names_for_text(written, drawn, tmp_
     assert page_html(content).count("</script>") == 2
     write_page(drawn, "two <lidars>", tmp_path / "again.html")
     assert (tmp_path / "again.html").read_text() == page
-
-
-def test_a_page_needs_a_sample():
-    with pytest.raises(ValueError, match="no sample to view"):
-        page_content([], "none")
-
-
-def test_a_sample_without_points_has_a_page(drawn):
-    content = page_content([replace(drawn[0], clouds=())], "boxes")
-    assert (content.points, content.drawn, content.switches[0].name) == (0, 0, "truth")
 
 
 def test_frames_colours_and_switches_work_in_a_browser(written, browser):

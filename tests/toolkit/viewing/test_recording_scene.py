@@ -32,13 +32,18 @@ def style(drawn, most=1000, colourings=COLOURINGS):
     return SceneStyle(list_sensors(drawn), colourings, Scales.of(drawn[0]), most)
 
 
-def test_sensors_keep_their_numbers(drawn):
+def test_sensors_keep_numbers_and_the_first_view_has_most_points(drawn):
     assert list_sensors(drawn) == ("north", "south")
     assert list_sensors(drawn[::-1]) == ("north", "south")
     assert list_sensors([]) == ()
+    assert find_view_area(drawn[0]) == (-30.0, -30.0, 30.0, 30.0)
+    assert find_view_area(drawn[1]) == (-30.0, -30.0, 50.0, 40.0)
+    boxes = DrawnSample("boxes", 0.0, (), drawn[0].truth, {})
+    assert find_view_area(boxes) == (-10.0, -20.0, 20.0, 10.0)
+    assert find_view_area(DrawnSample("nothing", 0.0, (), {}, {})) == (-10.0, -10.0, 10.0, 10.0)
 
 
-def test_groups_come_before_what_is_in_them(api, drawn):
+def test_samples_have_a_node_for_all_that_is_in_them_after_their_groups(api, drawn):
     made = {handle.name: handle.visible for handle in add_groups(api, style(drawn))}
     assert [name for name in made if name.count("/") == 1] == [
         *("/sensors", "/truth", "/detections", "/hits", "/missed", "/false_alarms"),
@@ -49,9 +54,6 @@ def test_groups_come_before_what_is_in_them(api, drawn):
     assert [made[f"/sensors/1/{each}"] for each in ("sensor", "height", "intensity", "age", "place")] == [
         *(True, False, False, False, True),
     ]
-
-
-def test_a_sample_has_a_node_for_all_that_is_in_it(api, drawn):
     made = {handle.name: handle for handle in add_sample(api, drawn[1], style(drawn), frame=7, visible=False)}
     sensors = {f"/sensors/{k}/{part}/7" for k in (0, 1) for part in ("place", *COLOURINGS)}
     boxes = {"/truth/vehicle/7", "/truth/others/7", "/detections/vehicle/7", "/false_alarms/vehicle/7"}
@@ -79,9 +81,12 @@ def test_outcomes_have_nodes_and_marks_of_their_own(api, touched, finds_the_car)
     assert colours == {rgb(OUTCOME[name].colour) for name in ("hit", "missed", "false alarm")}
 
 
-def test_all_of_a_kind_can_be_hidden():
+def test_the_grid_lies_on_the_area_and_kinds_can_be_hidden(api):
     assert nodes_of_kind("heavy", outcomes=False) == ["/truth/heavy", "/detections/heavy"]
     assert nodes_of_kind("heavy", outcomes=True)[2:] == ["/hits/heavy", "/missed/heavy", "/false_alarms/heavy"]
+    grid = add_grid(api, (-20.0, 0.0, 40.0, 30.0))
+    assert (grid.name, grid.width, grid.height, grid.cell_size) == ("/grid", 60.0, 30.0, 10.0)
+    np.testing.assert_allclose(grid.position[:2], [10, 15])
 
 
 def test_one_colouring_and_few_points(api, drawn):
@@ -92,17 +97,3 @@ def test_one_colouring_and_few_points(api, drawn):
     }
     assert made["/sensors/0/height/0"].points.shape == made["/sensors/0/height/0"].colors.shape == (50, 3)
     assert made["/sensors/0/height/0"].visible
-
-
-def test_the_grid_lies_on_the_area(api):
-    grid = add_grid(api, (-20.0, 0.0, 40.0, 30.0))
-    assert (grid.name, grid.width, grid.height, grid.cell_size) == ("/grid", 60.0, 30.0, 10.0)
-    np.testing.assert_allclose(grid.position[:2], [10, 15])
-
-
-def test_the_first_view_has_most_points_and_the_sensors(drawn):
-    assert find_view_area(drawn[0]) == (-30.0, -30.0, 30.0, 30.0)
-    assert find_view_area(drawn[1]) == (-30.0, -30.0, 50.0, 40.0)
-    boxes = DrawnSample("boxes", 0.0, (), drawn[0].truth, {})
-    assert find_view_area(boxes) == (-10.0, -20.0, 20.0, 10.0)
-    assert find_view_area(DrawnSample("nothing", 0.0, (), {}, {})) == (-10.0, -10.0, 10.0, 10.0)

@@ -25,8 +25,14 @@ from toolkit.viewing.scene import (
 )
 
 
-def test_colours_by_their_hexadecimals():
+def test_colours_camera_and_thinned_points():
     assert rgb("#0a10ff") == (10, 16, 255)
+    position, look_at = overview((0.0, 0.0, 40.0, 20.0), height=2.0)
+    assert look_at == (20.0, 10.0, 2.0)
+    assert position == (14.0, -20.0, 28.0)
+    points = np.arange(30, dtype=np.float32).reshape(10, 3)
+    assert thin_evenly(points, 10) is points
+    np.testing.assert_array_equal(thin_evenly(points, 5)[:, 0], [0, 6, 12, 18, 24])
 
 
 def test_the_server_is_for_this_machine_alone_and_ends(capsys):
@@ -44,12 +50,6 @@ def test_the_server_is_for_this_machine_alone_and_ends(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_the_camera_stands_south_of_the_middle_and_above_the_ground():
-    position, look_at = overview((0.0, 0.0, 40.0, 20.0), height=2.0)
-    assert look_at == (20.0, 10.0, 2.0)
-    assert position == (14.0, -20.0, 28.0)
-
-
 def test_without_viser_it_says_what_to_install(monkeypatch):
     monkeypatch.setattr(viser_scene, "find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"need viser: pip install coview\[report\]"):
@@ -61,13 +61,10 @@ def test_without_viser_it_says_what_to_install(monkeypatch):
 BOX = np.array([[1.0, 2.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 
 
-def test_a_heading_points_ahead():
+def test_boxes_and_headings_have_their_edges_and_dashes():
     turned = BOX + np.array([0, 0, 0, 0, 0, 0, np.pi / 2])
     np.testing.assert_allclose(headings(turned), [[[1, 2, 1.5], [1, 4, 1.5]]], atol=1e-12)
     assert headings(np.zeros((0, 7))).shape == (0, 2, 3)
-
-
-def test_a_box_has_twelve_edges_a_cross_and_a_mast():
     edges = box_edges(BOX)
     lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
     assert sorted(lengths.round(6)) == [1.5] * 4 + [2.0] * 4 + [4.0] * 4
@@ -78,36 +75,18 @@ def test_a_box_has_twelve_edges_a_cross_and_a_mast():
     mast = spikes(BOX)
     np.testing.assert_allclose(mast[0], [[1, 2, 1.5], [1, 2, 4.0]])
     assert mast.shape == (3, 2, 3)
-
-
-def test_no_boxes_no_marks():
     none = np.zeros((0, 7))
     assert [len(make(none)) for make in (box_edges, roof_crosses, spikes)] == [0, 0, 0]
     assert dashes(np.zeros((0, 2, 3)), dash=1.0, gap=1.0).shape == (0, 2, 3)
-
-
-def test_dashes_keep_to_the_line():
     made = dashes(np.array([[[0.0, 0, 0], [0, 10, 0]]]), dash=1.0, gap=1.5)
     np.testing.assert_allclose(made[:, :, 1], [[0, 1], [2.5, 3.5], [5, 6], [7.5, 8.5]])
 
 
-def test_thinning_takes_points_evenly_and_leaves_few_alone():
-    points = np.arange(30, dtype=np.float32).reshape(10, 3)
-    assert thin_evenly(points, 10) is points
-    np.testing.assert_array_equal(thin_evenly(points, 5)[:, 0], [0, 6, 12, 18, 24])
-
-
-def test_the_policy_asks_nobody():
+def test_scripts_and_data_stay_in_the_page_and_ask_nobody():
     assert POLICY.startswith("default-src 'none';")
     assert "http" not in POLICY
-
-
-def test_data_do_not_leave_their_script():
     data = script_data({"a": "</script><!--\u2028"})
     assert data == '{"a": "\\u003c/script>\\u003c!--\\u2028"}'
-
-
-def test_the_script_may_stand_in_a_page():
     script = scene_script()
     assert script.startswith('"use strict";')
     assert "</script" not in script

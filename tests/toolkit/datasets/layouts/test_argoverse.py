@@ -50,9 +50,12 @@ def test_the_two_lidars_are_apart_and_come_together_again():
     assert sum(map(len, parts.values())) == len(positions(fused))
 
 
-def test_a_folder_that_is_no_log_is_named(tmp_path):
+def test_folders_that_are_no_log_and_three_lidars_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="no Argoverse 2 log"):
         sweep_times(tmp_path)
+    clouds = tuple(SensorCloud(name, np.ones((1, 3), np.float32), np.eye(4)) for name in "abc")
+    with pytest.raises(ValueError, match="has two lidars, but '0' has 3"):
+        write_argoverse([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path)
 
 
 pytest.importorskip("pyarrow")
@@ -78,12 +81,6 @@ def test_the_lidars_are_two_and_say_when_each_point_was_measured():
         assert 0.09 < cloud.time.max() < 0.11
         assert 1 < cloud.world_SE3_sensor[2, 3] < 2
     assert sample.time == pytest.approx(315966265.26)
-
-
-def test_three_lidars_have_no_place(tmp_path):
-    clouds = tuple(SensorCloud(name, np.ones((1, 3), np.float32), np.eye(4)) for name in "abc")
-    with pytest.raises(ValueError, match="has two lidars, but '0' has 3"):
-        write_argoverse([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path)
 
 
 def test_a_log_without_labels(tmp_path):

@@ -74,7 +74,7 @@ def pair(tmp_path):
     return tmp_path
 
 
-def test_a_pair_by_hand(pair):
+def test_pairs_by_hand_with_or_without_an_offset(pair):
     """World 10 m north of the pole is 10 m ahead in a lidar that was turned by a quarter; the offset moves the pole."""
     (sample,) = dair(pair)
     assert [each.name for each in sample.clouds] == ["infrastructure", "vehicle"]
@@ -84,9 +84,6 @@ def test_a_pair_by_hand(pair):
     np.testing.assert_allclose(sample.points()[1], [30.25, 0.5, -1.0], atol=0.04)
     vehicle = transform(sample.map_SE3_world, sample.points()[1:])
     np.testing.assert_allclose(vehicle, [[1000.0, 2030.0, 19.0]], atol=1e-3)
-
-
-def test_an_offset_may_be_missing_or_an_empty_string(pair):
     info = pair / "cooperative-vehicle-infrastructure/cooperative/data_info.json"
     pairs = json.loads(info.read_text())
     put(info, [pairs[0] | {"system_error_offset": ""}])

@@ -25,7 +25,7 @@ def recording(tmp_path_factory):
     return path
 
 
-def test_frames_are_samples_with_all_returns(recording):
+def test_frames_are_samples_with_all_returns_in_the_frames_of_sensors(recording):
     (sample,) = hdf5(recording)
     frame = CoopDataset(recording)[0]
     assert [cloud.name for cloud in sample.clouds] == [sensor.name for sensor in frame.sensors]
@@ -38,9 +38,13 @@ def test_frames_are_samples_with_all_returns(recording):
     inside = (points[:, 0] >= xmin) & (points[:, 0] <= xmax) & (points[:, 1] >= ymin) & (points[:, 1] <= ymax)
     assert (inside & (points[:, 2] > 0) & (points[:, 2] < 4)).sum() == in_crop
     assert count_points(points, sample.objects.boxes).max() > 50
+    (sample,) = hdf5(recording)
+    for cloud in sample.clouds:
+        assert cloud.frame == "sensor"
+        assert (cloud.points[:, 0] > 0).all()  # a camera sees what is ahead of it
 
 
-def test_sensors_with_errors_are_believed_elsewhere(recording):
+def test_sensors_with_errors_and_points_off_their_rays_keep_their_places(recording):
     (plain,), (crooked,) = hdf5(recording), ReadRecording(hdf5(recording), Reads("typical", 4))
     frame = read_frame(CoopDataset(recording), 0, errors="typical", noise_seed=4)
     np.testing.assert_array_equal(crooked.objects.boxes, plain.objects.boxes)
@@ -51,16 +55,6 @@ def test_sensors_with_errors_are_believed_elsewhere(recording):
     np.testing.assert_array_equal(again.clouds[0].points, crooked.clouds[0].points)
     with pytest.raises(ValueError, match="drawn from a seed"):
         ReadRecording(hdf5(recording), Reads("typical", None))[0]
-
-
-def test_clouds_are_in_the_body_frame_of_their_sensors(recording):
-    (sample,) = hdf5(recording)
-    for cloud in sample.clouds:
-        assert cloud.frame == "sensor"
-        assert (cloud.points[:, 0] > 0).all()  # a camera sees what is ahead of it
-
-
-def test_points_off_their_rays_are_where_they_were_measured(recording):
     frame = CoopDataset(recording)[0]
     shift = np.full((*frame.images[1].shape, 3), [0.5, 0.0, -0.25], np.float32)
     shifted = replace(frame, shifts=(None, shift, *(None for _ in frame.sensors[2:])))
@@ -120,7 +114,7 @@ def equal(a, b):
             np.testing.assert_array_equal(one, two)
 
 
-def test_nothing_is_lost(tmp_path):
+def test_files_are_written_whole_without_loss_or_not_at_all(tmp_path):
     wedge = ImageWedge(np.arange(12.0).reshape(3, 4) / 7, 1242, 375, ((1.0, 2.0, 3.0, 4.5),))
     some = [sample(), sample("b", float("nan"), wedge), Frame.of_clouds("", (), Objects.empty())]
     assert write_hdf5(some, tmp_path / "r.hdf5") == 3
@@ -130,6 +124,9 @@ def test_nothing_is_lost(tmp_path):
         equal(before, after)
     assert holds_clouds(tmp_path / "r.hdf5")
     equal(next(iter(hdf5(tmp_path / "r.hdf5"))), some[0])
+    write_hdf5([sample()], tmp_path / "r.hdf5")
+    with pytest.raises(ValueError, match=r"recorded clouds, not images: give --layout hdf5"):
+        CoopDataset(tmp_path / "r.hdf5")
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path):
@@ -143,12 +140,6 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
         write_hdf5([sample(), sample()], tmp_path / "r.hdf5")
     assert list(tmp_path.iterdir()) == []
     assert write_hdf5([], tmp_path / "r.hdf5") == len(hdf5_clouds(tmp_path / "r.hdf5")) == 0
-
-
-def test_a_dataset_of_images_says_that_there_are_none(tmp_path):
-    write_hdf5([sample()], tmp_path / "r.hdf5")
-    with pytest.raises(ValueError, match=r"recorded clouds, not images: give --layout hdf5"):
-        CoopDataset(tmp_path / "r.hdf5")
 
 
 def changed(file, name, value):

@@ -46,14 +46,11 @@ def test_ry_turns_the_other_way_from_the_cameras_x(tmp_path, ry, yaw):
     assert np.cos(sample.objects.boxes[0, 6] - yaw) == pytest.approx(1.0)
 
 
-def test_points_that_are_none_are_counted(tmp_path):
+def test_points_and_labels_that_cannot_be_are_counted(tmp_path):
     sample = only(tmp_path, CAR)
     assert sample.points().tolist() == [[20, 2, -1]]
     assert sample.clouds[0].intensity.tolist() == [0.5]
     assert sample.problems == {"points with NaN or infinite numbers": 1, "points of no return": 1}
-
-
-def test_labels_that_cannot_be_are_counted(tmp_path):
     flat = CAR.replace("1.50 1.60 4.00", "0.00 1.60 4.00")
     sample = only(tmp_path, "\n".join([CAR, CAR, flat, CAR.replace("20.00", "nan"), CAR.replace("Car", "Misc")]))
     assert len(sample.objects) == 1
@@ -64,25 +61,19 @@ def test_labels_that_cannot_be_are_counted(tmp_path):
     }  # fmt: skip
 
 
-def test_labels_are_complete_in_the_image_and_not_where_nobody_cared(tmp_path):
+def test_labels_are_complete_in_the_image_as_wide_as_it_is(tmp_path):
     sample = only(tmp_path, f"{CAR}\n{DONT_CARE}\n")
     assert len(sample.objects) == 1
     ahead, behind, aside = [30.0, 0, -0.08], [-30.0, 0, 0], [5.0, 30, 0]
     boxes = np.array([[*place, 2.0, 1.0, 1.0, 0] for place in ([20.0, 2, -1], behind, aside, ahead)])
     # the last is shown at u = 600, v = 180, in the region of DontCare
     assert sample.complete.covers(boxes).tolist() == [True, False, False, False]
-
-
-def test_the_image_of_the_frame_says_how_wide_it_is(tmp_path):
     folder(tmp_path, CAR)
     image = tmp_path / "training/image_2/000007.png"
     image.parent.mkdir()
     image.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(8) + (640).to_bytes(4, "big") + (480).to_bytes(4, "big"))
     (sample,) = kitti(tmp_path)
     assert [vars(sample.complete)[side] for side in ("width", "height")] == [640, 480]
-
-
-def test_the_names_of_the_tracking_benchmark(tmp_path):
     calib = CALIB.replace("R0_rect:", "R_rect").replace("Tr_velo_to_cam:", "Tr_velo_cam")
     assert only(tmp_path, CAR, calib).objects.boxes[0, 0] == pytest.approx(20.27)
 

@@ -34,17 +34,14 @@ def folder(tmp_path, document):
     return tmp_path
 
 
-def test_a_label_by_hand(tmp_path):
+def test_labels_by_hand_in_the_standards_own_forms(tmp_path):
     (sample,) = openlabel(folder(tmp_path, content()))
     np.testing.assert_allclose(sample.objects.boxes, [[10, -4, -6, 4.2, 1.8, 1.5, np.pi / 2]], atol=1e-7)
     assert sample.time == 1646667310.044
     assert sample.counts.tolist() == [37]
     assert [cloud.name for cloud in sample.clouds] == ["s110_lidar_ouster_south"]
     assert sample.clouds[0].intensity.tolist() == [0, 1, 2, 3]
-
-
-def test_the_standards_own_forms(tmp_path):
-    """A list of cuboids, Euler angles, and types that stand beside the frames."""
+    # A list of cuboids, Euler angles, and types that stand beside the frames.
     document = content(cuboid=[{"name": "s", "val": [1, 2, 3, 0, 0, 0.5, 4, 2, 1]}])
     del document["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"]["type"]
     document["openlabel"]["objects"] = {"b1d0-44": {"name": "x", "type": "pedestrian"}}

@@ -18,15 +18,17 @@ def arrivals(channel, n=4000, seed=0):
     return np.array([line.arrival(0.1 * k) for k in range(n)]) - 0.1 * np.arange(n)
 
 
-def test_a_perfect_channel_takes_no_time():
+def test_delays_rates_and_seeds_of_channels():
     np.testing.assert_allclose(arrivals(LinkChannel(), 50), 0, atol=1e-12)
-
-
-def test_delay_and_jitter_which_never_makes_it_earlier():
     late = arrivals(LinkChannel(delay=0.2, jitter=0.05))
     assert late.min() == pytest.approx(0.2)
     assert np.median(late) == pytest.approx(0.2, abs=0.003)
     assert np.quantile(late, 0.975) == pytest.approx(0.2 + 1.96 * 0.05, abs=0.01)
+    sent = np.isfinite(arrivals(LinkChannel(every=3), 9))
+    assert sent.tolist() == [True, False, False] * 3
+    a, b = (arrivals(LinkChannel(delay=delay, loss=0.2), 300, seed=4) for delay in (0.0, 0.3))
+    np.testing.assert_array_equal(np.isinf(a), np.isinf(b))
+    assert not np.array_equal(np.isinf(a), np.isinf(arrivals(LinkChannel(loss=0.2), 300, seed=5)))
 
 
 @pytest.mark.parametrize("burst", [None, 5.0])
@@ -39,17 +41,6 @@ def test_losses_are_as_many_and_as_long_as_said(burst):
     runs = ends[1:] - begins[: len(ends) - 1] if ends[0] < begins[0] else ends - begins[: len(ends)]
     assert runs.mean() == pytest.approx(channel.mean_burst, rel=0.08)
     assert channel.mean_burst == (5.0 if burst else pytest.approx(1 / 0.7))
-
-
-def test_a_lower_rate_sends_every_so_many():
-    sent = np.isfinite(arrivals(LinkChannel(every=3), 9))
-    assert sent.tolist() == [True, False, False] * 3
-
-
-def test_equal_seeds_draw_the_same_and_a_longer_delay_the_same_losses():
-    a, b = (arrivals(LinkChannel(delay=delay, loss=0.2), 300, seed=4) for delay in (0.0, 0.3))
-    np.testing.assert_array_equal(np.isinf(a), np.isinf(b))
-    assert not np.array_equal(np.isinf(a), np.isinf(arrivals(LinkChannel(loss=0.2), 300, seed=5)))
 
 
 @pytest.mark.parametrize(
@@ -88,14 +79,11 @@ def shown(channels, frames=None, **options):
     return [[int(image[0, 0]) - 1 for image in each.frame.images] for each in lagged], lagged
 
 
-def test_without_delay_it_is_now():
+def test_each_sensor_has_its_own_channel_and_the_truth_is_of_now():
     which, lagged = shown(LinkChannel())
     assert which == [[k, k] for k in range(12)]
     assert [each.ages.tolist() for each in lagged] == [[0, 0]] * 12
     assert lagged[5].since == pytest.approx(0.5)
-
-
-def test_each_sensor_has_its_own_channel_and_the_truth_is_of_now():
     which, lagged = shown([LinkChannel(delay=0.2), LinkChannel(every=3)])
     assert which == [[max(k - 2, -1), k - k % 3] for k in range(12)]
     np.testing.assert_allclose(lagged[7].ages, [0.2, 0.1])
@@ -104,7 +92,7 @@ def test_each_sensor_has_its_own_channel_and_the_truth_is_of_now():
     assert lagged[7].frame.time == pytest.approx(0.7)
 
 
-def test_what_is_lost_leaves_the_one_before_until_it_is_stale():
+def test_what_is_lost_leaves_the_one_before_until_stale_or_anew():
     which, _ = shown([LinkChannel(loss=0.9, burst=200.0), LinkChannel()], recording(40), seed=3)
     first = [row[0] for row in which]
     kept = first.index(-1) if first[0] >= 0 else 0
@@ -112,18 +100,17 @@ def test_what_is_lost_leaves_the_one_before_until_it_is_stale():
     assert [row[1] for row in which] == list(range(40))
     stale, _ = shown([LinkChannel(every=30), LinkChannel()], recording(25))
     assert [row[0] for row in stale] == [0] * 11 + [-1] * 14
-
-
-def test_traffic_that_begins_anew_forgets_the_messages_before():
     which, lagged = shown(LinkChannel(delay=0.1), recording(anew=(6,)))
     assert which == [[-1, -1], *([k, k] for k in range(5)), [-1, -1], *([k, k] for k in range(6, 11))]
     assert [round(each.since, 1) for each in lagged] == [0, 0.1, 0.2, 0.3, 0.4, 0.5] * 2
 
 
-def test_a_frozen_sensor_repeats_its_first_image_and_says_it_is_of_now():
+def test_frozen_sensors_repeat_their_first_image():
     which, lagged = shown(LinkChannel(), frozen=(1,))
     assert which == [[k, 0] for k in range(12)]
     assert lagged[9].ages.tolist() == [0, 0]
+    lagged = list(delay_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
+    assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [[k, 0] for k in range(12)]
 
 
 def test_frames_far_apart_cannot_be_late_but_can_be_as_they_are():
@@ -160,8 +147,3 @@ def test_what_was_lost_takes_with_it_what_cannot_be_read_without(needed, expecte
     which, lagged = shown(LinkChannel(), needed=needed)
     assert [row[0] for row in which] == expected
     assert [int(each.sent.images[0][0, 0]) - 1 for each in lagged] == list(range(12))
-
-
-def test_a_frozen_sensor_sends_what_it_repeats():
-    lagged = list(delay_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
-    assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [[k, 0] for k in range(12)]

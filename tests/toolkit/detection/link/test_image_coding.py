@@ -30,27 +30,28 @@ def test_what_was_packed_comes_back(values, before):
     assert end == len(before) + len(packed)
 
 
-def test_every_power_of_two_and_its_neighbours():
+def test_numbers_are_packed_in_few_bytes():
     values = np.unique([(1 << k) + d for k in range(32) for d in (-1, 0, 1)])
     assert unpack_integers(pack_integers(values), 0, len(values))[0].tolist() == values.tolist()
-
-
-def test_bytes_of_some_numbers():
-    """One large number: its symbol 8 + 2 (7 - 4) + 1 in the deflated part, its 5 lower bits, filled with zeros."""
+    # One large number: its symbol 8 + 2 (7 - 4) + 1 in the deflated part, its 5 lower bits, filled with zeros.
     import zlib
 
     packed = pack_integers(np.array([1, 0b1101101]))
     assert packed[0] == 2
     assert zlib.decompress(packed[2 : 2 + packed[1]], -15) == bytes([1, 15])
     assert packed[2 + packed[1] :] == bytes([0b01101000])
-
-
-def test_small_numbers_take_little():
     rng = np.random.default_rng(0)
     values = np.abs(np.rint(rng.normal(0, 2, 5000))).astype(np.int64)
     share = np.bincount(values) / len(values)
     entropy = -(share[share > 0] * np.log2(share[share > 0])).sum()
     assert 8 * len(pack_integers(values)) < 1.08 * entropy * len(values)
+    values = np.array([5, 0, 7, 1])
+    assert write_fixed(values, 3) == bytes([0b10100011, 0b10010000])
+    again, end = read_fixed(b"xx" + write_fixed(values, 3), 2, 4, 3)
+    assert (again.tolist(), end) == (values.tolist(), 4)
+    assert read_fixed(b"", 0, 4, 0)[0].tolist() == [0] * 4
+    with pytest.raises(ValueError, match="4 numbers of 3 bits do not fit the 1 bytes"):
+        read_fixed(b"x", 0, 4, 3)
 
 
 @pytest.mark.parametrize("values", [[-1], [LARGEST + 1], [3, -5]])
@@ -59,7 +60,7 @@ def test_numbers_that_cannot_be_packed_are_refused(values):
         pack_integers(np.array(values))
 
 
-def test_damaged_bytes_are_refused():
+def test_damaged_bytes_and_bombs_are_refused():
     packed = pack_integers(np.arange(199))
     with pytest.raises(ValueError, match="at most 198 packed numbers are possible, got 199"):
         unpack_integers(packed, 0, 198)
@@ -72,29 +73,16 @@ def test_damaged_bytes_are_refused():
         unpack_integers(b"\x01" + bytes([len(deflated := _deflate(b"\xc8"))]) + deflated, 0, 1)
     with pytest.raises(ValueError, match="filled with zeros"):
         unpack_integers(packed[:-1] + bytes([packed[-1] | 1]), 0, 200)
-
-
-def _deflate(data):
-    import zlib
-
-    return zlib.compress(data, wbits=-15)
-
-
-def test_a_bomb_is_not_inflated():
     deflated = _deflate(b"\x00" * 10_000_000)
     head = b"\x05" + bytes([len(deflated) & 127 | 128, len(deflated) >> 7 & 127 | 128, len(deflated) >> 14])
     with pytest.raises(ValueError, match="inflate to 5 symbols, got 6"):
         unpack_integers(head + deflated, 0, 10)
 
 
-def test_numbers_of_fixed_width():
-    values = np.array([5, 0, 7, 1])
-    assert write_fixed(values, 3) == bytes([0b10100011, 0b10010000])
-    again, end = read_fixed(b"xx" + write_fixed(values, 3), 2, 4, 3)
-    assert (again.tolist(), end) == (values.tolist(), 4)
-    assert read_fixed(b"", 0, 4, 0)[0].tolist() == [0] * 4
-    with pytest.raises(ValueError, match="4 numbers of 3 bits do not fit the 1 bytes"):
-        read_fixed(b"x", 0, 4, 3)
+def _deflate(data):
+    import zlib
+
+    return zlib.compress(data, wbits=-15)
 
 
 def images(rng):
@@ -127,6 +115,19 @@ def test_the_prediction_is_that_of_loco_i():
         assert _predict(steps, mask)[3] == guess
         residuals = np.array([upper_left, 3 - upper_left, 7 - upper_left, 100 - guess])
         assert _add_up(mask, residuals)[1, 1] == 100
+    mask = np.zeros((3, 5), bool)
+    mask[0, 4] = mask[2, 0] = True
+    assert _predict(np.full((3, 5), 700), mask).tolist() == [0, 700]
+    # Forty rows of sixty pixels, smooth but for a noise of half a step.
+    rng = np.random.default_rng(0)
+    mask = np.zeros((150, 200), bool)
+    mask[60:100, 70:130] = True
+    steps = 500 + np.add.outer(np.zeros(150), np.arange(200) * 0.3) + rng.normal(0, 0.5, (150, 200))
+    assert 8 * len(encode_pixels(np.rint(steps).astype(np.int64), mask)) < 2.1 * mask.sum()
+    assert len(encode_pixels(np.zeros((150, 200), np.int64), np.zeros((150, 200), bool))) < 10
+    for value in (-1, MOST_STEPS):
+        with pytest.raises(ValueError, match="steps, got"):
+            encode_pixels(np.array([[value]]), np.ones((1, 1), bool))
 
 
 @pytest.mark.parametrize(
@@ -144,28 +145,6 @@ def test_what_is_not_there_is_not_predicted_from(mask, guess):
     mask = np.array(mask, bool)
     assert _predict(steps, mask)[-1] == guess
     np.testing.assert_array_equal(decode_pixels(encode_pixels(steps, mask), (2, 3))[0], np.where(mask, steps, 0))
-
-
-def test_a_pixel_alone_is_predicted_from_the_one_before():
-    mask = np.zeros((3, 5), bool)
-    mask[0, 4] = mask[2, 0] = True
-    assert _predict(np.full((3, 5), 700), mask).tolist() == [0, 700]
-
-
-def test_a_car_before_nothing_takes_little():
-    """Forty rows of sixty pixels, smooth but for a noise of half a step."""
-    rng = np.random.default_rng(0)
-    mask = np.zeros((150, 200), bool)
-    mask[60:100, 70:130] = True
-    steps = 500 + np.add.outer(np.zeros(150), np.arange(200) * 0.3) + rng.normal(0, 0.5, (150, 200))
-    assert 8 * len(encode_pixels(np.rint(steps).astype(np.int64), mask)) < 2.1 * mask.sum()
-    assert len(encode_pixels(np.zeros((150, 200), np.int64), np.zeros((150, 200), bool))) < 10
-
-
-def test_measurements_that_cannot_be_are_refused():
-    for value in (-1, MOST_STEPS):
-        with pytest.raises(ValueError, match="steps, got"):
-            encode_pixels(np.array([[value]]), np.ones((1, 1), bool))
 
 
 def test_what_no_encoder_writes_is_refused():

@@ -6,7 +6,7 @@ import pytest
 from toolkit.detection.link.load import CAPACITIES, PACKET, SetLoad, count_packets, format_loads, link_load
 
 
-def test_two_sensors_at_ten_hertz():
+def test_packets_of_sensors_at_ten_hertz():
     bits = np.array([[8000, 12000], [4000, 16000]])
     load = link_load(bits, 10.0)
     assert load.mbit_per_s == pytest.approx(0.2)
@@ -16,21 +16,12 @@ def test_two_sensors_at_ten_hertz():
     assert load.as_dict()["rate"] == 10.0
     assert PACKET == 1400
     assert list(CAPACITIES) == list(load.shares)
-
-
-def test_packets_are_begun():
     assert count_packets(np.array([0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000])).tolist() == [0, 1, 1, 2, 10]
-
-
-def test_nonsense_is_refused():
     for rate in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="rate must be above 0"):
             link_load(np.ones((1, 1), np.int64), rate)
     with pytest.raises(ValueError, match="0 frames of 3 sensors"):
         link_load(np.zeros((0, 3), np.int64), 10.0)
-
-
-def test_as_text_and_for_json():
     each = SetLoad("late", (0, 2), link_load(np.array([[8000, 12000], [4000, 16000]]), 10.0))
     assert format_loads([each]).splitlines() == [
         "scheme  sensors  Mbit/s  packets/message  in one packet  802.11p  LTE-V2X  Ethernet",

@@ -40,14 +40,11 @@ def resealed(message, at, byte):
     return bytes(body) + struct.pack("<I", zlib.crc32(body))
 
 
-def test_other_versions_kinds_and_files_are_refused():
+def test_other_versions_and_every_damage_are_refused():
     message = write_message(HEADER, b"")
     for at, byte, said in ((0, 1, "begins with"), (2, 2, "version must be 1, got 2"), (3, 9, "kind 1 .*got 9")):
         with pytest.raises(ValueError, match=said):
             read_message(resealed(message, at, byte))
-
-
-def test_every_cut_and_every_flipped_bit_is_refused():
     message = write_message(HEADER, b"some content")
     for length in range(len(message)):
         with pytest.raises(ValueError, match=r"cut off|checksum"):
@@ -57,9 +54,6 @@ def test_every_cut_and_every_flipped_bit_is_refused():
         damaged[bit // 8] ^= 1 << bit % 8
         with pytest.raises(ValueError, match="checksum"):
             read_message(bytes(damaged))
-
-
-def test_what_is_another_is_refused():
     check_header(HEADER, MessageKind.FOREGROUND, rows=150, sensor=0x01020304)
     with pytest.raises(ValueError, match="of kind boxes, got foreground"):
         check_header(HEADER, MessageKind.BOXES)
@@ -95,16 +89,13 @@ def message(number, sensor=7, time=None):
     )
 
 
-def test_in_order_all_are_taken():
+def test_messages_are_taken_in_order_and_late_or_lost_ones_told_apart():
     inbox = Inbox(7)
     assert inbox.age(3.0) == float("inf")
     assert [inbox.receive(message(k)) for k in range(5)] == [TAKEN] * 5
     assert (inbox.taken, inbox.duplicates, inbox.late, inbox.lost) == (5, 0, 0, 0)
     assert inbox.latest.number == 4
     assert inbox.age(0.7) == pytest.approx(0.3)
-
-
-def test_twice_late_and_lost_are_told_apart():
     inbox = Inbox(7)
     arrived = [inbox.receive(message(k)) for k in (3, 4, 4, 7, 5, 5, 3, 1, 8)]
     assert arrived == [TAKEN, TAKEN, DUPLICATE, TAKEN, LATE, DUPLICATE, DUPLICATE, LATE, TAKEN]

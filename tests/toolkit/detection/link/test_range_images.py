@@ -41,31 +41,22 @@ def test_boxes_come_back_to_a_centimetre_and_a_quarter_of_a_degree(n, seed):
     assert got.labels.tolist() == sent.labels.tolist()
 
 
-def test_what_arrives_is_sent_again_unchanged():
+def test_what_arrives_is_sent_again_in_a_third_of_the_papers_bits():
     once = decode_boxes(encode_boxes(some(20)))
     assert encode_boxes(once) == encode_boxes(decode_boxes(encode_boxes(once)))
-
-
-def test_a_box_takes_a_third_of_the_papers_256_bits():
     assert 8 * len(encode_boxes(some(100))) < 100 * 90
     assert encode_boxes(Detections.empty()) == b"\x00\x00"
 
 
-def test_scores_beyond_0_and_1_are_cut_and_yaw_is_wrapped():
+def test_scores_are_cut_and_stay_apart_or_are_refused():
     boxes = np.array([[0, 0, 0, 4, 2, 1, np.deg2rad(359.0)], [0, 0, 0, 4, 2, 1, np.deg2rad(-180)]])
     got = decode_boxes(encode_boxes(Detections(boxes, np.array([1.5, -0.2]))))
     assert got.scores.tolist() == [1.0, 0.0]
     np.testing.assert_allclose(np.rad2deg(got.boxes[:, 6]), [-1, -180])
-
-
-def test_sure_scores_stay_apart():
     sure = Detections(some(4).boxes, np.array([0.9985, 0.9988, 0.9992, 0.9998]))
     scores = decode_boxes(encode_boxes(sure)).scores
     assert np.abs(scores - sure.scores).max() < 1e-4
     assert (np.diff(scores) > 0).all()
-
-
-def test_boxes_that_cannot_be_sent_are_refused():
     for value, said in ((np.nan, "finite"), (np.inf, "finite"), (1e9, "within 21475 km")):
         boxes = np.array([[value, 0, 0, 4, 2, 1, 0.0]])
         with pytest.raises(ValueError, match=said):
@@ -150,11 +141,19 @@ def test_another_sensor_refuses_the_message():
         codec.decode_image(Message(message.content[:-1] + b"x", message.bits), sent.sensor)
 
 
-def test_boxes_go_as_bytes():
+def test_codecs_go_by_their_name_and_boxes_as_bytes():
     boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
     message = RangeImages().encode_boxes(Detections(boxes, np.array([0.5])))
     np.testing.assert_allclose(RangeImages().decode_boxes(message).boxes, boxes, atol=0.01)
     assert message.bits == 8 * len(message.content) < 100 * 8
+    assert find_codec("paper") is PAPER
+    assert find_codec("range-images") == RangeImages(0.02)
+    assert find_codec("range-images", step=0.08) == RangeImages(0.08)
+    assert all(check_codec(find_codec(name)) for name in CODECS)
+    with pytest.raises(ValueError, match="choose among paper, range-images"):
+        find_codec("zip")
+    with pytest.raises(ValueError, match="step must be"):
+        find_codec("range-images", step=0.0)
 
 
 def test_it_is_a_codec_of_images_and_refuses_points_alone():
@@ -169,17 +168,3 @@ def test_it_is_a_codec_of_images_and_refuses_points_alone():
     with pytest.raises(ValueError, match="step must be"):
         RangeImages(0.0)
     assert codec.bits(points=np.array([0, 100]), boxes=2, messages=3).tolist() == [816 + 150, 816 + 650]
-
-
-def test_each_goes_by_its_name():
-    assert find_codec("paper") is PAPER
-    assert find_codec("range-images") == RangeImages(0.02)
-    assert find_codec("range-images", step=0.08) == RangeImages(0.08)
-    assert all(check_codec(find_codec(name)) for name in CODECS)
-
-
-def test_what_is_none_is_refused():
-    with pytest.raises(ValueError, match="choose among paper, range-images"):
-        find_codec("zip")
-    with pytest.raises(ValueError, match="step must be"):
-        find_codec("range-images", step=0.0)

@@ -21,20 +21,14 @@ def drive(speed, noise=0.05, frames=20, seed=0):
     return tracks
 
 
-def test_a_car_that_drives_is_where_it_will_be():
+def test_cars_are_where_they_will_be_or_stay():
     tracks = drive(10.0)
     ahead = tracks.at(1.9 + 0.3).boxes[0]
     assert ahead[0] == pytest.approx(19 + 3, abs=0.35)
     assert ahead[1] == pytest.approx(0, abs=0.35)
     np.testing.assert_array_equal(ahead[2:], [0.75, 4.5, 1.8, 1.5, 0.3])
-
-
-def test_a_car_that_stands_stays_where_it_was_detected():
     moved = [np.abs(drive(0.0, seed=seed).at(1.9 + 0.3).boxes[0, :2]).max() for seed in range(20)]
     assert np.mean(np.array(moved) < 0.2) >= 0.9
-
-
-def test_without_motion_in_time_nothing_moves_and_all_is_kept():
     tracks = drive(10.0)
     here = cars([[19.0, 0.0], [50.0, 3.0]], scores=[0.9, 0.2], labels=np.array([0, 2]))
     tracks.update(here, 2.0)
@@ -57,7 +51,7 @@ def test_the_filter_is_that_of_the_book():
     assert tracks._covariance[0, 2, 2] == pytest.approx(v + q * 0.01 - across**2 / (position + p))
 
 
-def test_the_nearest_of_its_label_is_joined():
+def test_the_nearest_of_its_label_within_the_gate_is_joined():
     tracks = Tracks()
     tracks.update(cars([[0, 0], [2, 0], [1, 0]], labels=np.array([0, 0, 1])), 0.0)
     tracks.update(cars([[2.4, 0], [0.4, 0], [1.4, 0]], labels=np.array([0, 0, 1])), 0.1)
@@ -65,9 +59,6 @@ def test_the_nearest_of_its_label_is_joined():
     assert tracks._rows.tolist() == [1, 0, 2]
     tracks.update(cars([[30, 0]]), 0.2)
     assert len(tracks) == 4
-
-
-def test_the_gate_is_as_wide_as_the_track_is_unsure_and_never_wider_than_a_gap_between_cars():
     for apart, step, tracks_then in ((3.0, 0.1, 1), (3.2, 0.1, 2), (7.9, 0.5, 1), (8.1, 0.5, 2)):
         tracks = Tracks()
         tracks.update(cars([[0.0, 0.0]]), 0.0)
@@ -75,16 +66,13 @@ def test_the_gate_is_as_wide_as_the_track_is_unsure_and_never_wider_than_a_gap_b
         assert len(tracks) == tracks_then, apart
 
 
-def test_the_same_measurements_again_change_no_track():
+def test_repeated_or_missing_measurements_and_order_of_times():
     tracks = drive(10.0)
     before = tracks._state.copy(), tracks._covariance.copy()
     tracks.update(cars([[19.1, 0.0]]), 0.1 * 19)
     np.testing.assert_array_equal(tracks._state, before[0])
     np.testing.assert_array_equal(tracks._covariance, before[1])
     assert tracks.at(0.1 * 19).boxes[0, 0] == 19.1
-
-
-def test_what_was_not_detected_for_a_second_is_forgotten():
     tracks = Tracks()
     tracks.update(cars([[0, 0]]), 0.0)
     for k in range(1, 6):
@@ -93,9 +81,6 @@ def test_what_was_not_detected_for_a_second_is_forgotten():
     assert tracks.at(1.25).boxes[0, 0] == 40
     tracks.update(cars([]), 1.5)
     assert len(tracks.at(1.5)) == 0
-
-
-def test_times_in_order():
     tracks = drive(1.0)
     with pytest.raises(ValueError, match=r"got 1\.0 s after 1\.9"):
         tracks.update(cars([[0, 0]]), 1.0)
