@@ -15,7 +15,7 @@ from placement_env.setting import Setting
 HEAVY = ("torch", "open3d", "numpy", "h5py", "matplotlib", "tyro", "gymnasium", "importlib.metadata")
 
 
-def test_every_name_is_what_the_type_checker_is_told():
+def test_names_are_those_of_the_type_checker_with_a_version():
     tree = ast.parse(Path(coview.__file__).read_text())
     (block,) = (node for node in tree.body if isinstance(node, ast.If))
     imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
@@ -24,9 +24,6 @@ def test_every_name_is_what_the_type_checker_is_told():
     for name, face in told.items():
         assert getattr(coview, name) is getattr(importlib.import_module(face), name)
     assert len(told) <= 24
-
-
-def test_it_has_a_version_and_no_other_names():
     assert coview.__version__[0].isdigit()
     assert not hasattr(coview, "lode_site")
 
@@ -37,14 +34,11 @@ def test_nothing_heavy_loads_before_it_is_used():
     assert done.stdout == "[]\n"
 
 
-def test_a_search_by_its_name():
+def test_searches_and_environments_by_name():
     objective = coview.Objective(Setting("tjunction", fidelity="table"))
     assert coview.search(objective, 2, method="exhaustive").best.subset
     with pytest.raises(ValueError, match=r"method must be one of portfolio, .*, got 'luck'"):
         coview.search(objective, 2, method="luck")
-
-
-def test_an_environment_by_its_name():
     env = coview.make(site="tjunction", fidelity="table", budget=2)
     assert env.unwrapped.spec.id == "coview/SensorSelect-v0"
     env.reset(seed=0)

@@ -10,30 +10,23 @@ from toolkit.detection.background import Background, KnownBackground
 from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.place import Place
 from toolkit.detection.site_background import site_background
-from toolkit.objects import Detections, known_labels
+from toolkit.objects import known_labels
 from toolkit.sites.files import load_site
 
 
-def nobody(points):
-    return Detections.empty()
-
-
-OWN = f"{__name__}:nobody"
-
-
-def test_the_name_says_whether_the_background_is_known():
+def test_backgrounds_are_known_by_name_and_of_the_scenery():
     assert split_background("general") == ("general", False)
     assert split_background("my.package:detect+background") == ("my.package:detect", True)
     assert split_background("background") == ("background", False)
-
-
-def test_at_a_site_it_is_of_the_scenery():
     site = load_site("tjunction")
     bare, known = site_detector("voxelnet", site), site_detector("voxelnet+background", site)
     assert isinstance(known, KnownBackground)
     assert known.detector.digest == bare.digest  # type: ignore[attr-defined]
     assert known.background.digest == site_background(site).digest
     assert known_labels(known) == known_labels(bare)
+    with pytest.raises(ValueError, match=r"general\+background must see the site empty first"):
+        place_detector("general+background", Place())
+    assert place_detector("general", Place(area=(-10.0, -10.0, 10.0, 10.0)))
 
 
 def test_cluster_knows_its_background_anyhow(monkeypatch):
@@ -47,9 +40,3 @@ def test_cluster_knows_its_background_anyhow(monkeypatch):
     for name in ("cluster", "cluster+background"):
         with pytest.raises(ValueError, match="learns from a recording"):
             site_detector(name, load_site("tjunction"))
-
-
-def test_clouds_alone_show_no_empty_site():
-    with pytest.raises(ValueError, match=r"general\+background must see the site empty first"):
-        place_detector("general+background", Place())
-    assert place_detector("general", Place(area=(-10.0, -10.0, 10.0, 10.0)))

@@ -22,11 +22,8 @@ def process(*arguments, cwd, **options):
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False, **options)
 
 
-def test_version(run):
+def test_version_and_help_name_every_command(run):
     assert run("--version") == (0, f"coview {coview.__version__}\n", "")
-
-
-def test_help_names_every_command(run):
     code, out, _ = run("--help")
     assert code == 0
     assert all(name in out for name in COMMANDS)

@@ -5,7 +5,7 @@ import pytest
 from coview.outputs import check_file, check_folder
 
 
-def test_what_may_be_written(tmp_path):
+def test_what_may_be_written_and_what_may_not(tmp_path):
     check_file(None)
     check_file(tmp_path / "new" / "folder" / "file.ply")
     check_folder(tmp_path / "new", holds="table.json")
@@ -13,9 +13,6 @@ def test_what_may_be_written(tmp_path):
     check_folder(tmp_path, holds="table.json")  # other files in it do not matter
     check_file(tmp_path / "other", overwrite=True)
     assert [each.name for each in tmp_path.iterdir()] == ["other"]
-
-
-def test_what_may_not(tmp_path):
     (tmp_path / "there").write_text("")
     (tmp_path / "link").symlink_to(tmp_path / "there")
     for out in (tmp_path / "there", tmp_path / "link"):

@@ -137,7 +137,7 @@ def test_lidars_are_calibrated_by_each_other(lidars, tmp_path, run, refused):
     assert "no sensor 'south'" in refused("calibrate", lidars, "--layout", "folder", "--held", "south")
 
 
-def test_one_lidar_alone_is_scored_whatever_the_other_is(lidars, tmp_path, run):
+def test_lidars_are_scored_alone_and_by_clusters(lidars, tmp_path, run):
     alone = tmp_path / "alone"
     samples = []
     for sample in read(lidars, "folder"):
@@ -155,9 +155,6 @@ def test_one_lidar_alone_is_scored_whatever_the_other_is(lidars, tmp_path, run):
     code, _, err = run(*arguments, "--detector", "cluster", "--schemes", "foreground", "--out", tmp_path / "x")
     assert code == 2
     assert "54 points of west say nothing of its rows" in err
-
-
-def test_clusters_find_what_no_label_says(lidars, tmp_path, run):
     code, said, err = run("evaluate", lidars, *LIDAR_AREA, "--detector", "cluster", "--out", tmp_path)
     assert code == 0, err
     assert "all clouds" in said

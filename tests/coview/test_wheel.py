@@ -73,15 +73,12 @@ def test_it_holds_everything_that_is_not_python_too(wheel):
     assert {name.partition("/")[0].partition("-")[0] for name in names} == set(PACKAGES)
 
 
-def test_the_command_line_runs_outside_the_tree(installed):
+def test_commands_weights_sites_and_tables_load_outside_the_tree(installed):
     assert installed("coview", "--version").startswith("coview 0.")
     assert "80 x 40 m" in installed("coview", "site", "show", "tjunction")
     installed("coview", "simulate", "tjunction", "--frames", 2, "--workers", 1, "--out", "two.hdf5")
     arguments = ("--detector", "voxelnet", "--schemes", "early", "--out", "evaluation", "--json")
     rows = json.loads(installed("coview", "evaluate", "two.hdf5", *arguments))["rows"]
     assert rows[0]["scheme"] == "early"
-
-
-def test_weights_sites_and_tables_load(installed):
     printed = installed("python", "-c", LOADS.format(tree=str(REPOSITORY)))
     assert printed.splitlines() == ["tjunction tjunction early", "roundabout roundabout early"]

@@ -23,11 +23,15 @@ def test_the_grid_follows_the_area_in_multiples_of_eight(area, grid, maps):
     assert (config.grid_shape, config.map_shape) == (grid, maps)
 
 
-def test_published_sizes():
+def test_published_sizes_of_known_sites_and_entries():
     assert VoxelNetConfig.published("tjunction").map_shape == (200, 100)
     assert VoxelNetConfig.published("roundabout").grid_shape == (240, 240, 10)
     parameters = sum(each.numel() for each in VoxelNet(VoxelNetConfig.published("tjunction")).parameters())
     assert parameters == 9_460_194
+    with pytest.raises(ValueError, match="'crossing'"):
+        VoxelNetConfig.published("crossing")
+    with pytest.raises(ValueError, match="depth"):
+        VoxelNetConfig.from_dict({"area": [0, 0, 1, 1], "depth": 3})
 
 
 @pytest.mark.parametrize("config", [VoxelNetConfig.published("roundabout"), VoxelNetConfig.light(np.arange(4))])
@@ -51,13 +55,6 @@ def test_what_makes_no_network_is_refused(changes, said):
         VoxelNetConfig.published("tjunction", **changes)
 
 
-def test_unknown_sites_and_entries_are_refused():
-    with pytest.raises(ValueError, match="'crossing'"):
-        VoxelNetConfig.published("crossing")
-    with pytest.raises(ValueError, match="depth"):
-        VoxelNetConfig.from_dict({"area": [0, 0, 1, 1], "depth": 3})
-
-
 CLASSES = VoxelNetConfig.light(
     (-8, -8, 8, 8),
     **road_users(),
@@ -69,22 +66,16 @@ CLASSES = VoxelNetConfig.light(
 )
 
 
-def test_classes_faces_and_calibration_survive_json():
+def test_classes_survive_json_and_what_is_usual_is_not_written():
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(CLASSES.to_dict()))) == CLASSES
     assert CLASSES.labels == ("vehicle", "heavy", "cyclist", "pedestrian")
     assert CLASSES.anchor_labels == (0, 0, 1, 1, 2, 2, 3)
     assert CLASSES.classes == 1
-
-
-def test_what_says_nothing_new_is_not_written_so_that_digests_stay():
     light = VoxelNetConfig.light((-8, -8, 8, 8))
     assert not {"kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds"} & light.to_dict().keys()
     assert "faces" in CLASSES.to_dict()
     (kind,) = light.anchor_kinds
     assert (kind.label, kind.size, kind.z, kind.yaws) == ("vehicle", light.anchor_size, 0.8, light.anchor_yaws)
-
-
-def test_the_anchors_of_classes_by_name():
     assert select_anchors(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
     for wrong in (("tram",), (), ("vehicle", "vehicle")):
         with pytest.raises(ValueError, match="classes must be different ones of vehicle, heavy, cyclist, pedestrian"):

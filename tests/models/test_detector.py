@@ -27,7 +27,7 @@ def points(n=2000, seed=0):
     return np.random.default_rng(seed).uniform((-9, -9, -1), (9, 9, 4), (n, 3)).astype(np.float32)
 
 
-def test_it_is_a_detector_that_ignores_what_is_outside():
+def test_it_ignores_what_is_outside_and_a_batch_is_its_items():
     detector: Detector = VoxelNetDetector(network())
     inside = points()
     inside = inside[(np.abs(inside) < 8).all(1)]
@@ -37,6 +37,11 @@ def test_it_is_a_detector_that_ignores_what_is_outside():
     np.testing.assert_array_equal(found.boxes, same.boxes)
     assert np.all(found.scores > 0.1)
     assert np.all(np.abs(found.boxes[:, :2]) <= 8)
+    detector = VoxelNetDetector(network())
+    clouds = [points(seed=1), points(300, seed=2)]
+    for together, alone in zip(detector.batch(clouds), map(detector, clouds), strict=True):
+        np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
+        np.testing.assert_allclose(together.scores, alone.scores, atol=1e-5)
 
 
 @pytest.mark.parametrize("empty", [np.zeros((0, 3), np.float32), np.float32([[50, 50, 1]])])
@@ -46,15 +51,7 @@ def test_no_points_no_detections(empty):
     assert [len(each) > 0 for each in detector.batch([empty, points()])] == [False, True]
 
 
-def test_a_batch_is_its_items():
-    detector = VoxelNetDetector(network())
-    clouds = [points(seed=1), points(300, seed=2)]
-    for together, alone in zip(detector.batch(clouds), map(detector, clouds), strict=True):
-        np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
-        np.testing.assert_allclose(together.scores, alone.scores, atol=1e-5)
-
-
-def test_weights_survive_a_file(tmp_path):
+def test_weights_survive_a_file_and_those_of_a_site_stay_there(tmp_path):
     path, header = tmp_path / "here.safetensors", Header("tjunction", 7, "abc1234", {"0.7": 0.99})
     save_weights(path, network(), header)
     loaded, read = load_weights(path)
@@ -63,9 +60,6 @@ def test_weights_survive_a_file(tmp_path):
         torch.testing.assert_close(loaded.state_dict()[name], tensor)
     assert list(tmp_path.iterdir()) == [path]
     np.testing.assert_array_equal(load_detector(path)(points()).boxes, VoxelNetDetector(network())(points()).boxes)
-
-
-def test_general_weights_go_anywhere_and_those_of_a_site_do_not(tmp_path):
     general, site = tmp_path / "general.safetensors", tmp_path / "site.safetensors"
     save_weights(general, network(), Header("general"))
     save_weights(site, network(), Header("tjunction"))
@@ -210,7 +204,7 @@ def test_rivals_below_a_class_s_threshold_still_count_and_thresholds_are_of_what
             assert (own.scores > least).all()
 
 
-def test_a_second_stage_and_classes_survive_a_file(tmp_path):
+def test_a_second_stage_and_classes_survive_a_file_or_are_missed(tmp_path):
     config = dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), calibration=((1.2, -0.1),) * 4)
     made, path = network(config), tmp_path / "w.safetensors"
     made.faces.prior[:] = torch.tensor([0.1, 0.05, 0.02])
@@ -223,9 +217,6 @@ def test_a_second_stage_and_classes_survive_a_file(tmp_path):
     np.testing.assert_array_equal(here.boxes, there.boxes)
     elsewhere = load_detector(path, area=(-8, -8, 8, 6))(points())
     assert len(elsewhere)
-
-
-def test_a_file_that_lacks_its_second_stage_is_refused(tmp_path):
     path, made = tmp_path / "w.safetensors", network()
     made.config = dataclasses.replace(CONFIG, faces=("vehicle",))
     save_weights(path, made, Header("general"))
@@ -269,14 +260,11 @@ def test_unions_are_detected_in_as_their_points_are(config, most_own, monkeypatc
     assert len(found[0]) == len(found[1]) == 0
 
 
-def test_a_union_may_have_more_candidates_than_are_looked_at(monkeypatch):
+def test_unions_may_have_many_candidates_or_none(monkeypatch):
     detector = VoxelNetDetector(network(logit=1.0))
     clouds = [points(60, seed=1), points(60, seed=2)]
     monkeypatch.setattr("models.network.candidates.MOST_CANDIDATES", 30)
     assert_unions(detector, clouds, EIGHT[:4, 1:])
-
-
-def test_without_unions_or_points_there_is_nothing():
     detector = VoxelNetDetector(network())
     assert detector.unions([points()], np.zeros((0, 1), bool)) == []
     outside = points() + np.float32([100, 0, 0])

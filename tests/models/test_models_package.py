@@ -8,14 +8,11 @@ def run(code):
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
 
 
-def test_importing_models_loads_nothing_heavy():
+def test_importing_models_loads_torch_numpy_h5py_and_shapely_at_most():
     assert run("import sys, models; print('torch' in sys.modules, 'numpy' in sys.modules)").split() == [
         "False",
         "False",
     ]
-
-
-def test_inference_and_training_need_torch_numpy_h5py_and_shapely_only():
     heavy = "open3d", "libsumo", "gymnasium", "matplotlib", "safetensors", "jaxtyping"
     code = "import sys, importlib; sys.modules.update(dict.fromkeys({heavy}, None));" + (
         "[importlib.import_module('models.' + name) for name in "

@@ -190,12 +190,14 @@ def test_no_points_give_the_empty_grids_maps(network, tmp_path, small):
     torch.testing.assert_close(ours[0], expected[0], atol=1e-4, rtol=0)
 
 
-def test_the_layout_is_the_documented_one(network):
+def test_the_layout_is_the_documented_one_however_it_was_trained(network, tmp_path):
     state = network.state_dict()
     assert len(state) == 145
     assert sum(parameter.numel() for parameter in network.parameters()) == 9_460_194
     ours = VoxelNet(VoxelNetConfig.published("tjunction")).state_dict()
     assert {published.name_in_paper(name) for name in ours} == set(state)
+    prefixed = {f"module.{name}": tensor for name, tensor in network.state_dict().items()}
+    assert load_published(checkpoint(tmp_path / "c.pth", prefixed), "roundabout").site == "roundabout"
 
 
 @pytest.mark.parametrize("site", ["tjunction", "roundabout"])
@@ -277,11 +279,6 @@ def test_published_decoding_gives_the_documented_detections(network, tmp_path, s
     detector.nms_threshold = 0.1
     assert 0 < len(detector(site)) <= len(found)
     assert len(load_published(path, "tjunction")(site)) >= len(detector(site))
-
-
-def test_a_network_trained_in_parallel_is_read_too(network, tmp_path):
-    prefixed = {f"module.{name}": tensor for name, tensor in network.state_dict().items()}
-    assert load_published(checkpoint(tmp_path / "c.pth", prefixed), "roundabout").site == "roundabout"
 
 
 def _without(name):

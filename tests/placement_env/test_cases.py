@@ -29,14 +29,11 @@ def test_fields_are_checked(fields, message):
         Cases(**fields)
 
 
-def test_the_same_question_is_equal_however_it_is_asked():
+def test_equal_questions_and_results_state_what_was_asked():
     assert Cases(iou=(0.7,), errors=["poor"]) == Cases(iou="0.7", errors=POOR)
     assert Cases(errors=POOR).profiles == (POOR,)
     assert hash(Cases(iou=[0.9, 0.5])) == hash(Cases(iou=(0.5, 0.9)))
     assert len(Cases(iou="0.5:0.95").ious) == 10
-
-
-def test_results_state_what_was_asked():
     assert Cases().origin == {"iou": 0.7}
     assert Cases(iou=(0.5, 0.7), failing=1, levels=2, levels_by="mean").origin == {
         "iou": [0.5, 0.7],
@@ -50,9 +47,6 @@ def test_results_state_what_was_asked():
     }
     assert [iou_text(each) for each in (0.7, (0.5, 0.6))] == ["0.7", "0.5 to 0.6 (mean of 2 thresholds)"]
     assert Cases(iou=(0.6, 0.7)).class_ious(Classes(("vehicle", "cyclist")), "cyclist") == 0.5
-
-
-def test_failures_of_a_set_are_its_subsets():
     rows, owners = Cases(failing=1).expand(np.array([[1, 1, 0], [0, 0, 1]], bool))
     assert rows.astype(int).tolist() == [[1, 1, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, 0]]
     assert owners.tolist() == [0, 1, 0, 0, 1]
@@ -70,15 +64,12 @@ def test_what_failures_leave(failures, left):
     assert cases.over_failures(np.zeros((0, 5)), np.zeros(0, int)).shape == (0, 5)
 
 
-def test_levels_leave_out_what_has_nothing_to_find():
+def test_levels_axes_and_shares_are_reduced():
     figures = np.array([[0.4, np.nan, np.nan], [0.6, 0.5, np.nan]])
     assert Cases(levels=2).over_levels(figures) == pytest.approx([0.4, 0.5, np.nan], nan_ok=True)
     assert Cases(levels=2, levels_by="mean").over_levels(figures) == pytest.approx([0.5, 0.5, np.nan], nan_ok=True)
     assert [len(part) for part in Cases(levels=4).split(np.arange(9))] == [3, 2, 2, 2]
     assert len(Cases(levels=4).split(np.arange(2))) == 2
-
-
-def test_axes_are_reduced_from_the_last():
     figures = np.random.default_rng(0).random((2, 3, 2, 5, 4))  # of 2 sets, of 1 and of 2 sensors, and 4 resamples
     owners = np.array([0, 1, 0, 1, 1])
     cases = Cases(iou=(0.5, 0.7), failing=1, levels=3, errors=("paper", "poor"))
@@ -86,9 +77,6 @@ def test_axes_are_reduced_from_the_last():
     by_hand = figures.mean(axis=2).min(axis=1)
     by_hand = np.stack([by_hand[:, 2], by_hand[:, 3:].min(axis=1)], axis=1).min(axis=0)
     assert found == pytest.approx(by_hand)
-
-
-def test_shares_of_profiles_choose_all_figures_of_a_set():
     ap = np.array([[0.3, 0.5], [0.4, 0.2]])
     assert Cases(errors=("paper", "poor")).shares(ap).tolist() == [[1, 0], [0, 1]]
     assert Cases(errors=("paper", "poor"), errors_by="mean").shares(ap).tolist() == [[0.5, 0.5], [0.5, 0.5]]

@@ -35,38 +35,26 @@ def test_what_is_refused(arguments, message):
         Classes(**arguments)
 
 
-def test_order_and_scale_of_what_is_given_mean_nothing():
+def test_settings_of_classes_are_in_the_digest_and_by_name():
     one = Classes(("pedestrian", "vehicle"), (2.0, 6.0), ious=(0.25, None))
     other = Classes(("vehicle", "pedestrian"), (0.75, 0.25), ious=(None, 0.25))
     assert one == other
     assert one.digest == other.digest
     assert one.weights == (0.75, 0.25)
     assert one.labels == (0, 2)
-
-
-def test_each_setting_is_in_the_digest():
     made = [
         VEHICLES, Classes(("heavy",)), Classes(THREE), Classes(THREE, combine="worst"), Classes(THREE, (1.0, 1.0, 2.0)),
         Classes(THREE, ious=(None, None, 0.25)),
     ]  # fmt: skip
     assert len({each.digest for each in made}) == len(made)
-
-
-def test_the_iou_of_a_class():
     classes = Classes(LABELS, ious=(None, None, 0.25, None))
     assert [classes.get_iou(name, 0.8) for name in LABELS] == [0.8, SMALL_IOU, 0.25, 0.8]
     assert Classes(LABELS, ious=(None, None, None, 0.5)).get_iou("heavy", 0.8) == 0.5
-
-
-def test_classes_by_names():
     assert find_classes("cyclist") == Classes(("cyclist",))
     assert find_classes(["vehicle", "heavy"]) == Classes(("vehicle", "heavy"))
     assert find_classes(VEHICLES) is VEHICLES
     with pytest.raises((ValueError, TypeError), match=r"classes must be Classes or names|Type-check"):
         find_classes(3)
-
-
-def test_one_class_is_left_as_it_is():
     figures = np.random.default_rng(0).random((5, 1))
     np.testing.assert_array_equal(VEHICLES.combined(figures), figures[:, 0])
     assert np.isnan(VEHICLES.combined(np.array([[np.nan]])))[0]
@@ -90,11 +78,8 @@ def test_mean_and_worst_are_over_the_classes_that_are_there(rows, weights):
         assert of_worst <= of_mean + 1e-12
 
 
-def test_full_marks_stay_full_marks():
+def test_full_marks_and_words_of_classes():
     assert Classes(THREE, (1.0, 1.0, 7.0)).combined(np.ones((1, 3)))[0] == 1.0
-
-
-def test_in_words():
     assert VEHICLES.described(0.7) == VEHICLES.described() == "vehicle"
     assert Classes(THREE, combine="worst").described() == "worst of vehicle, cyclist and pedestrian"
     assert Classes(THREE).described(0.7) == "mean of vehicle, cyclist (IoU 0.5) and pedestrian (IoU 0.5)"

@@ -109,7 +109,7 @@ def test_what_is_seen_of_a_class_does_not_depend_on_the_others(small_traffic, sm
     assert everything.select([2, 0]).labels is everything.labels
 
 
-def test_visibility_files_keep_classes_and_old_ones_are_vehicles(tmp_path):
+def test_files_keep_the_class_of_surrogates_and_what_is_seen(tmp_path):
     seen = seen_by()
     seen.save(tmp_path / "new.npz")
     np.testing.assert_array_equal(Visibility.load(tmp_path / "new.npz").labels, seen.labels)
@@ -121,6 +121,15 @@ def test_visibility_files_keep_classes_and_old_ones_are_vehicles(tmp_path):
     write_arrays(tmp_path / "damaged.npz", arrays)
     with pytest.raises(ValueError, match="must hold"):
         Visibility.load(tmp_path / "damaged.npz")
+    save_models((model("cyclist"), model("vehicle")), tmp_path / "models.json")
+    assert [one.label for one in load_models(tmp_path / "models.json")] == ["cyclist", "vehicle"]
+    damaged = (tmp_path / "models.json").read_text().replace('"cyclist"', '"tram"')
+    (tmp_path / "models.json").write_text(damaged)
+    with pytest.raises(ValueError, match="label must be one of vehicle, cyclist"):
+        load_models(tmp_path / "models.json")
+    (tmp_path / "models.json").write_text(damaged.replace('"tram"', "3"))
+    with pytest.raises(ValueError, match="label must be one of"):
+        load_models(tmp_path / "models.json")
 
 
 @pytest.mark.parametrize("views", [1, 2])
@@ -144,7 +153,20 @@ def test_coverage_of_classes(views):
     assert boxes_of_all.sum() > plain(sets).kbit.sum()
 
 
-def test_a_class_that_is_not_there_is_left_out():
+def test_the_surrogate_of_classes_is_that_of_each_class_it_knows():
+    seen, sets = seen_by(), all_subsets(9)[::9]
+    models = [model("pedestrian", reach=1.0), model("vehicle"), model("cyclist", oblique=0.4)]
+    each = Surrogate(seen, "early", models, classes=MEAN).by_class(sets)
+    for k, name in enumerate(NAMES):
+        (own,) = [one for one in models if one.label == name]
+        alone = Surrogate(seen, "early", own, classes=Classes((name,)))(sets)
+        np.testing.assert_array_equal(each.ap[:, k], alone.ap)
+        np.testing.assert_array_equal(each.recall[:, k], alone.recall)
+    np.testing.assert_array_equal(Surrogate(seen, "early", models, classes=WORST)(sets).ap, each.ap.min(axis=1))
+    with pytest.raises(ValueError, match="there is no model of cyclist: pass one fitted to each class"):
+        Surrogate(seen, "early", [model("vehicle"), model("pedestrian")], classes=MEAN)
+    with pytest.raises(ValueError, match=r"of general for early at IoU 0.7 of heavy: .*coview surrogate fits one"):
+        shipped_model("early", 0.7, "general", label="heavy")
     seen = seen_by()
     without = replace(seen, labels=np.where(seen.labels == PEDESTRIAN, CYCLIST, seen.labels))
     sets = all_subsets(9)[::50]
@@ -157,43 +179,12 @@ def test_a_class_that_is_not_there_is_left_out():
     assert (Surrogate(nobody, "early", models, classes=WORST)(sets).recall == 0).all()
 
 
-def test_the_surrogate_of_classes_is_that_of_each_class():
-    seen, sets = seen_by(), all_subsets(9)[::9]
-    models = [model("pedestrian", reach=1.0), model("vehicle"), model("cyclist", oblique=0.4)]
-    each = Surrogate(seen, "early", models, classes=MEAN).by_class(sets)
-    for k, name in enumerate(NAMES):
-        (own,) = [one for one in models if one.label == name]
-        alone = Surrogate(seen, "early", own, classes=Classes((name,)))(sets)
-        np.testing.assert_array_equal(each.ap[:, k], alone.ap)
-        np.testing.assert_array_equal(each.recall[:, k], alone.recall)
-    np.testing.assert_array_equal(Surrogate(seen, "early", models, classes=WORST)(sets).ap, each.ap.min(axis=1))
-    with pytest.raises(ValueError, match="there is no model of cyclist: pass one fitted to each class"):
-        Surrogate(seen, "early", [model("vehicle"), model("pedestrian")], classes=MEAN)
-
-
-def test_a_shipped_surrogate_refuses_classes_that_it_does_not_know():
-    with pytest.raises(ValueError, match=r"of general for early at IoU 0.7 of heavy: .*coview surrogate fits one"):
-        shipped_model("early", 0.7, "general", label="heavy")
-
-
 @pytest.mark.parametrize("scheme", ["early", "late"])
 @pytest.mark.parametrize("site", ["tjunction", "roundabout"])
 def test_the_sites_own_surrogates_know_cyclists_and_pedestrians(site, scheme):
     for label, iou in (("vehicle", 0.7), ("cyclist", 0.5), ("pedestrian", 0.5)):
         model = shipped_model(scheme, iou, site, label=label)
         assert (model.label, model.scheme) == (label, scheme)
-
-
-def test_files_of_surrogates_keep_their_class(tmp_path):
-    save_models((model("cyclist"), model("vehicle")), tmp_path / "models.json")
-    assert [one.label for one in load_models(tmp_path / "models.json")] == ["cyclist", "vehicle"]
-    damaged = (tmp_path / "models.json").read_text().replace('"cyclist"', '"tram"')
-    (tmp_path / "models.json").write_text(damaged)
-    with pytest.raises(ValueError, match="label must be one of vehicle, cyclist"):
-        load_models(tmp_path / "models.json")
-    (tmp_path / "models.json").write_text(damaged.replace('"tram"', "3"))
-    with pytest.raises(ValueError, match="label must be one of"):
-        load_models(tmp_path / "models.json")
 
 
 @pytest.mark.parametrize("scheme", ["early", "late"])
@@ -225,7 +216,7 @@ def test_classes_do_not_mix_in_a_shared_memo(tmp_path):
         np.testing.assert_array_equal(detected(classes, memo=tmp_path / "memo")(SETS).ap, fresh[name])
 
 
-def test_the_iou_of_a_small_class_is_its_own():
+def test_the_iou_of_a_small_class_is_its_own_and_others_are_refused():
     strict = Classes(NAMES, ious=(None, 0.7, None))
     sure, half = detected(strict).by_class(SETS), detected(MEAN).by_class(SETS)
     assert sure.ap[-1, 1] < half.ap[-1, 1]
@@ -233,8 +224,6 @@ def test_the_iou_of_a_small_class_is_its_own():
     at = detected(MEAN).class_estimates(SETS)
     np.testing.assert_array_equal(at[0.7].ap[:, 1:], at[0.9].ap[:, 1:])
 
-
-def test_a_detector_of_vehicles_alone_refuses_other_classes():
     class CarReader(Reader):
         labels = ("vehicle",)  # type: ignore[assignment]
 

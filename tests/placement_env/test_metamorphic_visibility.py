@@ -112,32 +112,25 @@ def assert_same(one, other):
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6)
 
 
-def test_the_scene_tells_sensors_apart(seen):
+def test_the_scene_tells_sensors_apart_whose_points_are_sent(seen):
     assert seen.points.shape[0] == 6
     assert 10 < seen.points.shape[1] < 27
     assert (seen.points.sum(axis=1) > 0).tolist() == [True, True, True, True, False, True]
     assert ((seen.points == 0).any(axis=0) & (seen.points > 0).any(axis=0)).any()
-
-
-def test_points_on_objects_are_among_the_points_sent(seen):
     on_objects = np.stack([seen.points[:, seen.frame == k].sum(axis=1) for k in range(seen.frames)], axis=1)
     assert (on_objects <= seen.sent).all()
     assert (seen.far <= seen.sent).all()
-
-
-def test_twins_see_the_same_and_who_looks_away_nothing(seen):
     for figure in (seen.points, seen.sent, seen.far, seen.distance):
         assert (figure[TWIN] == figure[TWIN - 1]).all()
     assert not seen.points[AWAY].any()
-
-
-def test_each_sees_the_same_whoever_looks_beside_it(seen):
     order = [5, 2, 0]
     traffic, candidates = scene()
     alone = see(traffic, candidates.select(order))
     chosen = seen.select(order)
     for one, other in ((alone.points, chosen.points), (alone.sent, chosen.sent), (alone.far, chosen.far)):
         assert one.tolist() == other.tolist()
+    traffic, candidates = scene()
+    assert paper_candidates(traffic.site).sensors == candidates.sensors
 
 
 @pytest.mark.parametrize("move", [{"x": 512.0, "y": -256.0}, {"turns": 1}, {"x": -64.0, "turns": 2}])
@@ -153,13 +146,10 @@ def test_moving_and_turning_site_traffic_and_sensors_together_changes_nothing(mo
             np.testing.assert_allclose(moved(SETS).ap, before(SETS).ap, atol=0.06)
 
 
-def test_what_one_frame_shows_does_not_depend_on_the_others(seen):
+def test_frames_and_walls_hide_and_show_nothing_new(seen):
     last = see(*scene(frames=[2]))
     assert last.points.tolist() == seen.points[:, seen.frame == 2].tolist()
     assert last.sent[:, 0].tolist() == seen.sent[:, 2].tolist()
-
-
-def test_a_wall_hides_and_shows_nothing_new(seen):
     traffic, candidates = scene()
     open_site = replace(traffic.site, solids=())
     cleared = see(replace(traffic, site=open_site), candidates)
@@ -175,27 +165,24 @@ def test_the_order_of_sensors_changes_nothing(seen, scored):
         assert_same(other(SETS[:, order]), expected)
 
 
-def test_sets_are_scored_alike_alone_together_and_in_any_order(scored):
+def test_sets_are_scored_alike_and_more_sensors_never_lower_a_prediction(scored):
     shuffled = np.random.default_rng(0).permutation(len(SETS)).repeat(3)
     for fidelity, expected in scored[1]:
         assert_same(fidelity(SETS[shuffled]), [figure[shuffled] for figure in expected])
         assert_same(fidelity(SETS[[37]]), [figure[[37]] for figure in expected])
-
-
-def test_adding_a_sensor_never_lowers_a_prediction(scored):
     for _, estimate in scored[1]:
         for i in range(6):
             without = np.flatnonzero(~SETS[:, i])
             for figure in estimate:
                 assert (figure[without | 1 << i] >= figure[without] - 1e-6).all()
-
-
-def test_the_empty_set_finds_and_sends_nothing(scored):
     for _, estimate in scored[1]:
         assert [figure[0] for figure in estimate] == [0, 0, 0]
+    coverage = scored[1][0][0]
+    worth = exact_worth(lambda sets: coverage(sets).ap, 6)
+    assert (worth.synergy <= 1e-12).all()
 
 
-def test_a_sensor_doubled_covers_nothing_new_and_sends_as_much_again(scored):
+def test_doubles_and_twins_cover_nothing_new(scored):
     (coverage, estimate), *_ = scored[1]
     alone = np.flatnonzero(SETS[:, TWIN - 1] & ~SETS[:, TWIN])
     assert estimate.ap[alone].tolist() == estimate.ap[alone | 1 << TWIN].tolist()
@@ -204,9 +191,6 @@ def test_a_sensor_doubled_covers_nothing_new_and_sends_as_much_again(scored):
     worth = exact_worth(lambda sets: coverage(sets).ap, 6)
     assert worth.shapley[TWIN] == pytest.approx(worth.shapley[TWIN - 1])
     assert worth.synergy[TWIN, TWIN - 1] <= 0
-
-
-def test_twins_may_stand_in_for_each_other(scored):
     swapped = SETS.copy()
     swapped[:, [TWIN - 1, TWIN]] = SETS[:, [TWIN, TWIN - 1]]
     for fidelity, expected in scored[1]:
@@ -229,28 +213,14 @@ def test_a_sensor_that_looks_away_adds_nothing_but_price_and_what_it_sends(seen,
         assert objective.score([AWAY]).ap == 0
 
 
-def test_one_view_is_submodular(scored):
-    coverage = scored[1][0][0]
-    worth = exact_worth(lambda sets: coverage(sets).ap, 6)
-    assert (worth.synergy <= 1e-12).all()
-
-
-def test_more_points_asked_for_or_more_views_cover_less(seen):
+def test_more_points_asked_for_cover_less_whatever_the_names(seen):
     figures = [Coverage(seen, least=least)(SETS).ap for least in (1.0, 10.0, 50.0)]
     figures += [Coverage(seen, least=50.0, views=views)(SETS).ap for views in (1, 2, 3)]
     for more, less in ((0, 1), (1, 2), (3, 4), (4, 5)):
         assert (figures[more] >= figures[less]).all()
-
-
-def test_names_are_only_names(seen):
     traffic, candidates = scene()
     renamed = tuple(replace(sensor, name=f"other{i}") for i, sensor in enumerate(candidates.sensors))
     assert see(traffic, replace(candidates, sensors=renamed)).points.tolist() == seen.points.tolist()
-
-
-def test_the_sites_own_sensors_are_the_candidates_it_comes_with():
-    traffic, candidates = scene()
-    assert paper_candidates(traffic.site).sensors == candidates.sensors
 
 
 def test_renders_hold_the_points_that_visibility_counts(seen):

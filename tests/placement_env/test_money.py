@@ -40,16 +40,13 @@ def priced(make):
     return limited
 
 
-def test_price_is_of_mounts_once_and_of_every_model(priced):
+def test_prices_are_of_mounts_once_and_feasible_sets_within_the_money(priced):
     objective = priced(np.inf)
     mounts, candidates = objective.candidates.mount_prices, objective.candidates
     both = objective.row([0, 1])  # one mount, both models
     assert objective.price(both[None])[0] == pytest.approx(mounts[0] + 0.25 + 1.0)
     assert candidates.prices[2] == pytest.approx(mounts[1] + 0.25)
     assert objective.score([0, 3]).price == pytest.approx(mounts[0] + 0.25 + mounts[1] + 1.0)
-
-
-def test_feasible_and_allowed_know_the_money(priced):
     objective = priced(3.0)
     sets = all_subsets(len(objective.candidates))
     one_each = (objective.candidates.per_mount(sets) <= 1).all(axis=1)
@@ -58,9 +55,16 @@ def test_feasible_and_allowed_know_the_money(priced):
     allowed = objective.allowed(chosen)
     for c in range(1, len(objective.candidates)):
         assert allowed[c] == objective.feasible(objective.row([0, c])[None])[0], c
+    objective, rng = priced(3.0), np.random.default_rng(0)
+    for _ in range(100):
+        assert objective.feasible(objective.row(swap.draw_set(objective, 4, rng))[None])[0]
+    objective = priced(3.0)
+    progress = Progress(objective, 3, None, None)
+    chosen = list(greedy.search(objective, 3).best.subset)
+    assert online_bound(progress, chosen) >= exhaustive.search(objective, 3).best.ap - 1e-12
 
 
-def test_a_sum_is_not_refused_for_its_rounding(make):
+def test_sums_are_not_refused_for_rounding_and_none_is_none(make):
     free = make(mounts=3, poses=1)
     mounts = tuple(replace(mount, price=0.1) for mount in free.candidates.mounts)
     exact = Objective(
@@ -69,6 +73,13 @@ def test_a_sum_is_not_refused_for_its_rounding(make):
         )
     )
     assert exact.feasible(np.ones((1, 3), bool))[0]  # 0.1 + 0.1 + 0.1 is more than 0.3 in floating point
+    objective = make()
+    with pytest.raises(ValueError, match="most_price must be 0 or more, got -1"):
+        Objective(Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=-1.0))
+    broke = Objective(Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=0.0))
+    assert not broke.allowed([]).any()
+    assert greedy.search(broke, 3).best.subset == ()
+    assert swap.draw_set(broke, 3, np.random.default_rng(0)) == []
 
 
 @pytest.mark.parametrize("most", [0.5, 2.0, 3.5])
@@ -97,26 +108,3 @@ def test_cpsat_finds_the_best_cover_for_the_money(priced, make, seed):
         assert answer.best.price <= most
         assert answer.best.ap == pytest.approx(best.ap)
         assert answer.certificate.kind == "optimal"
-
-
-def test_drawn_sets_keep_to_the_money(priced):
-    objective, rng = priced(3.0), np.random.default_rng(0)
-    for _ in range(100):
-        assert objective.feasible(objective.row(swap.draw_set(objective, 4, rng))[None])[0]
-
-
-def test_the_bound_holds_with_money(priced):
-    objective = priced(3.0)
-    progress = Progress(objective, 3, None, None)
-    chosen = list(greedy.search(objective, 3).best.subset)
-    assert online_bound(progress, chosen) >= exhaustive.search(objective, 3).best.ap - 1e-12
-
-
-def test_money_that_is_none(make):
-    objective = make()
-    with pytest.raises(ValueError, match="most_price must be 0 or more, got -1"):
-        Objective(Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=-1.0))
-    broke = Objective(Setting(candidates=objective.candidates, fidelity=objective.scored_by, most_price=0.0))
-    assert not broke.allowed([]).any()
-    assert greedy.search(broke, 3).best.subset == ()
-    assert swap.draw_set(broke, 3, np.random.default_rng(0)) == []

@@ -52,7 +52,7 @@ def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float
     return Objective(Setting(candidates=some, fidelity=Counting(len(some)), scheme=scheme, weights=weights))  # type: ignore[arg-type]
 
 
-def test_reward_is_the_sum_of_its_terms() -> None:
+def test_rewards_are_sums_of_terms_asked_for_once():
     score = objective(Weights(comm=0.001, price=0.01)).score([1, 4])
     assert score.kbit == 500.0
     assert score.kbit_per_sensor == 250.0
@@ -61,22 +61,13 @@ def test_reward_is_the_sum_of_its_terms() -> None:
     assert score.terms["price"] == -0.04
     assert score.reward == pytest.approx(sum(score.terms.values()), abs=1e-15)
     assert score.subset == (1, 4)
-
-
-def test_without_weights_the_reward_is_the_ap() -> None:
     score = objective().score([0, 3])
     assert score.reward == score.ap > 0
-
-
-def test_the_empty_set_scores_nothing_and_is_not_asked() -> None:
     some = objective(Weights(1.0, 1.0))
     score = some.score([])
     assert (score.ap, score.recall, score.kbit, score.price, score.reward) == (0, 0, 0, 0, 0)
     assert some.scored_by.asked == 0  # type: ignore[attr-defined]
     assert some.scores(np.zeros((0, len(some.candidates)), bool)).reward.shape == (0,)
-
-
-def test_a_set_is_asked_once_whatever_its_order_and_names() -> None:
     some = objective()
     first = some.score([4, 0])
     again = some.score([some.names[0], some.names[4], 0])
@@ -96,12 +87,17 @@ def test_many_at_once_are_the_same_as_one_by_one(sets: list[set[int]]) -> None:
     assert some.scored_by.asked == len({frozenset(members) for members in sets} - {frozenset()})  # type: ignore[attr-defined]
 
 
-def test_one_sensor_on_a_mount() -> None:
+def test_a_mount_has_one_sensor_and_is_paid_once():
     some = objective()
     rows = np.array([some.row(members) for members in ([], [0, 2, 4], [0, 1], [5, 3, 2])])
     assert some.feasible(rows).tolist() == [True, True, False, False]
     assert some.allowed([2]).tolist() == [True, True, False, False, True, True]
     assert some.allowed(some.row([2])).tolist() == some.allowed([2]).tolist()
+    assert objective().score([0, 1]).price == 2.0
+    scored = objective(mounts=3, headings=2, price=2.0)
+    subsets = np.array([scored.row(members) for members in ((), (0,), (0, 1), (0, 2, 4), range(6))])
+    assert scored.price(subsets).tolist() == [0.0, 2.0, 2.0, 6.0, 6.0]
+    assert scored.price(np.zeros((0, 6), bool)).shape == (0,)
 
 
 @pytest.mark.parametrize(("scheme", "fits"), [("early", 3), ("hybrid", 3), ("late", 6)])
@@ -111,23 +107,33 @@ def test_a_link_carries_what_it_can(scheme: str, fits: int) -> None:
     assert bool(some.feasible(some.row([5])[None])[0]) == (scheme == "late")
 
 
-def test_what_a_mount_carries_twice_is_paid_once() -> None:
-    assert objective().score([0, 1]).price == 2.0
-
-
 @pytest.mark.parametrize("bad", [[6], [-1], ["nobody"], [True, False]])
 def test_members_that_there_are_not(bad: list[int | str]) -> None:
     with pytest.raises(ValueError, match="candidates are 0 to 5"):
         objective().score(bad)
 
 
-def test_what_does_not_fit() -> None:
+def test_objectives_say_where_scores_come_from_and_take_parts_by_hand():
     with pytest.raises(FileNotFoundError, match="pol"):
         Objective(Setting("tjunction", candidates="pol"))
     with pytest.raises(ValueError, match="weights must be finite"):
         Weights(comm=-1.0)
     with pytest.raises((ValueError, TypeError), match="of"):
         objective(scheme="middle")
+    origin = Objective(Setting("tjunction", scheme="late", fidelity="table"), Run(frames=2)).provenance
+    assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == ("tjunction", 2, 0, "table")
+    assert {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"} <= origin.keys()
+    assert origin["errors"]["profile"] == "paper"
+    assert objective().provenance["fidelity"] == "counting"
+    some = candidates()
+    axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
+    factors = np.array([[1, 0, 0, 0, 0]])
+    one = Candidates(some.sensors[2:3], factors[:, 0].copy(), some.mounts, factors, axes)
+    assert Objective(Setting(candidates=one, fidelity=Counting(1))).score([0]).price == 2.0
+    early, foreground = objective(), objective(scheme="foreground")
+    assert early.provenance["codec"] == "PaperCodec(bits_per_point=96, bits_per_box=256)"
+    assert foreground.provenance["codec"] == "RangeImages(step=0.02)"
+    assert foreground.provenance["scheme"].startswith("Foreground(")
 
 
 @pytest.mark.parametrize(
@@ -143,14 +149,6 @@ def test_cases_that_a_fidelity_does_not_know_are_refused(cases: Cases, fidelity:
         Objective(Setting("tjunction", fidelity=fidelity, cases=cases))
 
 
-def test_its_provenance_says_where_scores_come_from() -> None:
-    origin = Objective(Setting("tjunction", scheme="late", fidelity="table"), Run(frames=2)).provenance
-    assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == ("tjunction", 2, 0, "table")
-    assert {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"} <= origin.keys()
-    assert origin["errors"]["profile"] == "paper"
-    assert objective().provenance["fidelity"] == "counting"
-
-
 @pytest.mark.parametrize(("part", "message"), [("ap", "no vehicle"), ("kbit", "kbit must be finite")])
 def test_figures_must_be_finite(part: str, message: str) -> None:
     class Lost(Counting):
@@ -160,25 +158,3 @@ def test_figures_must_be_finite(part: str, message: str) -> None:
     some = candidates()
     with pytest.raises(ValueError, match=message):
         Objective(Setting(candidates=some, fidelity=Lost(len(some)))).score([0])
-
-
-def test_it_takes_hand_made_candidates() -> None:
-    some = candidates()
-    axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
-    factors = np.array([[1, 0, 0, 0, 0]])
-    one = Candidates(some.sensors[2:3], factors[:, 0].copy(), some.mounts, factors, axes)
-    assert Objective(Setting(candidates=one, fidelity=Counting(1))).score([0]).price == 2.0
-
-
-def test_a_mount_used_twice_is_paid_once() -> None:
-    scored = objective(mounts=3, headings=2, price=2.0)
-    subsets = np.array([scored.row(members) for members in ((), (0,), (0, 1), (0, 2, 4), range(6))])
-    assert scored.price(subsets).tolist() == [0.0, 2.0, 2.0, 6.0, 6.0]
-    assert scored.price(np.zeros((0, 6), bool)).shape == (0,)
-
-
-def test_a_scheme_with_a_codec_of_its_own_counts_and_says_that() -> None:
-    early, foreground = objective(), objective(scheme="foreground")
-    assert early.provenance["codec"] == "PaperCodec(bits_per_point=96, bits_per_box=256)"
-    assert foreground.provenance["codec"] == "RangeImages(step=0.02)"
-    assert foreground.provenance["scheme"].startswith("Foreground(")

@@ -161,7 +161,7 @@ def test_they_have_what_the_protocols_ask_for():
             evaluate_recording(None, None, Comparison(schemes=[scheme]))  # type: ignore[list-item]
 
 
-def test_evaluation_takes_both(recording, detector):
+def test_evaluation_takes_both_and_what_arrives_is_let_through(recording, detector):
     schemes, codec = [Thinned(), "early", Hybrid(radius=9.0, name="hybrid 9")], Centimetres()
     rows = evaluate_recording(recording, detector, Comparison(schemes=schemes, codec=codec, iou_thresholds=[0.7]))
     plain = evaluate_recording(recording, detector, Comparison(schemes=["early"], iou_thresholds=[0.7]))
@@ -173,9 +173,6 @@ def test_evaluation_takes_both(recording, detector):
     with pytest.raises(ValueError, match="two schemes are called 'hybrid'"):
         evaluate_recording(recording, detector, Comparison(schemes=["hybrid", Hybrid(radius=9.0)]))
     assert survey(recording, codec=codec).kbit_per_sensor.mean() == pytest.approx(rows[1].kbit_per_sensor)
-
-
-def test_what_arrives_is_what_the_codec_lets_through(recording, detector):
     coarse = fuse_frame("late", recording[0], detector, site=recording.site, codec=Centimetres(step=0.5))
     assert len(coarse.detections)
     np.testing.assert_allclose(coarse.detections.boxes, np.round(coarse.detections.boxes * 2) / 2)

@@ -39,37 +39,25 @@ def run():
     return recorded, race(recorded, SETS, 200)
 
 
-def test_finds_the_best_for_a_fraction_of_the_cost(run):
+def test_a_race_finds_the_best_for_what_its_rungs_cost(run):
     recorded, result = run
     assert recorded.true(SETS).argmax() == result.winners[0]
     assert result.full == 255 * 200
     assert result.spent < 0.15 * result.full
-
-
-def test_frames_and_sets_of_each_rung(run):
     _, result = run
     assert [rung.frames for rung in result.rungs] == [8, 24, 72, 200]
     assert [len(rung.sets) for rung in result.rungs] == [255, 85, 29, 10]
     assert all((np.diff(rung.scores) <= 0).all() for rung in result.rungs)
     for before, after in pairwise(result.rungs):
         assert set(after.sets) == set(before.sets[: len(after.sets)])
-
-
-def test_what_was_spent_is_what_was_seen(run):
     recorded, result = run
     assert result.spent == sum(map(len, recorded.seen.values()))
-
-
-def test_frames_extend_and_are_not_in_the_order_of_time(run):
     recorded, _ = run
     orders = [frames for _, frames in recorded.asked]
     for before, after in pairwise(orders):
         assert (after[: len(before)] == before).all()
     assert sorted(orders[-1]) == list(range(200))
     assert np.abs(np.diff(orders[0])).min() > 1
-
-
-def test_the_winners_scores_are_those_on_all_frames(run):
     recorded, result = run
     assert result.scores == pytest.approx(recorded.true(SETS[result.winners]))
 
@@ -95,15 +83,12 @@ def test_the_last_rung_has_all_frames_and_the_cost_is_bounded(sets, frames, eta,
     assert len(np.unique(chosen[result.winners], axis=0)) == len(result.winners)
 
 
-def test_the_same_seed_runs_the_same_race_and_another_another():
+def test_seeds_run_the_same_race_in_random_order():
     recorded = Recorded(noise=3.0)
     one, again, other = (race(recorded, SETS, 200, seed=seed) for seed in (1, 1, 2))
     assert [r.sets.tolist() for r in one.rungs] == [r.sets.tolist() for r in again.rungs]
     assert recorded.asked[0][1].tolist() == recorded.asked[len(one.rungs)][1].tolist()
     assert one.rungs[0].sets.tolist() != other.rungs[0].sets.tolist()
-
-
-def test_random_order_beats_time_order_on_a_recording_that_drifts():
     lost = {"random": [], "time": []}
     for seed in range(20):
         recorded = Recorded(seed=seed, noise=1.5)
@@ -114,16 +99,13 @@ def test_random_order_beats_time_order_on_a_recording_that_drifts():
     assert np.mean(lost["random"]) < 0.5 * np.mean(lost["time"])
 
 
-def test_equal_sets_are_scored_once_and_the_first_stands_for_them():
+def test_equal_and_undefined_sets_in_a_race():
     recorded = Recorded()
     twice = np.concatenate([SETS[:9], SETS[:9]])[::-1]
     result = race(recorded, twice, 30)
     assert len(recorded.asked[0][0]) == 9
     assert result.full == 9 * 30
     assert result.winners.max() < 9
-
-
-def test_undefined_scores_drop_nobody():
     ap = np.linspace(0, 1, 255)
     key = {row.tobytes(): score for row, score in zip(SETS, ap, strict=True)}
 
@@ -133,14 +115,8 @@ def test_undefined_scores_drop_nobody():
     result = race(scores, SETS, 100, first=4)
     assert [len(rung.sets) for rung in result.rungs] == [255, 255, 85, 29]
     assert result.winners.tolist() == [254]
-
-
-def test_a_set_of_undefined_score_loses_to_one_of_zero():
     result = race(lambda s, f: np.where(s[:, 0], np.nan, 0.0), np.eye(2, dtype=bool), 10)
     assert result.winners.tolist() == [1]
-
-
-def test_when_few_enough_are_left_the_rest_of_the_frames_comes_at_once():
     result = race(Recorded(), SETS[:4], 200, keep=4)
     assert [rung.frames for rung in result.rungs] == [200]
     assert len(result.winners) == 4
@@ -152,7 +128,7 @@ def test_race_refuses(wrong):
         race(Recorded(), **({"sets": SETS, "frames": 9} | wrong))
 
 
-def test_verify_ranks_the_best_few_by_the_dear_figure():
+def test_verify_ranks_the_best_few_by_the_dear_figure_and_all_that_tie():
     cheap, dear, asked = np.array([0.9, 0.8, 0.7, 0.1]), np.array([0.5, 0.6, 0.6, 0.9]), []
 
     def expensive(sets):
@@ -166,9 +142,6 @@ def test_verify_ranks_the_best_few_by_the_dear_figure():
     assert found.accurate.tolist() == [0.6, 0.6, 0.5]
     assert len(asked) == 1
     assert len(asked[0]) == 3
-
-
-def test_verify_takes_all_that_tie_and_no_more_than_there_are():
     sets = np.eye(4, dtype=bool)
     assert len(verify(lambda s: np.zeros(len(s)), lambda s: s @ np.arange(4.0), sets, best=1).sets) == 4
     assert len(verify(lambda s: s @ np.arange(4.0), lambda s: s @ np.arange(4.0), sets, best=9).sets) == 4
@@ -196,11 +169,17 @@ class Spread:
 TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
 
 
-def test_no_confidence_ends_a_race_before_its_least_frames():
+def test_a_race_ends_when_sure_but_not_before_its_least_frames():
     sure = Spread(TRUE, noise=0.0)
     assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), first=12).frames.max() == 12
     assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), first=12, least=24).frames.max() == 24
     assert race_until(sure, np.eye(5, dtype=bool), np.arange(16), first=12, least=24).frames.max() == 16
+    near = race_until(Spread(TRUE), np.eye(5, dtype=bool), np.arange(400), tolerance=0.05, confidence=0.9)
+    assert near.confidence >= 0.9
+    assert near.frames.max() < 100
+    exact = Spread(TRUE, noise=0.0)
+    ran = race_until(exact, np.eye(5, dtype=bool), np.arange(400))
+    assert (len(exact.asked), ran.confidence, ran.spent) == (1, 1.0, 60)
 
 
 def test_a_race_until_a_confidence_drops_what_is_worse_and_goes_on_with_what_may_be_better():
@@ -216,16 +195,7 @@ def test_a_race_until_a_confidence_drops_what_is_worse_and_goes_on_with_what_may
     assert ran.spent == sum(ran.frames)
 
 
-def test_a_race_ends_when_it_is_sure_enough():
-    near = race_until(Spread(TRUE), np.eye(5, dtype=bool), np.arange(400), tolerance=0.05, confidence=0.9)
-    assert near.confidence >= 0.9
-    assert near.frames.max() < 100
-    exact = Spread(TRUE, noise=0.0)
-    ran = race_until(exact, np.eye(5, dtype=bool), np.arange(400))
-    assert (len(exact.asked), ran.confidence, ran.spent) == (1, 1.0, 60)
-
-
-def test_the_doubt_is_the_share_of_draws_in_which_another_is_better_by_more_than_the_tolerance():
+def test_doubt_is_the_share_of_draws_also_of_what_was_dropped():
     draws = np.array([[0.5] * 8, [0.4] * 4 + [0.505] * 2 + [0.7, 0.6], [0.4] * 5 + [0.6] + [0.4] * 2])
     figures = np.array([0.5, 0.45, 0.42])
     ran = race_until(
@@ -233,10 +203,7 @@ def test_the_doubt_is_the_share_of_draws_in_which_another_is_better_by_more_than
     )
     assert ran.confidence == 1 - 3 / 8  # draws 5, 6, 7: the second is better by 0.2 and 0.1, the third by 0.1
     assert ran.frames.tolist() == [6, 6, 6]
-
-
-def test_what_was_dropped_keeps_its_share_of_the_doubt():
-    """The third is better in 1 of 200 draws of the first rung: dropped, and 0.005 of the doubt stays."""
+    # The third is better in 1 of 200 draws of the first rung: dropped, and 0.005 of the doubt stays.
 
     def scores(sets, frames):
         rows = np.full((3, 200), 0.5)
@@ -253,7 +220,7 @@ def test_what_was_dropped_keeps_its_share_of_the_doubt():
     assert ran.frames.tolist() == [24, 24, 12]
 
 
-def test_a_budget_of_set_frames_and_a_stop():
+def test_a_race_ends_with_its_budget_or_time():
     tight = Spread(TRUE, noise=2.0)
     ran = race_until(tight, np.eye(5, dtype=bool), np.arange(96), most=60.0 + 12 * 3, tolerance=0.0)
     assert [len(sets) for sets, _ in tight.asked] == [5, 3, 1, 1]
@@ -261,10 +228,7 @@ def test_a_budget_of_set_frames_and_a_stop():
     assert ran.confidence < 0.95
     stopped = Spread(TRUE, noise=2.0)
     assert race_until(stopped, np.eye(5, dtype=bool), np.arange(96), stop=lambda: True).spent == 60
-
-
-def test_a_race_ends_with_the_frames_there_was_time_for():
-    """Of the second rung's 24 frames there are 17."""
+    # Of the second rung's 24 frames there are 17.
 
     def scores(sets, frames):
         asked.append((len(sets), len(frames)))
@@ -290,7 +254,7 @@ def test_nobody_is_sure_by_the_few_blocks_there_was_time_for(blocks, confidence)
     assert race_until(scores, np.eye(5, dtype=bool)[:1], np.arange(48)).confidence == 1.0
 
 
-def test_sets_go_by_figures_and_predictions_together():
+def test_sets_go_by_figures_and_predictions_and_equal_rows_race_once():
     """The second leads by its figure, the fifth by what was predicted, within the noise."""
     predicted = TRUE + np.array([0.0, -0.04, 0.0, 0.0, 0.05]) - 0.2
     noisy = Spread(TRUE, noise=0.3)
@@ -302,9 +266,6 @@ def test_sets_go_by_figures_and_predictions_together():
     alone = race_until(Spread(TRUE, noise=0.3), np.eye(5, dtype=bool), np.arange(24))
     assert alone.ranking[0] == 1
     assert alone.expected.tolist() == alone.figures.tolist()
-
-
-def test_equal_rows_race_once_and_bad_arguments_are_refused():
     twice = np.eye(5, dtype=bool)[[1, 1, 2]]
     assert race_until(Spread(TRUE, noise=0.0), twice, np.arange(12)).ranking.tolist() == [0, 2]
     for wrong in ({"confidence": 1.0}, {"eta": 1}, {"first": 0}, {"tolerance": -0.1}):

@@ -27,14 +27,11 @@ def test_costs_are_checked(costs):
         Weights(**costs)
 
 
-def test_candidates_are_found_however_they_are_named():
+def test_candidates_are_found_by_name_or_need_a_site():
     own = Setting("tjunction").pool
     assert len(own) == len(Setting("tjunction", candidates="paper").pool) == 6
     assert Setting("tjunction", candidates=paper_candidates).pool.digest() == own.digest()
     assert Setting(candidates=own).pool is own
     assert len(Setting("tjunction", candidates="pool").pool) > 1000
-
-
-def test_a_site_is_needed_where_candidates_are_made_from_it():
     with pytest.raises(ValueError, match="needs a site"):
         _ = Setting().pool

@@ -32,15 +32,12 @@ def test_sums_are_those_of_the_members_whatever_is_beside_them(seed, dtype):
     assert sums(np.zeros((0, 9), bool)).shape == (0, 5)
 
 
-def test_blocks_together_are_all_sums():
+def test_blocks_together_are_all_sums_of_the_same_candidates():
     rows = np.random.default_rng(0).random((6, BLOCK // 10))
     sets = np.random.default_rng(1).random((25, 6)) < 0.5
     blocks = list(MemberSums(rows).blocks(sets))
     assert len(blocks) > 1
     np.testing.assert_array_equal(np.concatenate([sums for _, sums in blocks]), MemberSums(rows)(sets))
     assert [block.start for block, _ in blocks] == sorted(block.start for block, _ in blocks)
-
-
-def test_sets_of_other_candidates_are_refused():
     with pytest.raises(ValueError, match="rows of 6 booleans"):
         MemberSums(np.zeros((6, 2))).blocks(np.zeros((2, 5), bool))

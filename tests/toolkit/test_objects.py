@@ -22,9 +22,9 @@ def test_labels_and_defaults_by_name_and_number():
     boxes = np.ones((2, 7))
     assert Objects(boxes, np.array(["cyclist", "heavy"], object)).labels.tolist() == [CYCLIST, HEAVY]
     assert Objects(boxes, np.array([1.0, 3.0])).labels.tolist() == [CYCLIST, HEAVY]
-    for wrong in (1.5, np.nan):
+    for share in (1.5, np.nan):
         with pytest.raises(ValueError, match="whole numbers"):
-            Objects(boxes, np.array([0.0, wrong]))
+            Objects(boxes, np.array([0.0, share]))
 
 
 def test_rows_stay_together_in_order_and_cannot_be_changed():
@@ -46,9 +46,9 @@ def test_rows_stay_together_in_order_and_cannot_be_changed():
     assert merged.scores.tolist() == [2, 1]
     assert merged.labels.tolist() == [2, 1]
     assert len(Detections.merge([])) == 0
-    objects: Any = Objects(CAR)
+    fixed: Any = Objects(CAR)
     with pytest.raises(AttributeError):
-        objects.boxes = THREE
+        fixed.boxes = THREE
 
 
 @pytest.mark.parametrize(

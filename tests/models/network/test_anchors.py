@@ -37,32 +37,23 @@ def test_a_box_and_its_half_turn_have_the_same_residuals_and_opposite_bits(yaw):
         assert faces_back(box, ANCHOR) != faces_back(turned, ANCHOR)
 
 
-def test_published_residuals_are_the_documented_ones():
+def test_anchors_of_classes_stand_in_the_middle_of_their_cells():
     box = torch.tensor([2.0, 3.0, 1.0, 4.0, 2.0, 1.5, 0.1], dtype=torch.float64)
     x, y, z, length, width, height, yaw = ANCHOR.tolist()
     diagonal = math.hypot(length, width)
     expected = [(2 - x) / diagonal, (3 - y) / diagonal, (1 - z) / height]
     expected += [math.log(4 / length), math.log(2 / width), math.log(1.5 / height), 0.1 - yaw]
     np.testing.assert_allclose(encode(box, ANCHOR, doubled=False), expected)
-
-
-def test_anchors_stand_in_the_middle_of_their_cells():
     config = VoxelNetConfig.published("roundabout")
     boxes = anchors(config)
     assert boxes.shape == (*config.map_shape, 2, 7) == (120, 120, 2, 7)
     np.testing.assert_allclose(boxes[0, 1, 0, :6], [-47.6, -46.8, 1.6, 3.9, 1.56, 1.6], rtol=1e-6)
     np.testing.assert_allclose(boxes[119, 119, :, 0], 47.6, rtol=1e-6)
     np.testing.assert_allclose(boxes[5, 5, :, 6], [0, math.pi / 2], rtol=1e-6)
-
-
-def test_channels_count_anchor_by_anchor():
     channels = torch.arange(14.0)[None, :, None, None].expand(1, 14, 3, 2)
     by_anchor = per_anchor(channels, 2)
     assert by_anchor.shape == (1, 3, 2, 2, 7)
     assert by_anchor[0, 2, 1, 1].tolist() == list(range(7, 14))
-
-
-def test_every_class_has_anchors_of_its_own_in_every_cell():
     config = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())
     boxes = anchors(config)
     assert boxes.shape == (40, 40, 7, 7)

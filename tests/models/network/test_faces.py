@@ -69,13 +69,28 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
     np.testing.assert_array_equal(right[OWN : 2 * OWN], left[:OWN])
 
 
-def test_only_points_about_a_face_and_above_the_ground_count():
+def test_only_points_about_a_face_count_beside_what_is_known_of_the_box():
     aside = np.array([[5.09, -4.2, 0.8], [5.09, -2.0, 0.15], [5.09, -2.0, 9.0], [9.0, -2.0, 0.8], [np.nan, 0, 0]])
     seen = face_features(aside, BOX, CAR)
     assert [int(total.sum()) for total in seen.counted] == [0, 0, 0]
     assert np.expm1(seen.end[:, : 2 * OWN]).sum() == 0
     near = np.array([[5.09, -3.09, 0.8], [5.09, -3.11, 0.8]])  # 9 cm beside the box is still its front, 11 cm not
     assert face_features(near, BOX, CAR).counted[0].tolist() == [1, 1]
+    seen = face_features(np.zeros((0, 3)), BOX, np.array([HEAVY]))
+    expected = [0, 0, *np.log(np.array([4.0, 2.0, 1.6]) / [4.5, 1.8, 1.6]), 0, 0, 0, 1]
+    for rows in seen[:3]:
+        np.testing.assert_allclose(rows[:, -9:], np.tile(expected, (len(rows), 1)), atol=1e-7)
+    assert [rows.shape for rows in seen[:3]] == [(2, 2 * OWN + 9), (2, 2 * OWN + 9), (1, OWN + 9)]
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-5, -8, 0), (12, 5, 3), (4000, 3)).astype(np.float32)
+    boxes = BOX + np.array([[0.0] * 7, [4.0, 1.0, 0.1, 0.5, -0.3, 0.2, 0.7], [-4.0, 0, 0, 0, 0, 0, 2.0]])
+    labels = np.array([VEHICLE, CYCLIST, HEAVY])
+    together = face_features(points, boxes, labels)
+    for row in range(3):
+        alone = face_features(points, boxes[row : row + 1], labels[row : row + 1])
+        np.testing.assert_array_equal(together.end[[row, row + 3]], alone.end)
+        np.testing.assert_array_equal(together.side[[row, row + 3]], alone.side)
+        np.testing.assert_array_equal(together.top[[row]], alone.top)
 
 
 @pytest.mark.parametrize(
@@ -87,27 +102,6 @@ def test_counts_reach_from_60_cm_inside_to_52_cm_beyond_a_face(distance, step):
     if step is not None:
         expected[step] = 1
     np.testing.assert_array_equal(counts(front, 1), expected)
-
-
-def test_what_is_known_of_the_box_comes_last():
-    seen = face_features(np.zeros((0, 3)), BOX, np.array([HEAVY]))
-    expected = [0, 0, *np.log(np.array([4.0, 2.0, 1.6]) / [4.5, 1.8, 1.6]), 0, 0, 0, 1]
-    for rows in seen[:3]:
-        np.testing.assert_allclose(rows[:, -9:], np.tile(expected, (len(rows), 1)), atol=1e-7)
-    assert [rows.shape for rows in seen[:3]] == [(2, 2 * OWN + 9), (2, 2 * OWN + 9), (1, OWN + 9)]
-
-
-def test_boxes_are_seen_each_by_itself():
-    rng = np.random.default_rng(0)
-    points = rng.uniform((-5, -8, 0), (12, 5, 3), (4000, 3)).astype(np.float32)
-    boxes = BOX + np.array([[0.0] * 7, [4.0, 1.0, 0.1, 0.5, -0.3, 0.2, 0.7], [-4.0, 0, 0, 0, 0, 0, 2.0]])
-    labels = np.array([VEHICLE, CYCLIST, HEAVY])
-    together = face_features(points, boxes, labels)
-    for row in range(3):
-        alone = face_features(points, boxes[row : row + 1], labels[row : row + 1])
-        np.testing.assert_array_equal(together.end[[row, row + 3]], alone.end)
-        np.testing.assert_array_equal(together.side[[row, row + 3]], alone.side)
-        np.testing.assert_array_equal(together.top[[row]], alone.top)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -122,14 +116,11 @@ def test_moved_by_its_offsets_a_box_is_the_truth(seed):
     np.testing.assert_array_equal(result[:, 6], boxes[:, 6])
 
 
-def test_faces_moved_outwards_are_where_they_should_be():
+def test_faces_move_outwards_and_no_box_turns_inside_out():
     box = move_faces(BOX, np.array([0.3, -0.1]), np.array([0.2, 0.05]), np.array([-0.4]))[0]
     low, high = corners(box[None])[0].min(axis=0), corners(box[None])[0].max(axis=0)
     np.testing.assert_allclose(low, [1.1, -3.05, 0.0], atol=1e-12)
     np.testing.assert_allclose(high, [5.3, -0.8, 1.2], atol=1e-12)
-
-
-def test_no_box_is_turned_inside_out():
     box = move_faces(BOX, np.array([-3.0, -3.0]), np.array([-2.0, -2.0]), np.array([-5.0]))[0]
     np.testing.assert_allclose(box[3:6], 0.2 * BOX[0, 3:6])
 
@@ -145,7 +136,7 @@ def cloud_at_the_front(count):
     return np.column_stack([np.full(count, 5.1), np.linspace(-2.5, -1.5, count), np.full(count, 0.8)])
 
 
-def test_a_face_moves_where_the_answer_is_surer_than_the_box_and_points_are_there():
+def test_faces_move_where_sure_and_untrained_networks_stay_finite():
     known = Known()
     found = Detections(BOX, np.array([0.9]), CAR)
     known.prior[:] = 0.05
@@ -156,9 +147,6 @@ def test_a_face_moves_where_the_answer_is_surer_than_the_box_and_points_are_ther
     known.prior[:] = 0.019
     np.testing.assert_array_equal(measure_faces(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)
     assert len(measure_faces(known, Detections.empty(), cloud_at_the_front(5), ("vehicle",))) == 0
-
-
-def test_networks_that_were_not_trained_answer_finite_shifts():
     torch.manual_seed(0)
     networks = FaceNetworks()
     shifts = networks.shifts(face_features(cloud_at_the_front(9), BOX, CAR))

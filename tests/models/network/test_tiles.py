@@ -35,7 +35,7 @@ def left(placed, union, thinning, dropped):
     return torch.from_numpy(rows if thinning == 0 else rows[~np.isin(rows, of_it)])
 
 
-def test_crowded_voxels_lose_the_points_that_they_lose_in_each_union(clouds):
+def test_crowded_voxels_lose_the_same_points_in_tiles_and_batches(clouds):
     placed = PlacedClouds.of(clouds, CONFIG)
     thinning, dropped = placed.find_crowded(UNIONS, 4)
     assert placed.counts().tolist() == [60] * 5 + [9]
@@ -45,9 +45,6 @@ def test_crowded_voxels_lose_the_points_that_they_lose_in_each_union(clouds):
     assert len(np.unique(thinning)) > 20
     assert (thinning[~UNIONS[:, :5].any(axis=1)] == 0).all()
     np.testing.assert_array_equal(thinning[::2], thinning[1::2])  # with and without who is far off
-
-
-def test_a_batch_has_the_voxels_of_its_items(clouds):
     placed = PlacedClouds.of(clouds, CONFIG)
     thinning, dropped = placed.find_crowded(UNIONS, 4)
     some = [63, 1, 0, 40]

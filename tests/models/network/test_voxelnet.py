@@ -26,7 +26,7 @@ def test_the_network_itself_takes_batches_too(name, trained, cloud, assert_same)
             assert_same([None if each is None else each[number : number + 1] for each in together], network(item))
 
 
-def test_every_weight_learns(cloud):
+def test_every_weight_learns_and_features_are_local(cloud):
     config = SMALL["light"]
     network = VoxelNet(config).train()
     prediction = network(collate([voxelise(cloud(config, n, n), config) for n in (900, 50)]))
@@ -34,9 +34,6 @@ def test_every_weight_learns(cloud):
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None, name
         assert parameter.grad.abs().max() > 0, name
-
-
-def test_local_features_do_not_know_where_the_area_is(cloud):
     here, there = VoxelNetConfig.light((-4, -4, 4, 4)), VoxelNetConfig.light((96, 60, 104, 68))
     points = cloud(here, 500)
     moved = points + np.float32([100, 64, 0])
@@ -44,15 +41,12 @@ def test_local_features_do_not_know_where_the_area_is(cloud):
     torch.testing.assert_close(*features, atol=3e-5, rtol=0)
 
 
-def test_the_light_network_trains_in_half_precision():
+def test_light_networks_train_in_half_precision_and_need_height():
     network = VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8)))
     points = torch.rand(500, 3) * 8
     with torch.autocast("cpu", torch.bfloat16):
         prediction = network(voxelise(points, network.config))
     prediction.residuals.float().sum().backward()
     assert all(torch.isfinite(p.grad).all() for p in network.middle.parameters())
-
-
-def test_middle_layers_need_height():
     with pytest.raises(ValueError, match="at least 5 voxels of height"):
         VoxelNet(VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 4.0, 4.0), height=(0.0, 1.2), **NARROW))

@@ -31,9 +31,17 @@ def test_every_point_inside_is_in_the_voxel_it_lies_in(seed, n):
     assert set(voxels.voxel.tolist()) == set(range(len(voxels.cells)))
 
 
-def test_cells_are_sorted_by_z_x_y():
+def test_borders_and_voxel_sizes_are_the_published_ones():
     cells = voxelise(cloud(1), CONFIG).cells[:, [3, 1, 2]].tolist()
     assert cells == sorted(cells)
+    assert len(voxelise(np.float32([[4, 0, 1], [0, -2, 1], [0, 0, 0], [0, 0, 4], [0.1, 0, 1e-6]]), CONFIG).points) == 1
+    config = VoxelNetConfig.published("tjunction", area=(0.0, 0.0, 40.0, 80.0))
+    x = (np.arange(1, 200) * 0.2).astype(np.float32)
+    points = np.stack((x, np.full_like(x, 0.1), np.full_like(x, 0.1)), 1)
+    voxels = voxelise(points, config)
+    np.testing.assert_array_equal(voxels.cells[voxels.voxel, 1], np.floor(x / np.float64(0.2)))
+    with pytest.raises((ValueError, TypeError)):
+        voxelise(np.zeros((3, 5), np.float32), CONFIG)
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3), np.float32), np.float32([[9, 0, 1], [0, 0, -1], [np.nan, 0, 1]])])
@@ -43,19 +51,7 @@ def test_nothing_inside_makes_no_voxels(points):
     assert voxels.cells.shape == (0, 4)
 
 
-def test_the_border_of_the_area_is_outside():
-    assert len(voxelise(np.float32([[4, 0, 1], [0, -2, 1], [0, 0, 0], [0, 0, 4], [0.1, 0, 1e-6]]), CONFIG).points) == 1
-
-
-def test_multiples_of_the_voxel_size_go_where_the_published_code_puts_them():
-    config = VoxelNetConfig.published("tjunction", area=(0.0, 0.0, 40.0, 80.0))
-    x = (np.arange(1, 200) * 0.2).astype(np.float32)
-    points = np.stack((x, np.full_like(x, 0.1), np.full_like(x, 0.1)), 1)
-    voxels = voxelise(points, config)
-    np.testing.assert_array_equal(voxels.cells[voxels.voxel, 1], np.floor(x / np.float64(0.2)))
-
-
-def test_a_crowded_voxel_keeps_a_random_35_of_its_points_without_bias():
+def test_crowded_voxels_keep_35_points_without_bias_by_the_seed():
     crowd = np.full((100, 3), 0.1, np.float32)
     crowd[:, 2] = np.linspace(0.01, 0.39, 100)
     sparse = np.float32([[2.1, 1.1, 1], [2.1, 1.1, 1.1]])
@@ -67,16 +63,10 @@ def test_a_crowded_voxel_keeps_a_random_35_of_its_points_without_bias():
     expected, spread = 600 * 0.35, np.sqrt(600 * 0.35 * 0.65)
     assert np.all(np.abs(kept - expected) < 4.5 * spread)
     assert abs(kept[:50].sum() - kept[50:].sum()) < 4 * spread * 10
-
-
-def test_the_choice_is_the_same_every_time_and_follows_the_seed():
     crowd = np.random.default_rng(0).uniform((0.01, 0.01, 0.01), (0.19, 0.19, 0.39), (200, 3)).astype(np.float32)
     once, again, other = voxelise(crowd, CONFIG), voxelise(crowd, CONFIG), voxelise(crowd, CONFIG, rng=1)
     torch.testing.assert_close(once.points, again.points)
     assert not torch.equal(once.points, other.points)
-
-
-def test_exactly_35_points_all_stay():
     crowd = np.random.default_rng(0).uniform((0.01, 0.01, 0.01), (0.19, 0.19, 0.39), (35, 3)).astype(np.float32)
     assert len(voxelise(crowd, CONFIG).points) == 35
 
@@ -91,8 +81,3 @@ def test_a_batch_holds_its_items():
         points = rows[batch.voxel]
         torch.testing.assert_close(batch.points[points], item.points)
         torch.testing.assert_close(batch.cells[batch.voxel[points], 1:], item.cells[item.voxel, 1:])
-
-
-def test_points_must_be_points():
-    with pytest.raises((ValueError, TypeError)):
-        voxelise(np.zeros((3, 5), np.float32), CONFIG)

@@ -127,12 +127,9 @@ def test_in_bfloat16_it_learns_as_well_and_is_another_run(packed_file, tmp_path)
         train(packed_file, config, settings, tmp_path / "True")
 
 
-def test_the_area_is_that_of_the_data_or_a_window(packed_file):
+def test_areas_are_those_of_the_data_and_heads_of_the_loss(packed_file, tmp_path):
     assert choose_area("fast", packed_file) == AREA
     assert choose_area("general", packed_file) == ANYWHERE
-
-
-def test_a_preset_needs_the_head_of_its_loss(packed_file, tmp_path):
     with pytest.raises(ValueError, match="published loss"):
         train(packed_file, VoxelNetConfig.light(AREA), PRESETS["paper"], tmp_path)
 
@@ -150,29 +147,23 @@ def test_every_preset_has_a_network_that_its_loss_trains(preset, size):
     check_fit(make_config(AREA, preset, size), PRESETS[preset])
 
 
-def test_a_published_network_of_a_wide_area_has_wide_voxels():
+def test_networks_of_classes_and_wide_areas():
     assert make_config((0.0, 0.0, 40.0, 80.0), "paper", "published").voxel_size == (0.2, 0.2, 0.4)
     assert make_config((-48.0, -48.0, 48.0, 48.0), "paper", "published").voxel_size == (0.4, 0.4, 0.4)
     assert window((-48.0, 0.0, 48.0, 10.0)) == (-WINDOW / 2, 0.0, WINDOW / 2, 10.0)
+    config = make_config(AREA, "varied", classes=("vehicle", "pedestrian"))
+    assert config.labels == ("vehicle", "pedestrian")
+    assert config.anchor_labels == (0, 0, 1)
+    assert make_config(AREA, "varied", classes=("vehicle",)) == make_config(AREA, "fast")
+    shared = VoxelNetConfig.light(AREA, labels=("vehicle", "cyclist"))
+    with pytest.raises(ValueError, match="anchors of their own"):
+        check_fit(shared, PRESETS["fast"])
 
 
 @pytest.mark.parametrize("changes", [{"batch": 0}, {"epochs": 0.0}, {"epochs": float("nan")}])
 def test_what_trains_nothing_is_refused(changes):
     with pytest.raises(ValueError, match="batch of at least 1 and epochs above 0"):
         check_fit(make_config(AREA, "fast"), replace(PRESETS["fast"], **changes))
-
-
-def test_a_network_of_classes_has_their_anchors_and_vehicles_alone_are_what_they_were():
-    config = make_config(AREA, "varied", classes=("vehicle", "pedestrian"))
-    assert config.labels == ("vehicle", "pedestrian")
-    assert config.anchor_labels == (0, 0, 1)
-    assert make_config(AREA, "varied", classes=("vehicle",)) == make_config(AREA, "fast")
-
-
-def test_several_labels_on_the_same_anchors_cannot_be_trained():
-    shared = VoxelNetConfig.light(AREA, labels=("vehicle", "cyclist"))
-    with pytest.raises(ValueError, match="anchors of their own"):
-        check_fit(shared, PRESETS["fast"])
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.999])

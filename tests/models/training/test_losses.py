@@ -32,11 +32,32 @@ def car(x=0.2, y=0.2, yaw=0.0, length=4.0, width=2.0):
     return np.array([[x, y, 0.8, length, width, 1.6, yaw]])
 
 
-def test_a_box_on_an_anchor_is_its_target():
+def test_overlaps_and_thresholds_split_anchors():
     found = assign(GRID, car())
     assert found.labels[(*CELL, 0)] == POSITIVE
     assert found.labels[(*CELL, 1)] == NEGATIVE  # turned by 90° it overlaps by a third
     assert found.labels[0, 0, 0] == NEGATIVE
+    found = assign(GRID, car(), positive=0.6, negative=0.4)
+    iou = iou_bev(GRID[20, :, 0], car())[:, 0]  # a row of anchors beside one another
+    expected = np.where(iou > 0.6, POSITIVE, np.where(iou <= 0.4, NEGATIVE, IGNORED))
+    np.testing.assert_array_equal(found.labels[20, :, 0], expected)
+    assert set(expected) == {POSITIVE, IGNORED, NEGATIVE}
+    boxes = np.concatenate([car(1.3, -2.0), car(-4.0, 3.0, math.pi / 2, 4.6, 1.9)])
+    found = assign(GRID, boxes, positive=0.5, negative=0.5, best=2.0)
+    iou = iou_bev(GRID.reshape(-1, 7), boxes)
+    np.testing.assert_array_equal(found.labels.ravel() == POSITIVE, iou.max(axis=1) > 0.5)
+    positive = found.labels.ravel() == POSITIVE
+    np.testing.assert_array_equal(found.owner.ravel()[positive], iou.argmax(axis=1)[positive])
+    found = assign(GRID, car(length=1.2, width=0.9))
+    assert (found.labels == POSITIVE).sum() == 1
+    assert (assign(GRID, car(length=0.2, width=0.2)).labels == POSITIVE).sum() == 0  # nothing reaches `best`
+    assert (assign(GRID, car(x=30.0)).labels == POSITIVE).sum() == 0  # outside the grid
+    assert (assign(GRID, np.zeros((0, 7))).labels == NEGATIVE).all()
+    boxes = np.concatenate([car(0.2, 0.2), car(0.2, 2.6)])
+    found = assign(GRID, boxes, positive=0.4)
+    owners = found.owner[20, :, 0][found.labels[20, :, 0] == POSITIVE]
+    assert sorted(set(owners)) == [0, 1]
+    assert (np.diff(owners) >= 0).all()
 
 
 @pytest.mark.parametrize(("yaw", "fits"), [(0.6, 0), (math.pi, 0), (-math.pi / 2, 1), (2.0, 1), (7.0, 0)])
@@ -46,40 +67,7 @@ def test_yaws_snap_to_the_nearer_anchor(yaw, fits):
     assert labels[(*CELL, 1 - fits)] == NEGATIVE
 
 
-def test_thresholds_split_positive_ignored_negative():
-    found = assign(GRID, car(), positive=0.6, negative=0.4)
-    iou = iou_bev(GRID[20, :, 0], car())[:, 0]  # a row of anchors beside one another
-    expected = np.where(iou > 0.6, POSITIVE, np.where(iou <= 0.4, NEGATIVE, IGNORED))
-    np.testing.assert_array_equal(found.labels[20, :, 0], expected)
-    assert set(expected) == {POSITIVE, IGNORED, NEGATIVE}
-
-
-def test_overlap_equals_exact_iou_where_yaws_are_right_angles():
-    boxes = np.concatenate([car(1.3, -2.0), car(-4.0, 3.0, math.pi / 2, 4.6, 1.9)])
-    found = assign(GRID, boxes, positive=0.5, negative=0.5, best=2.0)
-    iou = iou_bev(GRID.reshape(-1, 7), boxes)
-    np.testing.assert_array_equal(found.labels.ravel() == POSITIVE, iou.max(axis=1) > 0.5)
-    positive = found.labels.ravel() == POSITIVE
-    np.testing.assert_array_equal(found.owner.ravel()[positive], iou.argmax(axis=1)[positive])
-
-
-def test_every_object_has_an_anchor_however_small():
-    found = assign(GRID, car(length=1.2, width=0.9))
-    assert (found.labels == POSITIVE).sum() == 1
-    assert (assign(GRID, car(length=0.2, width=0.2)).labels == POSITIVE).sum() == 0  # nothing reaches `best`
-    assert (assign(GRID, car(x=30.0)).labels == POSITIVE).sum() == 0  # outside the grid
-    assert (assign(GRID, np.zeros((0, 7))).labels == NEGATIVE).all()
-
-
-def test_an_anchor_belongs_to_the_object_it_overlaps_most():
-    boxes = np.concatenate([car(0.2, 0.2), car(0.2, 2.6)])
-    found = assign(GRID, boxes, positive=0.4)
-    owners = found.owner[20, :, 0][found.labels[20, :, 0] == POSITIVE]
-    assert sorted(set(owners)) == [0, 1]
-    assert (np.diff(owners) >= 0).all()
-
-
-def test_negatives_on_ignored_objects_do_not_count():
+def test_samples_are_halved_and_ignored_negatives_do_not_count():
     lorry = car(-3.0, -3.0, 0.5, 6.0, 2.5)
     labels = assign(GRID, car(3.0, 3.0), ignored=lorry).labels
     ignored = GRID[labels == IGNORED]
@@ -87,9 +75,6 @@ def test_negatives_on_ignored_objects_do_not_count():
     assert np.hypot(*(ignored[:, :2] - [-3, -3]).T).max() < 3.3
     positive = assign(GRID, car(), ignored=car(length=9.0)).labels  # what should be found stays so
     assert positive[(*CELL, 0)] == POSITIVE
-
-
-def test_a_sample_keeps_so_many_and_half_of_them_positive_at_most():
     found = assign(GRID, np.concatenate([car(), car(-5, -5), car(5, 5, 1.5)]), positive=0.3, negative=0.3)
     kept = sample(found, np.random.default_rng(0), size=20, positives=5)
     assert (kept.labels == POSITIVE).sum() == 5
@@ -109,20 +94,14 @@ def test_an_anchor_between_two_objects_belongs_to_the_one_it_overlaps_more(order
     assert found.owner[(*CELL, 0)] == order.index(0)
 
 
-def test_an_anchor_that_overlaps_two_objects_alike_belongs_to_the_first():
+def test_anchors_have_the_owner_they_fit_best():
     found = assign(GRID, np.concatenate([car(), car()]), positive=0.3, best=2.0)
     assert (found.owner[found.labels == POSITIVE] == 0).all()
-
-
-def test_the_best_anchor_of_an_object_is_its_own_though_it_overlaps_another_more():
-    """A small object whose best anchor lies under a large one: without this rule it would have none."""
+    # A small object whose best anchor lies under a large one: without this rule it would have none.
     found = assign(GRID, np.concatenate([car(), car(0.2, 0.2, length=2.0, width=1.2)]), positive=0.5)
     owners = found.owner[found.labels == POSITIVE]
     assert (owners == 1).sum() == 1
     assert (owners == 0).sum() > 1
-
-
-def test_anchors_that_are_not_positive_have_no_owner():
     found = assign(GRID, np.concatenate([car(-6, -6), car()]), positive=0.6, negative=0.3)
     assert (found.owner[found.labels != POSITIVE] == 0).all()
     assert (found.owner == 1).any()
@@ -186,16 +165,10 @@ def test_classes_are_matched_as_slowly_by_definition():
         assert mine.sum() >= 3  # the margin gives small ones more than one
         assert mine[:, :, anchors_of_class].sum() == mine.sum()
     assert (found.labels[:, :, 6] == IGNORED).sum() > 0
-
-
-def test_without_a_margin_a_pedestrian_has_one_anchor():
     walker = np.array([[0.35, 0.3, 0.9, 0.6, 0.5, 1.8, 0.0]])
     bare = assign(CLASSES[:, :, 6:], walker, positive=0.5, negative=0.35)
     wide = assign(CLASSES[:, :, 6:], walker, positive=0.5, negative=0.35, margin=0.8)
     assert ((bare.labels == POSITIVE).sum(), (wide.labels == POSITIVE).sum()) == (1, 3)
-
-
-def test_no_objects_of_any_class_are_all_negative():
     found = assign_by_kind(CLASSES, KINDS, np.zeros((0, 7)), np.zeros(0, np.int64), np.zeros(0, bool))
     assert (found.labels == NEGATIVE).all()
     assert (found.owner == 0).all()
@@ -262,16 +235,13 @@ def test_ignored_anchors_cost_nothing():
     torch.testing.assert_close(after["class"], before)
 
 
-def test_focal_loss_is_its_definition():
+def test_focal_and_iou_losses_are_their_definitions():
     logits = torch.tensor([2.0, -1.0, 0.5, 80.0])
     positive, counted = torch.tensor([True, True, False, False]), torch.tensor([True, True, True, False])
     p = torch.sigmoid(logits)
     expected = [0.25 * (1 - p[0]) ** 2 * -torch.log(p[0]), 0.25 * (1 - p[1]) ** 2 * -torch.log(p[1])]
     expected += [0.75 * p[2] ** 2 * -torch.log(1 - p[2])]
     torch.testing.assert_close(focal_loss(logits, positive, counted), torch.stack(expected).sum())
-
-
-def test_iou_is_exact_where_yaws_agree():
     rng = np.random.default_rng(0)
     wanted = np.column_stack([rng.normal(0, 1, (200, 3)), rng.uniform(1, 5, (200, 3)), rng.uniform(-4, 4, 200)])
     boxes = wanted + np.column_stack([rng.normal(0, 0.5, (200, 6)), np.zeros(200)])
@@ -279,16 +249,10 @@ def test_iou_is_exact_where_yaws_agree():
     boxes[::2, 6] += math.pi
     ours = nearly_aligned_iou(torch.tensor(boxes), torch.tensor(wanted))
     np.testing.assert_allclose(ours, np.diag(iou_3d(boxes, wanted)), atol=1e-9)
-
-
-def test_iou_is_close_where_yaws_nearly_agree():
     wanted = np.array([[0, 0, 0.8, 4.5, 1.8, 1.6, 0.3]]).repeat(5, axis=0)
     boxes = wanted + np.outer(np.deg2rad([0, 1, 2, 4, 8]), [0, 0, 0, 0, 0, 0, 1])
     exact = np.diag(iou_3d(boxes, wanted))
     np.testing.assert_allclose(nearly_aligned_iou(torch.tensor(boxes), torch.tensor(wanted)), exact, atol=0.015)
-
-
-def test_the_quality_loss_wants_a_quality_head():
     labels, wanted = targets()
     with pytest.raises(ValueError, match='head="quality"'):
         quality_loss(perfect(labels, wanted, True), labels, wanted, ANCHORS)
@@ -314,7 +278,7 @@ def class_targets(count=4):
     return torch.from_numpy(found.labels)[None], wanted[None], grid
 
 
-def test_the_loss_of_classes_is_the_sum_of_each_class_over_its_own_positives():
+def test_losses_of_classes_are_sums_over_their_own_positives():
     labels, wanted, grid = class_targets()
     maps = class_maps()
     together = quality_loss(maps, labels, wanted, grid, OWNERS)
@@ -325,9 +289,6 @@ def test_the_loss_of_classes_is_the_sum_of_each_class_over_its_own_positives():
         parts.append(quality_loss(prediction, labels[..., own], wanted[..., own, :], grid[..., own, :]))
     for name, value in together.items():
         torch.testing.assert_close(value, torch.stack([part[name] for part in parts]).sum())
-
-
-def test_a_class_that_is_not_there_learns_nothing_of_boxes():
     labels, wanted, grid = class_targets(3)
     without = quality_loss(class_maps(), labels, wanted, grid, OWNERS)
     maps = class_maps()
@@ -335,16 +296,10 @@ def test_a_class_that_is_not_there_learns_nothing_of_boxes():
     after = quality_loss(maps, labels, wanted, grid, OWNERS)
     for name in ("box", "iou", "direction", "quality", "class"):
         torch.testing.assert_close(after[name], without[name])
-
-
-def test_one_class_by_name_costs_what_one_class_costs():
     labels, wanted = targets()
     maps = Prediction(*(torch.randn(1, width, *CONFIG.map_shape) for width in (2, 16, 2, 2)))
     one, named = quality_loss(maps, labels, wanted, ANCHORS), quality_loss(maps, labels, wanted, ANCHORS, (0, 0))
     assert all(torch.equal(one[name], named[name]) for name in one)
-
-
-def test_losses_are_per_positive_anchor_so_that_the_same_twice_costs_the_same():
     labels, wanted, grid = class_targets()
     once = quality_loss(class_maps(), labels, wanted, grid, OWNERS)
     twice = [torch.cat((each, each)) for each in (*class_maps(), labels, wanted)]

@@ -32,8 +32,11 @@ def test_both_command_lines_read_the_same(arguments):
     assert options == tyro.cli(TrainingOptions, args=arguments)
 
 
-def test_every_argument_is_described():
+def test_arguments_are_described_and_run_where_there_is_little():
     assert list(descriptions()) == [field.name for field in fields(TrainingOptions)]
+    repository = Path(__file__).parents[3]
+    done = subprocess.run([sys.executable, "-c", BARE], cwd=repository, capture_output=True, text=True, check=True)
+    assert "--learning-rate" in done.stdout
 
 
 @pytest.mark.parametrize("wrong", [["--epochs", "0"], ["--batch", "-1"], ["--seed", "-1"], ["--voxel", "nan"]])
@@ -42,12 +45,6 @@ def test_what_cannot_be_is_refused(wrong, capsys):
         parse_arguments(["--data", "d", "--out", "o", *wrong])
     assert stopped.value.code == 2
     assert wrong[0] in capsys.readouterr().err
-
-
-def test_the_command_runs_where_there_is_little():
-    repository = Path(__file__).parents[3]
-    done = subprocess.run([sys.executable, "-c", BARE], cwd=repository, capture_output=True, text=True, check=True)
-    assert "--learning-rate" in done.stdout
 
 
 @pytest.mark.parametrize(

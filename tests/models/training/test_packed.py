@@ -17,7 +17,7 @@ from toolkit.sites.site import Relief, Site
 AREA = (-12.8, -12.8, 12.8, 12.8)
 
 
-def test_points_are_those_of_the_recording_within_the_quantisation(frames, packed):
+def test_points_and_objects_are_those_of_the_recording(frames, packed):
     assert len(packed) == len(frames)
     for k, frame in enumerate(frames):
         ours, theirs = packed.points(k, None), frame_points(frame, area=AREA)
@@ -26,9 +26,6 @@ def test_points_are_those_of_the_recording_within_the_quantisation(frames, packe
             distance, _ = cKDTree(ours[s]).query(theirs[s])
             assert distance.max() <= 0.5 / STEPS_PER_METRE * farthest_ray + 1e-5
             assert abs(len(ours[s]) - len(theirs[s])) <= 4  # at the very edge of the crop
-
-
-def test_objects_are_those_of_the_recording(frames, packed):
     for k, frame in enumerate(frames):
         np.testing.assert_array_equal(packed.objects(k).boxes, frame.objects.boxes)
         np.testing.assert_array_equal(packed.objects(k).labels, frame.objects.labels)

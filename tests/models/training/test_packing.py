@@ -20,16 +20,13 @@ def ordered(points):
     return points[np.lexsort(points.round(2).T)]
 
 
-def test_an_empty_scene_learnt_from_the_frames_gives_the_same_points(frames, packed, tmp_path):
+def test_learnt_scenes_and_other_sensors_share_a_file(frames, packed, tmp_path):
     pack([recording(frames, AREA)], tmp_path / "learnt.packed")
     learnt = PackedFrames(tmp_path / "learnt.packed")
     for k in range(len(frames)):
         for ours, theirs in zip(learnt.points(k, None), packed.points(k, None), strict=True):
             assert len(ours) == len(theirs)
             np.testing.assert_allclose(ordered(ours).mean(axis=0), ordered(theirs).mean(axis=0), atol=1e-3)
-
-
-def test_recordings_of_different_sensors_share_a_file(frames, packed, tmp_path):
     fewer = [replace(f, sensors=f.sensors[:1], measurements=f.measurements[:1]) for f in frames[:2]]
     path = tmp_path / "two.packed"
     assert pack([recording(fewer, (-5, -5, 5, 5), 3.0), recording(frames, AREA, count=3)], path) == 5
@@ -44,16 +41,18 @@ def test_recordings_of_different_sensors_share_a_file(frames, packed, tmp_path):
     assert [len(p) for p in two.points(3, None)] == [len(p) for p in packed.points(1, None)]
 
 
-def test_same_recording_same_bytes(frames, tmp_path):
+def test_packed_files_repeat_joined_or_at_once(frames, tmp_path):
     for name in ("a", "b"):
         pack([recording(frames, AREA)], tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
-def test_what_fails_leaves_no_file(tmp_path):
+    fewer = [replace(f, sensors=f.sensors[:1], measurements=f.measurements[:1]) for f in frames[:2]]
+    both = [(frames, AREA), (fewer, (-5, -5, 5, 5))]
+    for name, chosen in (("at_once", both), ("a", both[:1]), ("b", both[1:])):
+        pack([recording(each, area) for each, area in chosen], tmp_path / name)
+    assert join_packed([tmp_path / "a", tmp_path / "b"], tmp_path / "joined") == 8
+    assert (tmp_path / "joined").read_bytes() == (tmp_path / "at_once").read_bytes()
     with pytest.raises(ValueError, match="no frames"):
-        pack([], tmp_path / "none.packed")
-    assert not (tmp_path / "none.packed").exists()
+        join_packed([], tmp_path / "none")
 
 
 def test_two_packs_at_once_to_one_file_both_work(frames, tmp_path):
@@ -72,17 +71,6 @@ def test_two_packs_at_once_to_one_file_both_work(frames, tmp_path):
 def test_a_packed_file_written_again_is_the_same(frames, packed_file, tmp_path):
     pack(read_recordings(packed_file), tmp_path / "again.packed")
     assert (tmp_path / "again.packed").read_bytes() == packed_file.read_bytes()
-
-
-def test_files_joined_are_what_they_would_be_at_once(frames, tmp_path):
-    fewer = [replace(f, sensors=f.sensors[:1], measurements=f.measurements[:1]) for f in frames[:2]]
-    both = [(frames, AREA), (fewer, (-5, -5, 5, 5))]
-    for name, chosen in (("at_once", both), ("a", both[:1]), ("b", both[1:])):
-        pack([recording(each, area) for each, area in chosen], tmp_path / name)
-    assert join_packed([tmp_path / "a", tmp_path / "b"], tmp_path / "joined") == 8
-    assert (tmp_path / "joined").read_bytes() == (tmp_path / "at_once").read_bytes()
-    with pytest.raises(ValueError, match="no frames"):
-        join_packed([], tmp_path / "none")
 
 
 def test_the_file_of_a_drawn_junction_is_its_recording(frames, tmp_path):
@@ -117,13 +105,10 @@ def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_
             np.testing.assert_allclose(ordered(ours).mean(axis=0), ordered(theirs).mean(axis=0), atol=1e-3)
 
 
-def test_what_is_packed_can_be_packed_again(tmp_path):
+def test_packed_clouds_can_be_packed_again_unless_damaged(tmp_path):
     pack(sample_recordings([levelled(("a",), 3)]), tmp_path / "one.packed")
     pack(read_recordings(tmp_path / "one.packed"), tmp_path / "two.packed")
     assert (tmp_path / "one.packed").read_bytes() == (tmp_path / "two.packed").read_bytes()
-
-
-def test_a_damaged_file_of_clouds_is_refused(tmp_path):
     path = tmp_path / "one.packed"
     for name, values in (("frames", [7]), ("ends", [[0, 99]]), ("points", [[1, 2]])):
         pack(sample_recordings([levelled(("a",), 3)]), path)
@@ -132,3 +117,6 @@ def test_a_damaged_file_of_clouds_is_refused(tmp_path):
             file[f"clouds/{name}"] = np.array(values)
         with pytest.raises(ValueError, match="not a packed file"):
             PackedFrames(path)
+    with pytest.raises(ValueError, match="no frames"):
+        pack([], tmp_path / "none.packed")
+    assert not (tmp_path / "none.packed").exists()

@@ -104,7 +104,7 @@ def test_some_of_the_sensors_are_read_as_when_all_are(scene):
     assert not np.array_equal(with_errors(packed, 2, POOR, 6, [1])[0], one[0])
 
 
-def test_random_errors_go_from_none_to_beyond_poor():
+def test_random_errors_thinning_and_tilts_have_their_ranges():
     drawn = [random_errors(np.random.default_rng(seed)) for seed in range(300)]
     assert drawn[3].digest == random_errors(np.random.default_rng(3)).digest
     rotations = np.rad2deg([next(t for t in each.terms if isinstance(t, Calibration)).rotation for each in drawn])
@@ -114,9 +114,6 @@ def test_random_errors_go_from_none_to_beyond_poor():
     assert max(mixed) > 0.25
     assert min(mixed) == 0
     assert [type(t) for t in drawn[0].terms] == [type(t) for t in drawn[1].terms]
-
-
-def test_thinning_keeps_from_a_tenth_to_all():
     points = np.random.default_rng(0).uniform(-9, 9, (2000, 3)).astype(np.float32)
     shares = []
     for seed in range(60):
@@ -128,9 +125,6 @@ def test_thinning_keeps_from_a_tenth_to_all():
     assert min(shares) < 0.2
     assert max(shares) > 0.9
     assert np.mean(shares) == pytest.approx(0.55, abs=0.1)
-
-
-def test_points_and_boxes_are_lifted_alike():
     rng = np.random.default_rng(1)
     boxes = np.column_stack([rng.uniform(-20, 20, (50, 2)), rng.uniform(0, 1, 50), np.ones((50, 4))])
     points = boxes[:, :3].astype(np.float32)
@@ -138,9 +132,6 @@ def test_points_and_boxes_are_lifted_alike():
     np.testing.assert_allclose(moved_points, moved[:, :3], atol=1e-5)
     np.testing.assert_array_equal(moved[:, [0, 1, 3, 4, 5, 6]], boxes[:, [0, 1, 3, 4, 5, 6]])
     assert points[0, 2] == np.float32(boxes[0, 2])  # what was given is as it was
-
-
-def test_the_ground_is_a_plane_through_its_lift_at_the_centre():
     at = np.float32([[2, -1, 0], [12, -1, 0], [2, 9, 0], [12, 9, 0]])
     heights = np.array([tilt(at, np.zeros((0, 7)), CENTRE, np.random.default_rng(k))[0][:, 2] for k in range(800)])
     np.testing.assert_allclose(
@@ -190,7 +181,7 @@ def test_a_turned_scene_keeps_the_points_of_each_box(seed):
     np.testing.assert_allclose(*distances)
 
 
-def test_half_the_scenes_are_mirrored():
+def test_half_the_scenes_are_mirrored_and_objects_that_would_meet_stay():
     boxes = boxes_of(np.random.default_rng(0))
     mirrored = []
     for seed in range(40):
@@ -198,6 +189,11 @@ def test_half_the_scenes_are_mirrored():
         before, after = (np.linalg.det([b[1, :2] - b[0, :2], b[2, :2] - b[1, :2]]) for b in (boxes, turned))
         mirrored.append(before * after < 0)
     assert 10 < sum(mirrored) < 30
+    boxes = boxes_of(np.random.default_rng(0), 2)
+    boxes[:, :2] = [[0, 0], [0, 2.1]]
+    boxes[:, 6] = 0
+    _, moved = jitter_objects(np.zeros((0, 3), np.float32), boxes, np.random.default_rng(1))
+    np.testing.assert_array_equal(moved, boxes)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -218,14 +214,6 @@ def test_a_jittered_object_takes_its_points_along(seed):
     np.testing.assert_array_equal(moved[:, 2:6], boxes[:, 2:6])
 
 
-def test_objects_that_would_meet_stay():
-    boxes = boxes_of(np.random.default_rng(0), 2)
-    boxes[:, :2] = [[0, 0], [0, 2.1]]
-    boxes[:, 6] = 0
-    _, moved = jitter_objects(np.zeros((0, 3), np.float32), boxes, np.random.default_rng(1))
-    np.testing.assert_array_equal(moved, boxes)
-
-
 def same(a, b):
     tensors = zip((*a.voxels[:3], a.labels, a.boxes), (*b.voxels[:3], b.labels, b.boxes), strict=True)
     return all(x.shape == y.shape and torch.equal(x, y) for x, y in tensors)
@@ -242,7 +230,7 @@ def test_an_example_depends_on_epoch_and_frame_alone(packed, recipe):
     assert not same(first, Samples(packed, CONFIG, recipe, seed=4)[1, 4])
 
 
-def test_worker_processes_change_nothing(packed):
+def test_batches_of_any_worker_equal_their_items(packed):
     samples = Samples(packed, CONFIG, RECIPES[0], seed=0)
     steps = [[(0, 0), (0, 3)], [(1, 2), (1, 5)]]
     alone, helped = (
@@ -250,9 +238,6 @@ def test_worker_processes_change_nothing(packed):
         for workers in (0, 2)
     )
     assert all(same(a, b) for a, b in zip(alone, helped, strict=True))
-
-
-def test_a_batch_equals_its_single_items(packed):
     samples = Samples(packed, CONFIG, RECIPES[0], seed=0)
     items = [samples[0, k] for k in range(3)]
     batch = stack(items)
@@ -287,13 +272,10 @@ def test_asked_for_is_what_can_be_seen_in_the_area(packed):
         assert (labels == NEGATIVE).sum() > 0.9 * labels.numel()
 
 
-def test_the_paper_samples_256_anchors(packed):
+def test_samples_and_windows_are_cut_to_size(packed):
     labels = Samples(packed, CONFIG, RECIPES[1], seed=0)[0, 0].labels
     assert (labels != IGNORED).sum() == 256
     assert 1 <= (labels == POSITIVE).sum() <= 128
-
-
-def test_a_scene_larger_than_the_window_is_cut(packed):
     small = VoxelNetConfig.light((-6.4, -6.4, 6.4, 6.4))
     for epoch in range(5):
         example = Samples(packed, small, SampleRecipe(augmentation="scene", subsets=0.0), seed=0)[epoch, 1]
@@ -325,7 +307,7 @@ def test_a_network_of_classes_is_asked_for_each_by_its_own_anchors(packed):
         assert (labels[torch.from_numpy(near)][:, :2] == NEGATIVE).all()  # a heavy one is no vehicle
 
 
-def test_windows_are_laid_near_every_class_as_often(packed):
+def test_windows_lie_near_every_class_or_anywhere(packed):
     """Three vehicles and one heavy one are in the area of most frames; by class each has half of the windows."""
     grid = (-3.2, -3.2, 3.2, 3.2)
     samples = Samples(packed, VoxelNetConfig.light(grid, **road_users()), SampleRecipe(subsets=0.0, seen=0), seed=1)
@@ -333,6 +315,16 @@ def test_windows_are_laid_near_every_class_as_often(packed):
     assert 0.3 < heavy < 0.7
     samples = Samples(packed, VoxelNetConfig.light(grid), SampleRecipe(subsets=0.0, seen=0), seed=1)
     assert np.mean([(samples[epoch, 1].labels == POSITIVE).any().item() for epoch in range(60)]) > 0.7
+    small = VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2))
+    recipe = SampleRecipe(subsets=0.0)
+
+    def with_somebody(recipe):
+        samples = Samples(packed, small, recipe, seed=0)
+        return np.mean([(samples[epoch, 0].labels == POSITIVE).any().item() for epoch in range(60)])
+
+    near, some, anywhere = (with_somebody(replace(recipe, elsewhere=share)) for share in (0.0, 0.5, 1.0))
+    assert near > some > anywhere
+    assert anywhere < near - 0.3
 
 
 def test_thinned_and_tilted_examples_have_fewer_points_on_other_ground(packed):
@@ -345,16 +337,3 @@ def test_thinned_and_tilted_examples_have_fewer_points_on_other_ground(packed):
     spread = [np.ptp([np.median(each[epoch, 1].voxels.points[:, 2]) for epoch in range(9)]) for each in (plain, tilt)]
     assert spread[0] < 0.01
     assert spread[1] > 0.05
-
-
-def test_so_many_windows_lie_anywhere(packed):
-    small = VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2))
-    recipe = SampleRecipe(subsets=0.0)
-
-    def with_somebody(recipe):
-        samples = Samples(packed, small, recipe, seed=0)
-        return np.mean([(samples[epoch, 0].labels == POSITIVE).any().item() for epoch in range(60)])
-
-    near, some, anywhere = (with_somebody(replace(recipe, elsewhere=share)) for share in (0.0, 0.5, 1.0))
-    assert near > some > anywhere
-    assert anywhere < near - 0.3

@@ -54,24 +54,18 @@ def maps(made):
     return [per_anchor(each, len(made.config.anchor_labels)) for each in answer]
 
 
-def test_a_network_of_more_classes_says_of_vehicles_what_it_said():
+def test_rebuilt_networks_keep_their_classes_and_anchors():
     old = network(VEHICLES)
     wide = widen(old, ALL)
     assert wide.config.labels == ("vehicle", "heavy", "cyclist", "pedestrian")
     for before, after in zip(maps(old), maps(wide), strict=True):
         torch.testing.assert_close(after[:, :, :, :2], before)
         assert not torch.equal(after[:, :, :, 2:4], before)
-
-
-def test_classes_keep_their_anchors_wherever_they_stand():
     order = select_anchors(["pedestrian", "cyclist", "vehicle"])
     old, fewer = network(ALL), VoxelNetConfig.light(SMALL_AREA, **road_users(order))
     after = maps(widen(old, fewer))
     for before, now in zip(maps(old), after, strict=True):
         torch.testing.assert_close(now, before[:, :, :, [6, 4, 5, 0, 1]])
-
-
-def test_other_yaws_begin_anew():
     kinds = (replace(ROAD_USERS[0], yaws=(0.0,)), *ROAD_USERS[1:])
     before, after = (
         maps(network(ALL)),
@@ -79,16 +73,10 @@ def test_other_yaws_begin_anew():
     )
     torch.testing.assert_close(after[0][..., 1:, :], before[0][..., 2:4, :])
     assert not torch.allclose(after[0][..., 0, :], before[0][..., 0, :])
-
-
-def test_the_same_classes_are_the_same_network():
     made = network(ALL)
     assert widen(made, ALL) is made
     staged = widen(rebuild(made, faces=("vehicle",)), ALL)
     assert (staged.config, len(staged.state_dict())) == (ALL, len(made.state_dict()))
-
-
-def test_what_is_new_begins_the_same_every_time_and_the_generator_stays():
     old = network(VEHICLES)
     first, state = widen(old, ALL), torch.get_rng_state()
     torch.rand(5)
@@ -119,28 +107,19 @@ def drawn(count=20000, slope=2.0, intercept=-1.0, seed=0):
     return scores, rng.random(count) < sigmoid(slope * logit(scores) + intercept)
 
 
-def test_it_finds_the_slope_and_intercept_of_what_was_drawn():
+def test_fits_find_what_was_drawn_and_calibrated_scores_are_shares():
     assert platt(*drawn()) == pytest.approx((2.0, -1.0), abs=0.08)
     assert platt(*drawn(slope=0.7, intercept=0.5)) == pytest.approx((0.7, 0.5), abs=0.05)
-
-
-def test_calibrated_scores_are_shares():
     scores, hits = drawn()
     slope, intercept = platt(scores, hits)
     assert reliability(scores, hits).error > 0.1
     assert reliability(sigmoid(slope * logit(scores) + intercept), hits).error < 0.015
-
-
-def test_it_finds_what_each_rival_takes_and_no_rival_adds():
     rng = np.random.default_rng(3)
     scores, rivals = rng.uniform(0.02, 0.98, 20000), rng.uniform(0, 1, (20000, 3)) * (rng.random((20000, 3)) < 0.5)
     hits = rng.random(20000) < sigmoid(1.5 * logit(scores) + 0.3 - rivals @ np.array([3.0, 0.0, 1.0]))
     assert with_rivals(scores, rivals, hits) == pytest.approx((1.5, 0.3, 3.0, 0.0, 1.0), abs=0.15)
     helped = rng.random(20000) < sigmoid(logit(scores) + rivals @ np.array([3.0, 0.0, 1.0]))
     assert with_rivals(scores, rivals, helped)[2:] == (0.0, 0.0, 0.0)
-
-
-def test_few_or_spotless_detections_give_no_wild_answer():
     assert platt(np.zeros(0), np.zeros(0, bool)) == (1.0, 0.0)
     slope, intercept = platt(np.full(100, 0.9), np.ones(100, bool))
     assert 1.0 <= slope < 3
@@ -159,14 +138,11 @@ def test_above_the_threshold_such_a_share_is_true_and_above_no_lower_one(seed):
     assert lowest_threshold(scores, np.ones(3000, bool), 0.95) == 0.0
 
 
-def test_a_share_of_few_is_not_believed():
+def test_thresholds_cost_few_and_shares_of_few_are_not_believed():
     scores, hits = np.linspace(1, 0.01, 100), np.arange(100) < FEWEST - 1
     assert lowest_threshold(scores, hits, 1.0) < scores[FEWEST - 2]
     assert lowest_threshold(scores, np.zeros(100, bool), 1.0) == scores[FEWEST]
     assert lowest_threshold(scores[:5], hits[:5] & False, 0.9) == 0.0
-
-
-def test_a_threshold_costs_few_of_the_true_detections():
     scores, hits = drawn(4000)
     wanted = lowest_threshold(scores, hits, 0.99)
     assert (scores[hits] > wanted).mean() == pytest.approx(1 - MOST_LOST, abs=0.001)
@@ -300,7 +276,7 @@ def test_it_learns_where_faces_are_whatever_the_size():
     assert np.mean(after) > np.mean(before) + 0.06
 
 
-def test_training_is_the_same_every_time_and_leaves_the_generator_alone():
+def test_training_repeats_and_needs_examples_that_are_near():
     rows = examples(20)
     first, second = FaceNetworks(), FaceNetworks()
     for networks in (first, second):
@@ -310,21 +286,12 @@ def test_training_is_the_same_every_time_and_leaves_the_generator_alone():
         assert torch.equal(torch.get_rng_state(), state)
     for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(a, b)
-
-
-def test_faces_that_are_too_far_off_teach_no_more_than_the_farthest():
     rows = examples(20)
     far = FaceExamples(rows.features, {sort: np.full_like(each, 5.0) for sort, each in rows.offsets.items()})
     assert fit_faces(FaceNetworks(), far, steps=1)["end before"] == pytest.approx(FARTHEST_FACE)
-
-
-def test_without_examples_it_says_so():
     rows = examples(3)
     with pytest.raises(ValueError, match="no examples of a side"):
         fit_faces(FaceNetworks(), FaceExamples(rows.features, rows.offsets | {"side": np.zeros(0)}), steps=1)
-
-
-def test_boxes_off_at_random_stay_on_their_floors_and_near():
     rng = np.random.default_rng(0)
     boxes = np.tile([[5.0, 2, 0.9, 4.4, 1.8, 1.6, 0.3], [1, 1, 1.0, 0.6, 0.6, 1.8, 2.0]], (400, 1))
     off = off_at_random(boxes, rng)

@@ -14,7 +14,7 @@ def at(places, x, y):
     return places.names[places.locate(box)[0]]
 
 
-def test_the_t_junction():
+def test_approaches_of_junctions_with_or_without_a_network():
     places = find_approaches(load_site("tjunction"))
     assert places.names == ("from the east", "from the north", "from the south", "leaving", "junction", "parked")
     # +y of the site lies west on its map: the lane along -x at y = 7.3 comes from the north, as -x does there
@@ -25,9 +25,6 @@ def test_the_t_junction():
     assert at(places, 0.0, 13.0) == "junction"
     x, y, _ = load_site("tjunction").parking[0]
     assert at(places, x + 0.5, y) == "parked"
-
-
-def test_a_roundabout_is_one_junction():
     places = find_approaches(load_site("roundabout"))
     names = [name for name in places.names if name.startswith("from")]
     assert names == ["from the east", "from the north", "from the south", "from the west"]
@@ -35,13 +32,13 @@ def test_a_roundabout_is_one_junction():
     assert at(places, 60.0, 11.5) == "from the east"  # before the crossing
     assert at(places, 35.0, -11.5) == "leaving"
     assert at(places, 24.0, 0.0) == "junction"
-
-
-def test_without_a_network_all_is_junction():
     places = find_approaches(Site("bare", np.array([-10.0, -10.0, 10.0, 10.0])))
     assert places.names == ("junction", "parked")
     assert places.locate(np.zeros((2, 7))).tolist() == [0, 0]
     assert places.locate(np.zeros((0, 7))).tolist() == []
+    turned = Site("a", np.array([-1.0, -1, 1, 1]), map_SE3_site=pose(yaw=np.pi / 2))
+    assert compass(turned, np.array([0.0, 1.0])) == "west"
+    assert compass(turned, np.array([1.0, 0.0])) == "north"
 
 
 @pytest.mark.parametrize(
@@ -49,9 +46,3 @@ def test_without_a_network_all_is_junction():
 )
 def test_compass_of_a_site_that_lies_as_its_map(offset, name):
     assert compass(Site("a", np.array([-1.0, -1, 1, 1])), np.array(offset, float)) == name
-
-
-def test_compass_of_a_turned_site():
-    turned = Site("a", np.array([-1.0, -1, 1, 1]), map_SE3_site=pose(yaw=np.pi / 2))
-    assert compass(turned, np.array([0.0, 1.0])) == "west"
-    assert compass(turned, np.array([1.0, 0.0])) == "north"

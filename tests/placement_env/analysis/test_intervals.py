@@ -56,7 +56,7 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
     assert ap_resamples(*values, seed=1).tolist() == whole.tolist()
 
 
-def test_blocks_are_drawn_as_one_and_as_many_as_there_are():
+def test_blocks_are_drawn_as_one_by_their_seed():
     draws = block_draws(10, block=4, resamples=200, seed=5)
     assert draws.shape == (200, 10)
     assert (draws[:, 0:4] == draws[:, :1]).all()
@@ -64,26 +64,20 @@ def test_blocks_are_drawn_as_one_and_as_many_as_there_are():
     assert (draws[:, 8] == draws[:, 9]).all()
     assert (draws[:, [0, 4, 8]].sum(axis=1) == 3).all()
     assert draws[:, [0, 4, 8]].mean(axis=0) == pytest.approx([1, 1, 1], abs=0.15)
-
-
-def test_same_seed_same_draws():
     assert (block_draws(40, seed=1) == block_draws(40, seed=1)).all()
     assert (block_draws(40, seed=1) != block_draws(40, seed=2)).any()
 
 
-def test_perfect_detections_have_an_interval_without_width():
+def test_intervals_without_width_of_perfect_detections_or_one_block():
     scores, hits = [[0.9, 0.8]] * 8, [[True, True]] * 8
     assert ap_interval(scores, hits, [2] * 8) == Interval(1.0, 1.0)
     assert ap_interval([[]] * 8, [[]] * 8, [2] * 8) == Interval(0.0, 0.0)
-
-
-def test_where_all_frames_are_one_block_there_is_one_figure():
     scores, hits = [[0.9], [0.8, 0.7]], [[True], [False, True]]
     low, high = ap_interval(scores, hits, [1, 1])
     assert low == high == pytest.approx((1 + 2 / 3) / 2)
 
 
-def test_interval_covers_as_often_as_it_says():
+def test_intervals_cover_as_often_as_they_say():
     """200 recordings of independent blocks, of which the vehicles of one are found or missed together."""
     rng, covered = np.random.default_rng(0), 0
     for seed in range(200):
@@ -94,32 +88,28 @@ def test_interval_covers_as_often_as_it_says():
         )
         covered += low <= 0.7 <= high
     assert 0.9 <= covered / 200 <= 0.99
-
-
-def test_frames_taken_one_by_one_would_give_too_narrow_an_interval():
     found = np.repeat(np.random.default_rng(0).random(25) < 0.7, 4)
     values = [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 100
     (low, high), (low_of_1, high_of_1) = (ap_interval(*values, draws=block_draws(100, block=n)) for n in (4, 1))
     assert high - low > 1.5 * (high_of_1 - low_of_1)
 
 
-def test_nothing_to_find_is_undefined_and_draws_of_it_are_left_out():
+def test_ratios_and_percentiles_of_what_is_defined():
     low, high = ap_interval([[0.5]] * 4, [[False]] * 4, [0] * 4)
     assert np.isnan([low, high]).all()
     low, high = ap_interval([[0.5], []], [[True], []], [1, 0], draws=block_draws(2, block=1))
     assert (low, high) == (1.0, 1.0)
-
-
-def test_ratio():
     found, there = np.array([1, 0, 2, 3, 1.0]), np.array([1, 2, 2, 3, 4.0])
     draws = block_draws(5, block=2, resamples=1000, seed=3)
     figures = np.array([row @ found / (row @ there) for row in draws])
     assert ratio_interval(found, there, draws=draws) == pytest.approx(np.quantile(figures, [0.025, 0.975]))
     assert np.isnan(ratio_interval([0, 0], [0, 0])).all()
-
-
-def test_percentiles_of_what_is_defined():
     assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(1.0, 3.0)
+    with pytest.raises(ValueError, match="one part and one whole per frame"):
+        ratio_interval([1.0, 2.0], [1.0])
+    for settings in ({"block": 0}, {"resamples": 0}):
+        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
+            block_draws(1, **settings)
 
 
 @pytest.mark.parametrize(
@@ -143,15 +133,7 @@ def test_refuses_confidence(confidence):
         ratio_interval([1.0], [1.0], confidence=confidence)
 
 
-def test_refuses_ratios_that_do_not_fit_and_settings_out_of_range():
-    with pytest.raises(ValueError, match="one part and one whole per frame"):
-        ratio_interval([1.0, 2.0], [1.0])
-    for settings in ({"block": 0}, {"resamples": 0}):
-        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
-            block_draws(1, **settings)
-
-
-def test_the_interval_is_that_of_its_frames():
+def test_tallies_are_of_their_frames_and_leave_out_what_is_ignored():
     tally = Tally(
         np.array([0.9, 0.8, 0.7, 0.6]), np.array([True, False, True, True]), np.array([2, 0, 0, 2]), np.array([1, 0, 3])
     )
@@ -159,18 +141,12 @@ def test_the_interval_is_that_of_its_frames():
     assert tally.interval(seed=3) == ap_interval(*frames, seed=3)
     assert tally.interval(seed=3, confidence=0.5) == ap_interval(*frames, seed=3, confidence=0.5)
     assert tally.ap == pytest.approx(0.25 + 0.5 * 0.75)
-
-
-def test_a_tally_with_nothing_to_find():
     empty = Tally(np.array([0.5]), np.array([False]), np.array([1]), np.zeros(3, int))
     assert np.isnan([empty.ap, empty.recall, *empty.interval()]).all()
     assert empty.precision == 0.0
     silent = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.array([2, 1]))
     assert (silent.ap, silent.recall, silent.interval()) == (0.0, 0.0, (0.0, 0.0))
     assert np.isnan(silent.precision)
-
-
-def test_a_tally_of_outcomes_leaves_out_what_is_ignored():
     bits = np.array([96])
     outcomes = [
         Outcome(np.array([0.9, 0.8, 0.7]), np.array([[0, FALSE_ALARM, IGNORED], [FALSE_ALARM] * 3]), bits),

@@ -8,7 +8,7 @@ from placement_env.analysis.shrinkage import shrink
 PREDICTED = np.array([0.80, 0.70, 0.75, 0.60])
 
 
-def test_exact_figures_stay_and_noisy_ones_follow_the_predictions():
+def test_noise_counts_for_nothing_and_exact_figures_stay():
     figure = PREDICTED + 0.1 + np.array([0.01, -0.02, 0.03, -0.02])
     exact = shrink(figure, np.repeat(figure[:, None], 50, axis=1), PREDICTED)
     assert exact.figure == pytest.approx(figure)
@@ -16,9 +16,6 @@ def test_exact_figures_stay_and_noisy_ones_follow_the_predictions():
     lost = shrink(figure, figure[:, None] + noise, PREDICTED)
     assert lost.figure == pytest.approx(PREDICTED + 0.1, abs=1e-5)
     assert np.argsort(lost.figure).tolist() == np.argsort(PREDICTED).tolist()
-
-
-def test_what_the_noise_shares_counts_for_nothing():
     draws = np.random.default_rng(0).standard_normal(300)
     figure = PREDICTED + np.array([0.0, 0.05, -0.05, 0.0])
     found = shrink(figure, figure[:, None] + draws, PREDICTED)
@@ -45,7 +42,7 @@ def test_weights_are_those_of_the_formula():
     assert found.resamples.std(axis=1) == pytest.approx(spreads, rel=0.05)
 
 
-def test_who_was_lucky_in_every_block_is_no_surer_than_the_others():
+def test_lucky_blocks_are_no_surer_and_few_are_left():
     rng, blocks = np.random.default_rng(1), 12.0
     noise = 0.03 * rng.standard_normal((4, 500))
     noise[0] *= 0.1
@@ -55,9 +52,6 @@ def test_who_was_lucky_in_every_block_is_no_surer_than_the_others():
     assert found.figure[0] < shrink(figure, figure[:, None] + noise, PREDICTED).figure[0]
     perfect = shrink(np.ones(4), np.ones((4, 500)), PREDICTED, blocks=blocks)
     assert (perfect.resamples.std(axis=1) > 0.005).all()
-
-
-def test_of_one_block_nothing_is_known_and_few_or_undefined_figures_are_left():
     figure = np.array([0.9, 0.3, 0.5, 0.7])
     same = np.repeat(figure[:, None], 9, axis=1)
     assert shrink(figure, same, PREDICTED, blocks=1.0).figure == pytest.approx(PREDICTED - (PREDICTED - figure).mean())

@@ -63,12 +63,17 @@ def synergy_by_sum(values):
     return index
 
 
-def test_glove_game():
+def test_gloves_and_sixteen_sensors():
     # Sensor 0 is needed with 1 or 2 (a left glove and two right ones): 2/3, 1/6, 1/6.
     values = np.array([0, 0, 0, 1, 0, 1, 0, 1.0])
     assert shapley(values) == pytest.approx([2 / 3, 1 / 6, 1 / 6])
     assert synergy(values)[0, 1] == pytest.approx(1 / 2)
     assert synergy(values)[1, 2] == pytest.approx(-1 / 2)
+    share = np.random.default_rng(0).uniform(size=16)
+    worth = exact_worth(lambda sets: 1 - np.prod(np.where(sets, 1 - share, 1.0), axis=1), 16)
+    assert worth.shapley.sum() == pytest.approx(1 - np.prod(1 - share))
+    assert (worth.synergy <= 1e-12).all()  # coverage is submodular
+    assert worth.evaluations == 65536
 
 
 @given(st.integers(1, 5), st.integers(0, 2**32 - 1))
@@ -117,14 +122,6 @@ def test_synergy_is_what_a_sensor_takes_from_another_when_it_goes(values):
     for j in range(n):
         with_j, without_j = shapley(values[sets[:, j]]), shapley(values[~sets[:, j]])
         assert np.delete(synergy(values)[j], j) == pytest.approx(with_j - without_j, abs=1e-12)
-
-
-def test_sixteen_sensors_are_instant():
-    share = np.random.default_rng(0).uniform(size=16)
-    worth = exact_worth(lambda sets: 1 - np.prod(np.where(sets, 1 - share, 1.0), axis=1), 16)
-    assert worth.shapley.sum() == pytest.approx(1 - np.prod(1 - share))
-    assert (worth.synergy <= 1e-12).all()  # coverage is submodular
-    assert worth.evaluations == 65536
 
 
 @pytest.mark.parametrize("n", [0, 1])
@@ -190,15 +187,12 @@ def test_samples_share_out_everything_and_repeat_with_their_seed(values, seed):
     assert worth.synergy_margin.tobytes() == again.synergy_margin.tobytes()
 
 
-def test_an_additive_function_is_sampled_exactly():
+def test_sampled_worth_of_additive_functions_and_of_none():
     share = np.arange(1.0, 13.0)
     worth = estimate_worth(lambda sets: sets @ share, 12, rounds=8)
     assert worth.shapley == pytest.approx(share)
     assert worth.shapley_margin == pytest.approx(0, abs=1e-12)
     assert worth.synergy == pytest.approx(0, abs=1e-12)
-
-
-def test_each_set_is_scored_once_in_one_call():
     calls = []
 
     def value(sets):
@@ -208,17 +202,14 @@ def test_each_set_is_scored_once_in_one_call():
     worth = estimate_worth(value, 10, rounds=8)
     assert len(calls) == 1
     assert len(np.unique(calls[0], axis=0)) == len(calls[0]) == worth.evaluations <= 8 * 2 * 10**2
+    with pytest.raises(ValueError, match="finite"):
+        estimate_worth(lambda sets: np.full(len(sets), np.nan), 3)
 
 
 @pytest.mark.parametrize("wrong", [{"rounds": 7}, {"confidence": 1.0}, {"sensors": 0}])
 def test_sampling_refuses(wrong):
     with pytest.raises(ValueError, match="at least 8 rounds"):
         estimate_worth(lambda sets: np.zeros(len(sets)), **({"sensors": 3} | wrong))
-
-
-def test_sampling_refuses_undefined_values():
-    with pytest.raises(ValueError, match="finite"):
-        estimate_worth(lambda sets: np.full(len(sets), np.nan), 3)
 
 
 @pytest.mark.parametrize("confidence", [0.5, 0.9, 0.95, 0.99])
@@ -228,15 +219,21 @@ def test_student(confidence, freedom):
     assert module._student(confidence, freedom) == pytest.approx(exact, rel=0.01)
 
 
-def test_table_of_worth():
+def test_tables_of_worth_and_gains_are_aligned():
     names = ["north", "south", "east", "west"]
     share = np.array([0.4, 0.2, 0.0, 0.1])
     head, best, *_ = format_worth(exact_worth(lambda sets: sets @ share, 4), names).splitlines()
     assert head == "sensor  Shapley       ±  with north  with south  with west  with east"
     assert best.split() == ["north", "0.4000", "0.0000", "+0.0000", "+0.0000", "+0.0000"]
+    names = ["north", "south", "east", "west"]
+    _, free, south, *_ = format_marginal(marginal(Linear(), np.ones(4, bool)), names).splitlines()
+    assert free.split() == ["west", "+0.1000", "0.00", "+inf"]
+    assert south.split() == ["south", "+0.2000", "10.00", "+20.0000"]
+    lines = columns([["sensor", "AP", ""], ["n", "0.25", "x"]]).splitlines()
+    assert lines == ["sensor    AP", "n       0.25  x"]
 
 
-def test_failures_of_a_set():
+def test_failures_of_a_set_in_a_table():
     share = np.array([0.4, 0.3, 0.2, 0.1])
     chosen = np.array([True, True, False, True])
     one = failures(lambda sets: sets @ share, chosen)
@@ -249,23 +246,17 @@ def test_failures_of_a_set():
     two = failures(lambda sets: sets @ share, chosen, failing=2)
     assert two.most_missed == (0, 1)
     assert two.left == pytest.approx([0.1, 0.3, 0.4])
-
-
-def test_of_equal_failures_the_first_is_named():
     assert Failures(1.0, np.array([[2], [5]]), np.array([0.5, 0.5])).most_missed == (2,)
+    share = np.array([0.4, 0.2, 0.0, 0.1])
+    cases = [failures(lambda sets: sets @ share, np.ones(4, bool), failing=k) for k in (1, 2)]
+    *_, last = format_failures(cases, ["north", "south", "east", "west"]).splitlines()
+    assert last.split() == ["N-2", "0.7000", "0.3500", "0.1000", "north,", "south"]
 
 
 @pytest.mark.parametrize("failing", [0, 3])
 def test_failures_refuse(failing):
     with pytest.raises(ValueError, match=f"all 2 sensors of the set can fail, got failing={failing}"):
         failures(lambda sets: np.zeros(len(sets)), np.array([True, True, False]), failing=failing)
-
-
-def test_table_of_failures():
-    share = np.array([0.4, 0.2, 0.0, 0.1])
-    cases = [failures(lambda sets: sets @ share, np.ones(4, bool), failing=k) for k in (1, 2)]
-    *_, two = format_failures(cases, ["north", "south", "east", "west"]).splitlines()
-    assert two.split() == ["N-2", "0.7000", "0.3500", "0.1000", "north,", "south"]
 
 
 class Linear:
@@ -285,15 +276,3 @@ def test_marginal_gains_in_and_out_of_the_set(chosen):
     assert gains.kbit == pytest.approx([100, 10, 5, 0])
     assert gains.per_kbit[:3] == pytest.approx([0.004, 0.02, 0.0], abs=1e-12)
     assert gains.per_kbit[3] == np.inf
-
-
-def test_table_of_gains():
-    names = ["north", "south", "east", "west"]
-    _, free, south, *_ = format_marginal(marginal(Linear(), np.ones(4, bool)), names).splitlines()
-    assert free.split() == ["west", "+0.1000", "0.00", "+inf"]
-    assert south.split() == ["south", "+0.2000", "10.00", "+20.0000"]
-
-
-def test_cells_are_aligned_and_no_line_ends_in_blanks():
-    lines = columns([["sensor", "AP", ""], ["n", "0.25", "x"]]).splitlines()
-    assert lines == ["sensor    AP", "n       0.25  x"]

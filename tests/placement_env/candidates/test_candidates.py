@@ -28,24 +28,18 @@ def sets(candidates: Candidates, *chosen: tuple[int, ...]) -> np.ndarray:
     return rows
 
 
-def test_at_takes_arrays_and_knows_what_is_outside():
+def test_candidates_are_counted_selected_and_taken_by_arrays():
     candidates = pool(square(), headings=4)
     assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
     assert candidates.at(3, 0, 0, 0, 0) == candidates.at(-1, 0, 1, 0, 0) == candidates.at(0, 99, 1, 0, 0) == -1
     assert candidates.at(np.array([[0], [99]]), 0, 1, 0, 0).tolist() == [[candidates.at(0, 0, 1, 0, 0)], [-1]]
     assert candidates.select([]).at(0, 0, 0, 0, 0) == -1
-
-
-def test_sensors_are_counted_by_mount():
     candidates = pool(square(), headings=4, blind=True)
     first, second, third = (np.flatnonzero(candidates.mount == m) for m in range(3))
     subsets = sets(candidates, (), (first[0],), (first[0], first[1]), (first[0], second[0], third[0]))
     assert candidates.per_mount(subsets).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 1]]
     assert candidates.prices[third[0]] == 3.0
     assert candidates.capacity[third[0]] == 2000.0
-
-
-def test_select_keeps_order_and_factors():
     candidates = pool(square())
     chosen = candidates.select([7, 3])
     assert chosen.sensors == (candidates.sensors[7], candidates.sensors[3])
@@ -53,15 +47,12 @@ def test_select_keeps_order_and_factors():
     assert chosen.at(*candidates.factors[4]) == -1
 
 
-def test_fields_that_do_not_fit_are_refused():
+def test_fields_and_names_that_do_not_fit_are_refused():
     good = pool(square())
     twice = (good.sensors[0], *good.sensors[:-1])
     for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"mount": good.mount + 1}, {"mounts": ()}):
         with pytest.raises(ValueError):
             replace(good, **broken)
-
-
-def test_the_first_name_that_occurs_twice_is_named():
     assert find_repeat(["a", "b", "c", "b", "a"]) == "b"
     good = pool(square())
     twice = (good.sensors[0], good.sensors[0], *good.sensors[2:])
@@ -81,13 +72,10 @@ def test_a_sensor_looks_where_it_is_aimed(model, heading, tilt):
     assert (sensor.name, sensor.model) == ("s", model)
 
 
-def test_a_camera_looks_along_its_axis_and_a_lidar_along_x():
+def test_cameras_look_along_their_axis_lidars_along_x_and_none_nowhere():
     camera = Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.5))
     lidar = Sensor("l", SpinningLidar(channels=4), pose(0.0, 0.0, 5.0, yaw=-2.0, pitch=0.1))
     headings, tilts = aims([camera, lidar])
     assert np.allclose(headings, [1.0, -2.0])
     assert np.allclose(tilts, [0.5, 0.1])
-
-
-def test_of_no_sensors_there_are_no_aims():
     assert [len(each) for each in aims([])] == [0, 0]

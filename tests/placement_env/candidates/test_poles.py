@@ -79,13 +79,29 @@ def test_poles_in_degrees_stand_where_they_do(site, tmp_path):
     assert {c.name for c in pool(site, mounts=mounts).mounts} == {"L-1", "pole01", "17"}
 
 
-def test_mounts_of_a_saved_site_come_back(tmp_path):
-    site = load_site("tjunction")
-    save_site(site, tmp_path / "site.json")
-    mounts = load_poles(tmp_path / "site.json", site)
-    assert [(m.name, *m.position, m.max_height, m.price, m.capacity) for m in mounts] == [
-        (m.name, *m.position, m.max_height, m.price, m.capacity) for m in site.mounts
+def test_mounts_of_a_site_come_back_saved_or_exported(tmp_path, site):
+    built = load_site("tjunction")
+    save_site(built, tmp_path / "site.json")
+    saved, own = (
+        [(m.name, *m.position, m.max_height, m.price, m.capacity) for m in each]
+        for each in (load_poles(tmp_path / "site.json", built), built.mounts)
+    )
+    assert saved == own
+    mounts = tuple(
+        Mount(n, np.array([x, 12.0, site.ground(np.array([x, 12.0]))]), 2.0, 9.0, 0.5, 800.0)
+        for n, x in [("a", 5.0), ("b", 9.0)]
+    )
+    (tmp_path / "site.geojson").write_text(
+        site_geojson(replace(site, mounts=mounts, parking=np.array([[0.0, 20.0, 0.0]])))
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = load_poles(tmp_path / "site.geojson", site)
+    assert [(m.name, m.min_height, m.max_height, m.price, m.capacity) for m in found] == [
+        ("a", 2.0, 9.0, 0.5, 800.0),
+        ("b", 2.0, 9.0, 0.5, 800.0),
     ]
+    assert np.abs(np.array([m.position for m in found]) - [m.position for m in mounts]).max() < 2e-3
 
 
 def test_poles_in_the_way_are_left_out_by_name(site, tmp_path):
@@ -282,24 +298,6 @@ def test_a_geometry_collection_is_not_passed_over_in_silence(site, tmp_path):
         assert len(load_poles(path, site)) == 1
 
 
-def test_mounts_of_an_exported_site_come_back(site, tmp_path):
-    mounts = tuple(
-        Mount(n, np.array([x, 12.0, site.ground(np.array([x, 12.0]))]), 2.0, 9.0, 0.5, 800.0)
-        for n, x in [("a", 5.0), ("b", 9.0)]
-    )
-    (tmp_path / "site.geojson").write_text(
-        site_geojson(replace(site, mounts=mounts, parking=np.array([[0.0, 20.0, 0.0]])))
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = load_poles(tmp_path / "site.geojson", site)
-    assert [(m.name, m.min_height, m.max_height, m.price, m.capacity) for m in found] == [
-        ("a", 2.0, 9.0, 0.5, 800.0),
-        ("b", 2.0, 9.0, 0.5, 800.0),
-    ]
-    assert np.abs(np.array([m.position for m in found]) - [m.position for m in mounts]).max() < 2e-3
-
-
 @pytest.mark.parametrize(
     ("key", "meant"),
     [
@@ -330,18 +328,12 @@ def test_what_was_meant(key, meant):
     assert guess_property(key) == meant
 
 
-def test_each_is_named_once_and_known_ones_are_not():
+def test_properties_are_named_once_and_cut():
     known = {"name": 1, "height": 2, "max_height": 3, "min_height": 4, "price": 5, "capacity_kbit": 6, "capacity": 7}
     assert list_unknown([known | {"keep_out": True, "kind": "x", "layer": "mount", "used": False}]) == ""
     assert list_unknown([]) == ""
     poles = [{"Price": 1, "fid": 3}, {"fid": 4, "Price": 2}, {"colour": "red"}]
     assert list_unknown(poles) == "Price: price (1: that of an ordinary pole)?, fid, colour"
-
-
-def test_of_areas_only_what_may_keep_sensors_out():
     areas = [{"building": "yes", "Height": 9, "KeepOut": True}]
     assert list_unknown(areas, areas=True) == "KeepOut: keep_out (true or false, of a polygon)?"
-
-
-def test_long_names_are_cut():
     assert len(list_unknown([{"x" * 500: 1}])) == 60

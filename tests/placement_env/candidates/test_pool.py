@@ -97,7 +97,7 @@ def test_built_in_pools_have_40_mounts_and_2000_poses_in_range(built_in_pools, n
     assert len(np.unique([s.pose for s in candidates.sensors], axis=0)) == len(candidates)
 
 
-def test_pose_of_each_candidate_is_what_its_factors_say():
+def test_each_pose_is_what_its_factors_say_on_mounts_outside_keep_out_areas():
     lidar = SpinningLidar(channels=4, azimuth_step=0.2, azimuth_fov=2.0)
     candidates = pool(square(), heights=(4.0, 6.0), headings=5, tilts=(0.1, 0.4), models=(DepthCamera(), lidar))
     for sensor, (m, h, y, t, k) in zip(candidates.sensors, candidates.factors, strict=True):
@@ -106,19 +106,8 @@ def test_pose_of_each_candidate_is_what_its_factors_say():
         expected = look(at, heading, tilt) if k == 0 else pose(*map(float, at), yaw=heading, pitch=tilt)
         assert np.allclose(sensor.pose, expected)
         assert sensor.model == candidates.axes.models[k]
-
-
-def test_without_blind_poses_only_those_that_look_away_are_left_out():
-    site = square()
-    some, every = (pool(site, heights=(6.0,), tilts=(0.1,), blind=blind) for blind in (False, True))
-    assert len(every) == 3 * 8
-    gone = {s.name for s in every.sensors} - {s.name for s in some.sensors}
-    assert gone == {f"p{m}_6.0m_h{h}_t6_camera" for m in range(3) for h in (225, 270, 315)}
-    assert some.at(0, 0, 6, 0, 0) == -1
-    assert every.sensors[every.at(0, 0, 6, 0, 0)].name == "p0_6.0m_h270_t6_camera"
-
-
-def test_heights_are_clipped_to_the_mount_and_kept_once():
+    candidates = pool(square(), keep_out=[shapely.box(-1.0, -30.0, 30.0, 0.0)])
+    assert [mount.name for mount in candidates.mounts] == ["p0"]
     mounts = (Mount("low", np.zeros(3), 3.0, 4.0), Mount("tall", np.array([1.0, 0.0, 0.0]), 7.0, 20.0))
     candidates = pool(square(), mounts=mounts, heights=(4.5, 6.0, 9.0), headings=1, tilts=(0.0,), blind=True)
     assert [s.name for s in candidates.sensors] == [
@@ -129,12 +118,14 @@ def test_heights_are_clipped_to_the_mount_and_kept_once():
     assert candidates.factors[:, 1].tolist() == [0, 1, 2]  # 7 m is what became of 6 m, not of 4.5 m
 
 
-def test_mounts_in_keep_out_areas_are_not_used():
-    candidates = pool(square(), keep_out=[shapely.box(-1.0, -30.0, 30.0, 0.0)])
-    assert [mount.name for mount in candidates.mounts] == ["p0"]
-
-
-def test_names_tell_models_and_close_headings_apart():
+def test_blind_poses_go_and_names_tell_the_others_apart():
+    site = square()
+    some, every = (pool(site, heights=(6.0,), tilts=(0.1,), blind=blind) for blind in (False, True))
+    assert len(every) == 3 * 8
+    gone = {s.name for s in every.sensors} - {s.name for s in some.sensors}
+    assert gone == {f"p{m}_6.0m_h{h}_t6_camera" for m in range(3) for h in (225, 270, 315)}
+    assert some.at(0, 0, 6, 0, 0) == -1
+    assert every.sensors[every.at(0, 0, 6, 0, 0)].name == "p0_6.0m_h270_t6_camera"
     models = (DepthCamera(), DepthCamera(fov=1.0), SpinningLidar(channels=2))
     candidates = pool(square(1), headings=720, heights=(6.0,), tilts=(0.2,), models=models, blind=True)
     assert len({s.name for s in candidates.sensors}) == len(candidates) == 720 * 3
@@ -186,19 +177,13 @@ def test_bad_arguments_are_refused_in_one_line(arguments, message):
     assert "\n" not in str(error.value)
 
 
-def test_a_site_without_sensors_or_mounts_says_so():
+def test_candidates_by_name_with_models_that_are_free():
     with pytest.raises(ValueError, match="no sensors of its own"):
         paper_candidates(square())
     with pytest.raises(ValueError, match="has no mount"):
         pool(square(0))
-
-
-def test_by_name():
     assert choose_candidates(SITE, "paper").digest() == paper_candidates(SITE).digest()
     assert choose_candidates(SITE, "pool").digest() == pool(SITE).digest()
-
-
-def test_models_are_for_poses_that_are_free():
     lidar = SpinningLidar()
     assert {sensor.model for sensor in choose_candidates(SITE, "pool", [lidar]).sensors} == {lidar}
     with pytest.raises(ValueError, match="have their models"):
@@ -207,7 +192,7 @@ def test_models_are_for_poses_that_are_free():
         choose_candidates(SITE, "nowhere.geojson")
 
 
-def test_own_sensors_come_first_on_mounts_of_their_own():
+def test_own_sensors_come_first_in_half_of_the_sets():
     made = own_and_random(SITE, 12, np.random.default_rng(0))
     assert made.sensors[: len(SITE.sensors)] == SITE.sensors
     assert len(made) == len(SITE.sensors) + 12
@@ -216,17 +201,11 @@ def test_own_sensors_come_first_on_mounts_of_their_own():
     again = own_and_random(SITE, 12, np.random.default_rng(0))
     assert [s.name for s in again.sensors] == [s.name for s in made.sensors]
     assert len(own_and_random(SITE, 0, np.random.default_rng(0))) == len(SITE.sensors)
-
-
-def test_a_site_without_sensors_has_its_pool_alone():
     bare = replace(SITE, sensors=())
     assert len(own_and_random(bare, 5, np.random.default_rng(0))) == 5
     for poses in (0, 10**6):
         with pytest.raises(ValueError, match=f"poses must be 1 to the .* got {poses}"):
             own_and_random(bare, poses, np.random.default_rng(0))
-
-
-def test_half_of_the_sets_are_of_own_sensors_and_none_has_two_on_a_mount():
     own = len(SITE.sensors)
     made = own_and_random(SITE, 30, np.random.default_rng(1))
     sets = random_sets(made, own, 40, np.random.default_rng(2))

@@ -31,7 +31,7 @@ def written(tmp_path, text):
     return path
 
 
-def test_a_catalogue(tmp_path):
+def test_catalogues_price_candidates_by_mount_and_model(tmp_path):
     catalogue = load_sensor_catalogue(written(tmp_path, GOOD))
     assert (catalogue.currency, catalogue.pole_price, len(catalogue.digest)) == ("EUR", 4000.0, 64)
     eye, lidar = catalogue.models
@@ -40,9 +40,6 @@ def test_a_catalogue(tmp_path):
     assert catalogue.get_name(SpinningLidar()) == "spinning-lidar"
     with pytest.raises(ValueError, match="the catalogue has no DepthCamera"):
         catalogue.get_name(DepthCamera())
-
-
-def test_candidates_cost_their_mount_and_their_model():
     site = load_site("tjunction")
     models = (DepthCamera(), SpinningLidar())
     both = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=dict(zip(models, (2.0, 5.0), strict=True)))

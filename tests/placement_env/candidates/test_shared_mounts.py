@@ -69,12 +69,18 @@ def test_all_sets_against_the_rule_in_words(make, capacity, most):
         assert objective.allowed(row).tolist() == (objective.feasible(grown) & ~row).tolist()
 
 
-def test_a_second_sensor_costs_no_second_mount(three):
+def test_a_second_sensor_costs_no_second_mount_and_sets_stay_feasible(three):
     row = np.isin(np.arange(12), [0])
     added = extra_prices(three.candidates, row)
     assert added[:4].tolist() == [0.25] * 4
     assert added[4] == three.candidates.prices[4] == three.candidates.mounts[1].price + 0.25
     assert three.price(row[None])[0] == three.candidates.prices[0]
+    rng = np.random.default_rng(0)
+    drawn = [swap.draw_set(three, 5, rng) for _ in range(60)]
+    assert max(map(len, drawn)) > 3
+    for chosen in drawn:
+        assert len(set(chosen)) == len(chosen) <= 5
+        assert three.feasible(three.row(chosen)[None])[0]
 
 
 def test_places_of_one_are_as_ever(make):
@@ -142,15 +148,6 @@ def test_the_cheapest_set_pays_a_shared_mount_once(make, capacity):
     assert found.optimal
     assert objective.price(objective.row(found.chosen)[None])[0] == pytest.approx(least)
     assert found.figure == found.bound == pytest.approx(least * 1e6, abs=8)
-
-
-def test_drawn_sets_fill_places_and_stay_feasible(three):
-    rng = np.random.default_rng(0)
-    drawn = [swap.draw_set(three, 5, rng) for _ in range(60)]
-    assert max(map(len, drawn)) > 3
-    for chosen in drawn:
-        assert len(set(chosen)) == len(chosen) <= 5
-        assert three.feasible(three.row(chosen)[None])[0]
 
 
 @pytest.mark.parametrize("capacity", [2000.0, 1000.0])

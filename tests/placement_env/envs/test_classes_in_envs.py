@@ -33,7 +33,7 @@ def mixed(plain: Objective) -> Objective:
     )
 
 
-def test_rewards_add_up_to_the_worst_class(objective: Any) -> None:
+def test_rewards_of_classes_add_up_and_vehicles_alone_are_as_ever(objective: Any):
     made = mixed(objective())
     env = gym.make(SELECT, objective=made, budget=3)
     _, info = env.reset(seed=0)
@@ -47,9 +47,6 @@ def test_rewards_add_up_to_the_worst_class(objective: Any) -> None:
     assert info["ap"] == score.ap == min(info["class_ap"].values())
     assert info["class_ap"] == score.class_ap
     assert info["class_ap"]["vehicle"] != info["class_ap"]["pedestrian"]
-
-
-def test_vehicles_alone_have_the_observations_and_info_they_had(objective: Any) -> None:
     plain, several = gym.make(SELECT, objective=objective()), gym.make(SELECT, objective=mixed(objective()))
     first, info = plain.reset(seed=1)
     other, more = several.reset(seed=1)

@@ -70,15 +70,12 @@ def test_an_action_of_another_kind_is_an_error(name: str, wrong: Any) -> None:
     assert np.array_equal(env.reset()[0], before)
 
 
-def test_whole_numbers_count_as_choices_however_they_are_written() -> None:
+def test_whole_numbers_are_choices_and_factored_actions():
     env = gym.make(NAMES[0], **TABLE)
     for action in (2, 2.0, np.int8(2), np.array([2]), np.float32(2)):
         env.reset(seed=0)
         *_, info = env.step(action)
         assert np.flatnonzero(info["subset"]).tolist() == [2]
-
-
-def test_factored_actions_are_whole_numbers() -> None:
     env = gym.make(NAMES[0], actions="factored", **TABLE)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="whole numbers"):

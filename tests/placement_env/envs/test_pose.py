@@ -30,13 +30,10 @@ def env() -> gym.Env[Any, Any]:
     return gym.make(NAME, disable_env_checker=True, moves=3, **FEW)
 
 
-def test_a_rig_stands_where_its_sensors_are() -> None:
+def test_a_rig_stands_where_its_sensors_are_within_its_ranges():
     some = paper_candidates(load_site("tjunction"))
     for before, after in zip(some.sensors, Rig.of(some).to_candidates().sensors, strict=True):
         assert np.allclose(before.pose, after.pose, atol=1e-6)
-
-
-def test_a_rig_stays_in_its_ranges() -> None:
     some = paper_candidates(load_site("roundabout"))
     rig = Rig.of(some)
     for _ in range(40):
@@ -55,7 +52,7 @@ def test_both_checkers_pass_without_a_warning(env: gym.Env[Any, Any]) -> None:
     check_env_sb3(env)
 
 
-def test_what_has_not_moved_is_as_if_rendered_again(env: gym.Env[Any, Any]) -> None:
+def test_rewards_add_up_and_rest_is_as_if_rendered_again(env: gym.Env[Any, Any]):
     env.reset(seed=1)
     env.step(np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0], np.float32))
     task = env.unwrapped.task  # type: ignore[attr-defined]
@@ -65,9 +62,6 @@ def test_what_has_not_moved_is_as_if_rendered_again(env: gym.Env[Any, Any]) -> N
     assert members == [0, 1]
     for column in ("points", "distance", "sent", "far"):
         assert np.array_equal(getattr(again, column), getattr(objective.visibility, column))
-
-
-def test_rewards_add_up_and_the_episode_is_cut_off(env: gym.Env[Any, Any]) -> None:
     _, info = env.reset(seed=2, options={"failed": ["d1"]})
     total, first = 0.0, info["ap"]
     env.action_space.seed(0)

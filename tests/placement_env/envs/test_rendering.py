@@ -30,7 +30,7 @@ def test_pictures_and_text(objective: Any, name: str) -> None:
     assert "no sensors" in str(text.render())
 
 
-def test_all_pictures_are_of_one_size() -> None:
+def test_pictures_are_of_one_size_and_darker_with_points():
     env = gym.make(
         "coview/SensorPose-v0",
         render_mode="rgb_array",
@@ -44,9 +44,6 @@ def test_all_pictures_are_of_one_size() -> None:
         env.reset(seed=seed)
         sizes.add(env.render().shape)  # type: ignore[union-attr]
     assert len(sizes) == 1
-
-
-def test_a_vehicle_without_points_is_pale_grey_and_more_points_are_darker() -> None:
     red, green, blue, opaque = point_colours(np.array([0.0, 1.0, 5.0, 50.0, 1e6])).T
     assert red[0] == green[0] == blue[0] > 0.9
     assert (np.diff(0.2126 * red + 0.7152 * green + 0.0722 * blue) < -0.02).all()

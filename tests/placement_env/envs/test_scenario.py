@@ -22,43 +22,41 @@ register()
 CHOOSING = ["coview/SensorSelect-v0"]
 
 
-def test_what_it_would_add_is_what_it_adds(objective: Any) -> None:
+def test_features_say_what_a_sensor_would_add_in_range(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective(weights=Weights()), budget=3)
     observation, _ = env.reset()
     for action in (0, 3, 4):
         marginal = observation[: 14 * 6].reshape(14, 6)[11, action]
         observation, reward, *_ = env.step(action)
         assert reward == pytest.approx(float(marginal), abs=1e-6)
-
-
-def test_features_are_in_range_and_0_in_empty_slots(objective: Any) -> None:
     some = objective()
     static = Scenario(some, 8).static
     assert static.shape == (len(STATIC), 8)
     assert (np.abs(static) <= 1).all()
     assert not static[:, 6:].any()
     assert static[STATIC.index("seen"), :6] == pytest.approx((some.visibility.points >= LEAST).mean(axis=1))
-
-
-def test_a_site_with_more_candidates_than_slots_is_refused(objective: Any) -> None:
-    with pytest.raises(ValueError, match="slots for 5 candidates, this site has 6: make it with slots=6"):
-        Scenario(objective(), 5)
-
-
-def test_slots_without_a_candidate_are_of_no_use_and_on_a_mount_of_their_own(objective: Any) -> None:
     scenario = Scenario(objective(), 8)
     assert scenario.usable.tolist() == [True] * 6 + [False] * 2
     assert scenario.mount.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
     assert (scenario.mounts, scenario.width) == (4, 6)
     assert scenario.mark_failed([1]).tolist() == [slot == 1 for slot in range(8)]
-
-
-def test_what_is_seen_is_kept_as_bits(objective: Any) -> None:
     scenario = Scenario(objective(), 6)
     bits = np.unpackbits(np.ascontiguousarray(scenario.seen.T).view(np.uint8), axis=1)
     assert bits.shape == (6, PLACES)
     assert np.array_equal(bits[:, : scenario.places], places_seen(scenario.objective))
     assert not bits[:, scenario.places :].any()
+    scored = objective()
+    assert find_area(scored).tolist() == [-20, -20, 20, 20]
+    without = Objective(
+        Setting(candidates=scored.candidates, fidelity=scored.scored_by, weights=Weights()),
+        visibility=scored.visibility,
+    )
+    assert find_area(without).tolist() == [-11, 11, 11, 13]
+
+
+def test_a_site_with_more_candidates_than_slots_is_refused(objective: Any) -> None:
+    with pytest.raises(ValueError, match="slots for 5 candidates, this site has 6: make it with slots=6"):
+        Scenario(objective(), 5)
 
 
 def test_without_traffic_spots_in_the_field_of_view_are_seen() -> None:
@@ -75,18 +73,18 @@ def test_without_traffic_spots_in_the_field_of_view_are_seen() -> None:
     assert not lidar.any()
 
 
-def test_without_a_site_the_area_is_that_of_the_mounts(objective: Any) -> None:
-    scored = objective()
-    assert find_area(scored).tolist() == [-20, -20, 20, 20]
-    without = Objective(
-        Setting(candidates=scored.candidates, fidelity=scored.scored_by, weights=Weights()),
-        visibility=scored.visibility,
-    )
-    assert find_area(without).tolist() == [-11, 11, 11, 13]
-
-
-def test_rows_are_padded() -> None:
+def test_rows_are_padded_and_what_is_drawn_is_observed():
     assert pad(np.array([1, 2]), 4, fill=9).tolist() == [1, 2, 9, 9]
+    env: Any = gym.make("coview/SensorSelect-v0", fidelity="table", budget=(2, 4), failures=(0, 2)).unwrapped
+    slots, allowed = env.task.state.slots, len(STATIC) + DYNAMIC.index("allowed")
+    env.reset(seed=1)
+    for _ in range(20):
+        observation, _ = env.reset()
+        budget = env.task.state.budget[0]
+        assert observation[len(observation) - len(GLOBAL) + 1] == pytest.approx(budget / (budget + 8))
+        assert np.array_equal(
+            observation[allowed * slots : (allowed + 1) * slots], (~env.task.state.failed[0]).astype(np.float32)
+        )
 
 
 OPEN: dict[str, Any] = {
@@ -119,7 +117,7 @@ def test_a_vector_draws_what_scalars_draw(name: str, given: dict[str, Any]) -> N
         assert np.array_equal(one[4]["action_mask"], other[4]["action_mask"])
 
 
-def test_everything_that_is_open_is_drawn_and_nothing_else() -> None:
+def test_everything_that_is_open_is_drawn_and_nothing_else():
     env: Any = gym.make(CASES[0][0], **CASES[0][1]).unwrapped
     seen: dict[str, set[Any]] = {"site": set(), "budget": set(), "scheme": set(), "failed": set()}
     env.reset(seed=0)
@@ -133,19 +131,11 @@ def test_everything_that_is_open_is_drawn_and_nothing_else() -> None:
         assert not (env.action_masks()[:-1] & state.failed[0]).any()
         assert not state.failed[0, len(objective.candidates) :].any()
     assert {key: len(values) for key, values in seen.items()} == {"site": 2, "budget": 3, "scheme": 2, "failed": 3}
-
-
-def test_what_is_drawn_is_observed() -> None:
-    env: Any = gym.make("coview/SensorSelect-v0", fidelity="table", budget=(2, 4), failures=(0, 2)).unwrapped
-    slots, allowed = env.task.state.slots, len(STATIC) + DYNAMIC.index("allowed")
-    env.reset(seed=1)
-    for _ in range(20):
-        observation, _ = env.reset()
-        budget = env.task.state.budget[0]
-        assert observation[len(observation) - len(GLOBAL) + 1] == pytest.approx(budget / (budget + 8))
-        assert np.array_equal(
-            observation[allowed * slots : (allowed + 1) * slots], (~env.task.state.failed[0]).astype(np.float32)
-        )
+    env = gym.make("coview/SensorSelect-v0", fidelity="table")
+    env.reset(seed=5)
+    before = env.unwrapped.np_random.bit_generator.state
+    env.reset()
+    assert env.unwrapped.np_random.bit_generator.state == before
 
 
 def test_a_seed_settles_every_draw_and_options_go_before() -> None:
@@ -162,14 +152,6 @@ def test_a_seed_settles_every_draw_and_options_go_before() -> None:
     assert len({each.tobytes() for each in run()}) > 4
     with pytest.raises(ValueError, match="budget of an episode must be a whole number"):
         env.reset(options={"budget": (1, 2)})
-
-
-def test_where_nothing_is_open_nothing_is_drawn() -> None:
-    env = gym.make("coview/SensorSelect-v0", fidelity="table")
-    env.reset(seed=5)
-    before = env.unwrapped.np_random.bit_generator.state
-    env.reset()
-    assert env.unwrapped.np_random.bit_generator.state == before
 
 
 @pytest.mark.parametrize(("name", "given"), CASES[:3])

@@ -15,13 +15,9 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.envs.registration import register
-from placement_env.setting import Weights
 from toolkit.sites.files import load_site, save_site
-from toolkit.sites.site import Site
 
 register()
-SITE = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))
-BOTH = Weights(0.0001, 0.01)
 CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
 
 
@@ -58,14 +54,11 @@ def sample(env: Any, mask: np.ndarray, rng: np.random.Generator) -> Any:
     return np.array([rng.choice(np.flatnonzero(part)) for part in parts])
 
 
-def test_the_last_action_stops(objective: Any) -> None:
+def test_the_last_action_stops_and_illegal_ones_change_nothing(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective())
     env.reset()
     _, reward, terminated, truncated, info = env.step(6)
     assert (reward, terminated, truncated, info["illegal"]) == (0.0, True, False, False)
-
-
-def test_an_illegal_action_changes_nothing_and_uses_up_a_step(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective(), budget=2)
     env.reset(options={"failed": [4]})
     _, _, _, _, info = env.step(0)
@@ -74,16 +67,10 @@ def test_an_illegal_action_changes_nothing_and_uses_up_a_step(objective: Any) ->
         _, reward, terminated, truncated, after = env.step(action)
         assert (reward, terminated, truncated, after["illegal"]) == (0.0, False, step == 2, True)
         assert after["subset"].tolist() == info["subset"].tolist()
-
-
-def test_links_and_capacity_mask_candidates(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective(capacity=1.0))
     _, info = env.reset()
     assert info["action_mask"].tolist() == [0, 0, 0, 0, 0, 0, 1]
     assert env.step(2)[2]
-
-
-def test_factored_actions_that_no_candidate_has_are_illegal(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective(), actions="factored")
     env.reset()
     masks = env.unwrapped.action_masks()  # type: ignore[attr-defined]

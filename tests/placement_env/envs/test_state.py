@@ -14,7 +14,7 @@ from placement_env.envs.state import State, coverage_gain, on_free_mounts
 FOLDER = Path(placement_env.__file__).parent
 
 
-def test_coverage_gain_counts_bits() -> None:
+def test_gains_free_candidates_and_episodes_of_a_state():
     rng = np.random.default_rng(0)
     bits = rng.random((7, 128)) < 0.3  # slots, places
     seen = np.ascontiguousarray(np.packbits(bits, axis=1).view(np.uint64).T)
@@ -24,9 +24,6 @@ def test_coverage_gain_counts_bits() -> None:
         covered = bits[chosen[row]].any(axis=0)
         assert together[row] == covered.sum()
         assert added[row].tolist() == [(bits[slot] & ~covered).sum() for slot in range(7)]
-
-
-def test_candidates_are_free_on_mounts_without_a_chosen_one() -> None:
     mount = np.array([0, 0, 1, 2, 2, 3])
     chosen = np.array([[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 1, 0]], np.bool_)
     free = on_free_mounts(mount, 4, chosen)
@@ -35,9 +32,6 @@ def test_candidates_are_free_on_mounts_without_a_chosen_one() -> None:
         [0, 0, 1, 1, 1, 1],
         [1, 1, 0, 0, 0, 1],
     ]
-
-
-def test_it_is_ready_when_every_row_has_an_episode() -> None:
     assert not State(2, 3).ready
     with pytest.raises(ValueError, match="num_envs must be a whole number of at least 1, got 0"):
         State(0, 3)

@@ -78,7 +78,7 @@ def same(left: Any, right: Any) -> None:
         assert np.array_equal(left, right)
 
 
-def test_some_may_be_reset() -> None:
+def test_some_may_be_reset_by_seeds_and_drawn():
     vector = gym.make_vec("coview/SensorSelect-v0", num_envs=3, objective=objective())
     vector.reset(seed=0)
     vector.step(np.array([0, 1, 2]))
@@ -86,9 +86,6 @@ def test_some_may_be_reset() -> None:
     _, info = vector.reset(options={"reset_mask": only})
     assert info["subset"].sum(axis=1).tolist() == [1, 0, 1]
     assert info["_subset"].tolist() == only.tolist()
-
-
-def test_seeds_and_pictures() -> None:
     vector = gym.make_vec("coview/SensorSelect-v0", num_envs=2, objective=objective(), render_mode="ansi")
     with pytest.raises(ValueError, match="a seed for each"):
         vector.reset(seed=[1, 2, 3])

@@ -41,8 +41,12 @@ def test_what_one_sensor_sends(scheme, kbit):
     assert estimate.kbit[2] == pytest.approx(2 * kbit / 1000)
 
 
-def test_it_is_a_fidelity():
+def test_coverage_of_nothing_in_whole_bits():
     assert isinstance(Coverage(SEEN), Fidelity)
+    estimate = Coverage(visibility(np.zeros((3, 0))))(SETS)
+    assert not estimate.ap.any()
+    bits = estimate_bits(Early(), PAPER, visibility(np.ones((3, 4)), sent=1.3), np.zeros(3))
+    np.testing.assert_array_equal(bits, np.rint(bits))
 
 
 @pytest.mark.parametrize("arguments", [{"least": 0.0}, {"views": 0}])
@@ -57,11 +61,6 @@ def test_refuses_what_are_no_sets(sets):
         Coverage(SEEN)(sets)
 
 
-def test_nothing_to_cover_is_covered_by_nothing():
-    estimate = Coverage(visibility(np.zeros((3, 0))))(SETS)
-    assert not estimate.ap.any()
-
-
 @given(st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
 def test_one_view_is_monotone_and_submodular(seed):
@@ -74,8 +73,3 @@ def test_one_view_is_monotone_and_submodular(seed):
     assert before <= after
     assert before <= wide
     assert after - before >= wider - wide - 1e-12
-
-
-def test_bits_are_whole_numbers():
-    bits = estimate_bits(Early(), PAPER, visibility(np.ones((3, 4)), sent=1.3), np.zeros(3))
-    np.testing.assert_array_equal(bits, np.rint(bits))

@@ -40,11 +40,6 @@ def cars(x):
     return np.column_stack([x, 0 * x, 0.75 * one, 4 * one, 2 * one, 1.5 * one, 0 * x])
 
 
-def depth(sensor, seed):
-    farthest = 0 if sensor.name.startswith("s3") else 40
-    return np.random.default_rng(seed).uniform(0, farthest, sensor.model.shape).astype(np.float32)
-
-
 class Recording:
     """Cars near the first places; every camera has depths of its own in each frame; s3 sees the sky alone."""
 
@@ -220,13 +215,10 @@ def test_hits_give_the_ap_again_and_name_objects():
     assert set(first.truth[0]) <= {FALSE_ALARM, -2, *range(len(boxes))}
 
 
-def test_it_travels_and_gives_the_same(tmp_path):
+def test_what_travels_or_finds_nothing(tmp_path):
     detected = Detected(Seen(Recording()), Guess(), "hybrid", memo=tmp_path / "memo")
     before = detected(SETS[[0, 5]])
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(detected))(SETS[[0, 5]]), before)
-
-
-def test_without_anything_to_find_ap_is_undefined():
     recording = Recording()
     recording.site = Site("elsewhere", AREA + 1000)
     assert np.isnan(Detected(Seen(recording), Guess(), "early")(SETS).ap).all()

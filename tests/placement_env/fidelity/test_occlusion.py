@@ -31,7 +31,7 @@ def rendered(small_traffic):
     return found
 
 
-def test_points_are_those_the_renderer_hits(small_traffic, seen, rendered):
+def test_points_are_those_rendered_and_in_boxes(small_traffic, seen, rendered):
     for k, snapshot in enumerate(small_traffic.snapshots):
         rows = np.flatnonzero(scored(snapshot.objects, small_traffic.site))
         expected = [[(hits == row).sum() for row in rows] for _, hits in rendered[k]]
@@ -40,16 +40,13 @@ def test_points_are_those_the_renderer_hits(small_traffic, seen, rendered):
         assert np.array_equal(seen.boxes[seen.frame == k], snapshot.objects.boxes[rows])
     assert (seen.points > 0).any(axis=1).all()
     assert seen.points.max() > 50
-
-
-def test_points_are_those_on_objects_counted_in_the_boxes(seen, rendered):
     for k in range(seen.frames):
         found, boxes = seen.points[:, seen.frame == k], seen.boxes[seen.frame == k]
         on_objects = np.array([count_points(points[hits >= 0], boxes) for points, hits in rendered[k]])
         assert (np.abs(on_objects - found) <= 0.02 * found + 8).all()  # rounding on the faces of a box
 
 
-def test_sent_is_the_mean_over_noise(small_traffic, small_candidates, seen):
+def test_sent_is_counted_or_the_mean_over_noise(small_traffic, small_candidates, seen):
     renders = [Renders(small_traffic, small_candidates, noise_seed=seed) for seed in range(4)]
     radius = small_traffic.site.hybrid_radius
 
@@ -60,9 +57,6 @@ def test_sent_is_the_mean_over_noise(small_traffic, small_candidates, seen):
     for measured, expected in ((Renders.clouds, seen.sent), (far, seen.far)):
         sent = [[[len(measured(r, k, c)) for k in range(5)] for c in range(4)] for r in renders]
         assert np.abs(np.mean(sent, axis=0) - expected).max() < 12 + 0.02 * expected.max()
-
-
-def test_without_noise_sent_is_counted(small_traffic, small_candidates):
     exact = tuple(Sensor(s.name, replace(s.model, sigma=0.0), s.pose) for s in small_candidates.sensors)
     found = see(small_traffic, replace(small_candidates, sensors=exact))
     renderer = Renderer(small_traffic.site, small_traffic.bodies, exact)

@@ -54,11 +54,18 @@ def test_a_cloud_is_the_same_in_any_order_and_company(renders, small_traffic, sm
     assert not np.array_equal(other.clouds(1, 2)[:50], renders.clouds(1, 2)[:50])
 
 
-def test_noise_differs_between_frames_and_sensors(small_traffic, small_candidates):
+def test_clouds_differ_by_frame_and_sensor_and_clocks_need_close_frames(small_traffic, small_candidates):
     still = small_traffic.snapshots[2]
     twice = type(small_traffic)(small_traffic.site, small_traffic.bodies, (still, still))
     found = Renders(twice, small_candidates)
     assert not np.array_equal(found.clouds(0, 0)[:50], found.clouds(1, 0)[:50])
+    late = ErrorProfile("late", (ClockOffset(0.1),))
+    with pytest.raises(ValueError, match=r"at most 0\.5 s apart, got 5 s"):
+        Renders(small_traffic, small_candidates, errors=late).clouds(0, 0)
+    dense = [replace(each, time=each.time / 50) for each in small_traffic.snapshots]
+    quick = replace(small_traffic, snapshots=tuple(dense))
+    said = Renders(quick, small_candidates, errors=late).clouds(1, 0)
+    assert len(said) > 100
 
 
 def test_far_points_and_objects(renders, small_traffic):
@@ -124,7 +131,7 @@ def recording(tmp_path_factory, small_traffic):
         yield dataset
 
 
-def test_a_recording_gives_the_points_of_an_evaluation(recording):
+def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording):
     renders = Renders.of(recording)
     for k in (1, 0):
         expected = frame_points(noisy(recording[k], 0), area=recording.site)
@@ -132,9 +139,6 @@ def test_a_recording_gives_the_points_of_an_evaluation(recording):
         assert np.array_equal(renders.objects(k).boxes, recording[k].objects.boxes)
     assert len(renders.digest) == 64
     assert renders.digest != Renders.of(recording, 1).digest
-
-
-def test_visibility_of_a_recording(recording):
     seen, renders = Visibility.of(recording), Renders.of(recording)
     assert seen.sent.tolist() == [[len(renders.clouds(k, c)) for k in range(2)] for c in range(2)]
     far = [
@@ -146,6 +150,12 @@ def test_visibility_of_a_recording(recording):
     boxes = seen.boxes[seen.frame == 1]
     assert seen.points[:, seen.frame == 1].tolist() == [count_points(cloud, boxes).tolist() for cloud in clouds]
     assert Visibility.of(recording, 1).frames == 1
+    rough = Renders.of(recording, errors=TYPICAL)
+    for k in (1, 0):
+        expected = frame_points(with_errors(recording[k], TYPICAL, 0), area=recording.site)
+        assert all(np.array_equal(rough.clouds(k, c), cloud) for c, cloud in enumerate(expected))
+    assert len({Renders.of(recording, errors=each).digest for each in (PAPER_ERRORS, TYPICAL, POOR)}) == 3
+    assert Renders.of(recording).digest == Renders.of(recording, errors=PAPER_ERRORS).digest
 
 
 NONE = ErrorProfile("none", ())
@@ -194,25 +204,6 @@ def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp
     monkeypatch.setattr(Renders, "_render", None)
     kept = Renders(small_traffic, small_candidates, cache, errors=POOR)
     assert np.array_equal(kept.clouds(0, 0), Renders(small_traffic, small_candidates, cache, errors=POOR).clouds(0, 0))
-
-
-def test_a_recording_with_errors_gives_the_points_of_an_evaluation(recording):
-    rough = Renders.of(recording, errors=TYPICAL)
-    for k in (1, 0):
-        expected = frame_points(with_errors(recording[k], TYPICAL, 0), area=recording.site)
-        assert all(np.array_equal(rough.clouds(k, c), cloud) for c, cloud in enumerate(expected))
-    assert len({Renders.of(recording, errors=each).digest for each in (PAPER_ERRORS, TYPICAL, POOR)}) == 3
-    assert Renders.of(recording).digest == Renders.of(recording, errors=PAPER_ERRORS).digest
-
-
-def test_clocks_need_frames_that_lie_close(small_traffic, small_candidates):
-    late = ErrorProfile("late", (ClockOffset(0.1),))
-    with pytest.raises(ValueError, match=r"at most 0\.5 s apart, got 5 s"):
-        Renders(small_traffic, small_candidates, errors=late).clouds(0, 0)
-    dense = [replace(each, time=each.time / 50) for each in small_traffic.snapshots]
-    quick = replace(small_traffic, snapshots=tuple(dense))
-    said = Renders(quick, small_candidates, errors=late).clouds(1, 0)
-    assert len(said) > 100
 
 
 @pytest.mark.parametrize("errors", [PAPER_ERRORS, TYPICAL], ids=["paper", "typical"])

@@ -52,7 +52,7 @@ def test_expected_ap_is_that_of_many_draws():
     assert ap[0] <= average_precision(exact) + 1e-9
 
 
-def test_late_fusion_goes_by_the_best_view_and_early_by_all(made_visibility, hit_models):
+def test_late_early_and_hybrid_go_by_their_views(made_visibility, hit_models):
     points = np.array([[40, 40], [40, 0]], np.float32)
     seen = replace(made_visibility(2, 2), points=points, distance=np.full((2, 2), 20, np.float32))
     one, both = np.array([[True, False]]), np.array([[True, True]])
@@ -61,10 +61,7 @@ def test_late_fusion_goes_by_the_best_view_and_early_by_all(made_visibility, hit
         for s in SCHEMES
     }
     assert gain["early"] > 3 * gain["late"] > 0
-
-
-def test_hybrid_fusion_sums_the_points_beyond_its_radius(made_visibility, hit_models):
-    """Two sensors with 40 points each on four vehicles, one of them 16 m off: within 20 m, beyond 12 m."""
+    # Two sensors with 40 points each on four vehicles, one of them 16 m off: within 20 m, beyond 12 m.
     seen = replace(
         made_visibility(2, 4), points=np.full((2, 4), 40, np.float32), distance=np.full((2, 4), 16, np.float32)
     )

@@ -102,7 +102,7 @@ def test_a_table_holds_what_detection_gives_and_says_where_from(made):
     assert same(load_table(path), table)
 
 
-def test_broken_off_it_goes_on_and_gives_the_same_bytes(made, tmp_path):
+def test_tables_in_parts_and_processes_have_the_same_bytes(made, tmp_path):
     table, path, _, all_calls = made
     first, second = Guess(fails=all_calls - 8), Guess()
     with pytest.raises(KeyboardInterrupt):
@@ -111,9 +111,6 @@ def test_broken_off_it_goes_on_and_gives_the_same_bytes(made, tmp_path):
     assert same(make_table(Street(), second, tmp_path / "t.npz", seed=4, commit="abc"), table)
     assert second.calls < all_calls / 2
     assert (tmp_path / "t.npz").read_bytes() == path.read_bytes()
-
-
-def test_processes_give_the_same_bytes(made, tmp_path):
     _, path, _, _ = made
     make_table(Street(), Guess(), tmp_path / "t.npz", seed=4, commit="abc", processes=Processes(workers=2))
     assert (tmp_path / "t.npz").read_bytes() == path.read_bytes()
@@ -131,19 +128,10 @@ def test_lookups_are_those_of_detection_in_any_order(made, scheme, iou):
     assert [float(each[0]) for each in fidelity(np.zeros((1, 3), bool))] == [0, 0, 0]
 
 
-def test_rows_are_bit_masks():
+def test_rows_are_bit_masks_and_best_sets_the_best_of_their_size():
     table = some_table(4)
     np.testing.assert_array_equal(table.row(table.subsets), np.arange(16))
     assert table.row(np.array([[False, True, False, True]])).tolist() == [0b1010]
-
-
-def some_table(sensors):
-    ap = np.random.default_rng(0).random((1 << sensors, 3, 3))
-    names = tuple(f"d{c}" for c in range(sensors))
-    return Table(Origin("x", names, "", 1, 1, "", "", 0, ""), ap, ap, ap[:, :, 0].copy())
-
-
-def test_best_sets_are_the_best_of_their_size():
     table = some_table(4)
     best = best_sets(table, "late", 0.8, top=2)
     assert list(best) == [4, 3, 2, 1]
@@ -153,6 +141,12 @@ def test_best_sets_are_the_best_of_their_size():
         assert [each.ap for each in sets] == sorted(table.ap[rows, 1, 1], reverse=True)[:2]
         for each in sets:
             assert table.ap[sum(1 << c for c in each.sensors), 1, 1] == each.ap
+
+
+def some_table(sensors):
+    ap = np.random.default_rng(0).random((1 << sensors, 3, 3))
+    names = tuple(f"d{c}" for c in range(sensors))
+    return Table(Origin("x", names, "", 1, 1, "", "", 0, ""), ap, ap, ap[:, :, 0].copy())
 
 
 def test_bad_requests_are_refused(tmp_path):
@@ -200,7 +194,7 @@ def test_shipped_tables_are_whole_and_small(path):
     assert path.stat().st_size < 80_000
 
 
-def test_a_table_is_of_the_radius_it_was_made_with(tmp_path):
+def test_a_table_knows_its_radius_and_errors(tmp_path):
     """Its origin says so; the shipped ones, from before, have the paper's."""
     assert [load_table(name).origin.hybrid_radius for name in ("tjunction", "roundabout")] == [20.0, 12.0]
     site = load_site("roundabout")
@@ -209,9 +203,6 @@ def test_a_table_is_of_the_radius_it_was_made_with(tmp_path):
     far = replace(some_table(3), origin=replace(some_table(3).origin, hybrid_radius=5.0))
     save_table(far, tmp_path / "t.npz")
     assert load_table(tmp_path / "t.npz").origin.hybrid_radius == 5.0
-
-
-def test_a_table_says_by_which_errors_it_was_measured(tmp_path):
     assert make_table(Street(), Guess(), tmp_path / "a.npz").origin.errors == "paper"
     rough = Street()
     vars(rough)["errors"] = TYPICAL

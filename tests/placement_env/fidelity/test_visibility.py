@@ -116,12 +116,9 @@ def test_saved_and_loaded(seen, tmp_path):
         Visibility.load(tmp_path / "other.npz")
 
 
-def test_distance_is_the_horizontal_one_to_the_centre(seen, small_candidates):
+def test_distances_are_horizontal_and_nobody_sees_nothing(seen, small_candidates, small_traffic):
     offset = seen.boxes[3, :2] - small_candidates.sensors[1].position[:2]
     assert seen.distance[1, 3] == pytest.approx(np.linalg.norm(offset), rel=1e-6)
-
-
-def test_nobody_sees_nothing(small_traffic, small_candidates):
     with pytest.raises(ValueError, match="there must be a candidate"):
         see(small_traffic, small_candidates.select([]))
 
@@ -132,7 +129,7 @@ def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, mo
     assert equal(see(small_traffic, small_candidates, run=Run(workers=2)), seen)
 
 
-def test_panoramas_are_taken_where_poses_share_places(small_traffic, small_candidates):
+def test_panoramas_are_taken_where_poses_share_places_in_range(small_traffic, small_candidates):
     few = small_candidates.select([0])
     at = (-22.0, -16.0, 6.0)
     sensors = tuple(Sensor(str(k), few.sensors[0].model, look(at, 0.4 + 0.2 * k, 0.3)) for k in range(4))
@@ -145,9 +142,6 @@ def test_panoramas_are_taken_where_poses_share_places(small_traffic, small_candi
     alone = shared.select([2])
     assert equal(see(small_traffic, alone), see(small_traffic, alone, rendering="full"))
     assert equal(see(small_traffic, alone, rendering="panorama"), quick.select([2]))
-
-
-def test_a_range_that_ends_within_the_site_is_rendered_in_full(small_traffic, small_candidates):
     lidar = small_candidates.sensors[3]
     short = replace(small_candidates.select([3]), sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),))
     full, other = (see(small_traffic, short, rendering=each) for each in ("full", "panorama"))

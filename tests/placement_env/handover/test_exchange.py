@@ -53,7 +53,7 @@ def ground() -> Ground:
     return Ground(middles, middles, seen & open_ground, seen.astype(np.float32), open_ground, none, none)
 
 
-def test_the_schedule_line_by_line():
+def test_schedules_line_by_line_as_rfc_4180_has_it():
     assert schedule_csv([NORTH, SOUTH], "EUR") == (
         "pole,sensor,x_m,y_m,z_m,longitude,latitude,height_m,bearing_deg,tilt_deg,model,model_price,pole_price,"
         "price_unit,kbit_per_frame,peak_kbit_per_frame,link_kbit_per_frame\r\n"
@@ -62,6 +62,10 @@ def test_the_schedule_line_by_line():
     )
     assert schedule_csv([]) == ",".join(COLUMNS) + "\r\n"
     assert ",ordinary poles," in schedule_csv([NORTH])
+    (row,) = csv.DictReader(io.StringIO(schedule_csv([replace(NORTH, pole='Straße "5",\nEcke')]), newline=""))
+    assert row["pole"] == 'Straße "5",\nEcke'
+    assert '"Straße ""5"",\nEcke",n,' in schedule_csv([replace(NORTH, pole='Straße "5",\nEcke')])
+    assert float(row["y_m"]) == 9.0
 
 
 @pytest.mark.parametrize("name", ["=cmd()", "+1", "-1+cmd", "@SUM(A1)", "\t=1", "\r=1", "\n=1"])
@@ -71,13 +75,6 @@ def test_no_text_is_a_formula(name):
     assert [row[column] for column in ("pole", "sensor", "model", "price_unit")] == [f"'{name}"] * 4
 
 
-def test_texts_are_quoted_as_rfc_4180_has_it():
-    (row,) = csv.DictReader(io.StringIO(schedule_csv([replace(NORTH, pole='Straße "5",\nEcke')]), newline=""))
-    assert row["pole"] == 'Straße "5",\nEcke'
-    assert '"Straße ""5"",\nEcke",n,' in schedule_csv([replace(NORTH, pole='Straße "5",\nEcke')])
-    assert float(row["y_m"]) == 9.0
-
-
 def layers(text: str) -> dict[str, list[dict]]:
     found: dict[str, list[dict]] = {}
     for each in json.loads(text)["features"]:
@@ -85,7 +82,7 @@ def layers(text: str) -> dict[str, list[dict]]:
     return found
 
 
-def test_the_map_has_sensors_visible_ground_blind_spots_and_unused_poles(ground):
+def test_maps_have_all_layers_or_metres_and_a_note(ground):
     found = layers(plan_geojson(SITE, [NORTH, SOUTH], ground, unused=[FREE]))
     assert {layer: len(features) for layer, features in found.items()} == {
         "area": 1, "sensor": 2, "visible": 2, "blind": 1, "mount": 1,
@@ -105,9 +102,6 @@ def test_the_map_has_sensors_visible_ground_blind_spots_and_unused_poles(ground)
     assert [west, south, east, north] == pytest.approx([3.0, 4.0, 13.0, 14.0], abs=0.02)
     (house,) = [ring for part in shape(found["visible"][0]["geometry"]).geoms for ring in part.interiors]
     assert not shapely.LinearRing(house).is_ccw
-
-
-def test_metres_and_a_note_where_the_site_is_nowhere_on_earth(ground):
     text = plan_geojson(replace(SITE, geo_reference=None), [NORTH, SOUTH], ground)
     assert json.loads(text)["coview_site"] == 1
     assert "metres of the site frame" in json.loads(text)["note"]
@@ -124,7 +118,7 @@ def test_unused_poles_come_back_as_poles(geo_reference, ground, tmp_path):
     assert mount.position == pytest.approx([6.0, 6.0, 0.0], abs=2e-3)
 
 
-def test_three_files_always_the_same(ground, tmp_path):
+def test_three_files_always_the_same_of_one_set(ground, tmp_path):
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         write_exchange(tmp_path / folder, SITE, [NORTH, SOUTH], ground, unused=[FREE], currency="EUR")
@@ -133,13 +127,10 @@ def test_three_files_always_the_same(ground, tmp_path):
     assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in files)
     assert load_site(tmp_path / "a" / "site.json") == SITE
     assert (tmp_path / "a" / "schedule.csv").read_bytes() == schedule_csv([NORTH, SOUTH], "EUR").encode()
-
-
-def test_what_is_not_of_one_set_is_refused(ground, tmp_path):
     with pytest.raises(ValueError, match=r"got \['n', 's'\] at the site, \['s', 'n'\] planned and 2 layers"):
-        write_exchange(tmp_path, SITE, [SOUTH, NORTH], ground)
+        write_exchange(tmp_path / "c", SITE, [SOUTH, NORTH], ground)
     with pytest.raises(ValueError, match="and 1 layers"):
         write_exchange(
-            tmp_path, SITE, [NORTH, SOUTH], replace(ground, seen=ground.seen[:1], density=ground.density[:1])
+            tmp_path / "c", SITE, [NORTH, SOUTH], replace(ground, seen=ground.seen[:1], density=ground.density[:1])
         )
-    assert list(tmp_path.iterdir()) == []
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "b"}

@@ -38,7 +38,7 @@ def field(**settings) -> Site:
     return Site("field", AREA, **settings)
 
 
-def test_the_grid_covers_the_area():
+def test_the_grid_covers_the_area_of_which_nothing_is_seen_without_sensors():
     ground = visible_ground(field(), [], cell=0.5)
     assert ground.cell == 0.5
     assert (ground.x[0], ground.x[-1], len(ground.x)) == (-11.75, 11.75, 48)
@@ -47,15 +47,6 @@ def test_the_grid_covers_the_area():
     assert uneven.cell == pytest.approx(0.7)
     assert (uneven.x[0] + uneven.x[-1], uneven.y[0] + uneven.y[-1]) == pytest.approx((0, 0))
     assert (len(uneven.x), len(uneven.y)) == (34, 23)
-
-
-@pytest.mark.parametrize("cell", [0.0, -1.0, np.nan, np.inf, 11.0, 1e-5])
-def test_a_cell_must_fit(cell):
-    with pytest.raises(ValueError, match="cell"):
-        visible_ground(field(), [], cell=cell)
-
-
-def test_without_sensors_nothing_is_seen():
     ground = visible_ground(field(), [])
     assert ground.seen.shape == ground.density.shape == (0, 32, 48)
     assert ground.open_ground.all()
@@ -63,6 +54,12 @@ def test_without_sensors_nothing_is_seen():
     assert ground.views.tolist() == np.zeros((32, 48)).tolist()
     assert visible_polygons(ground) == []
     assert [part.area for part in blind_polygons(ground)] == [24 * 16]
+
+
+@pytest.mark.parametrize("cell", [0.0, -1.0, np.nan, np.inf, 11.0, 1e-5])
+def test_a_cell_must_fit(cell):
+    with pytest.raises(ValueError, match="cell"):
+        visible_ground(field(), [], cell=cell)
 
 
 def test_a_wall_casts_the_shadow_that_geometry_says():
@@ -130,7 +127,7 @@ def test_points_on_walls_and_roofs_are_not_on_the_ground():
     assert not ground.density[0][behind & (x < 9)].any()
 
 
-def test_crowns_of_trees_hide_ground_but_do_not_stand_on_it():
+def test_trees_and_ponds_are_no_ground():
     crown = Solid(rectangle(-1.0, -2, 3, 2), 2.0, 4.0, "tree")
     roof = Solid(rectangle(5.0, -7, 9, -4), 2.3, 2.5, "shelter")
     bush = Solid(rectangle(5.0, 4, 9, 7), 0.5, 2.5, "tree")
@@ -139,15 +136,26 @@ def test_crowns_of_trees_hide_ground_but_do_not_stand_on_it():
     assert np.array_equal(ground.open_ground, ~((x > 5) & (x < 9) & (y > 4) & (y < 7)))
     behind = (x > 4) & (np.abs(y) < 1.5)
     assert 0.2 < 1 - ground.seen[0][behind].mean() < 1
-
-
-def test_a_pond_is_no_ground():
     pond = Solid(rectangle(2.0, 1, 6, 5), -1.5, -0.05, "pond")
     ground = visible_ground(field(solids=(pond,)), [HIGH])
     x, y = middles(ground)
     assert np.array_equal(ground.open_ground, ~((x > 2) & (x < 6) & (y > 1) & (y < 5)))
     assert not ground.seen[0][~ground.open_ground].any()
     assert not ground.density[0][~ground.open_ground].any()
+    relief = Relief(0.3, 2)
+    slab = Solid(rectangle(-8.0, -6, 8, 6), -1.0, 0.1, "island")
+    site = field(relief=relief, solids=(slab,))
+    ground = visible_ground(site, [])
+    x, y = middles(ground)
+    height = site.ground(np.stack([x, y], axis=-1))
+    on_slab = (np.abs(x) < 8) & (np.abs(y) < 6)
+    assert np.array_equal(ground.open_ground, ~(on_slab & (height + TARGET_HEIGHT <= 0.1)))
+    assert 0.1 < ground.open_ground[on_slab].mean() < 0.9
+    lanes = (rectangle(-12.0, -2, 1, 2), rectangle(-1.0, -2, 12, 2))
+    ground = visible_ground(field(lanes=lanes, footways=(rectangle(-12.0, 2, 12, 4),)), [])
+    _, y = middles(ground)
+    assert np.array_equal(ground.lanes, np.abs(y) < 2)
+    assert np.array_equal(ground.footways, (y > 2) & (y < 4))
 
 
 @pytest.mark.parametrize("seed", [1, 5])
@@ -160,26 +168,6 @@ def test_relief_shifts_targets_and_points_with_it(seed):
     assert ground.density.sum() == pytest.approx(level.density.sum(), rel=0.05)
 
 
-def test_a_low_solid_on_high_ground_lies_below_it():
-    relief = Relief(0.3, 2)
-    slab = Solid(rectangle(-8.0, -6, 8, 6), -1.0, 0.1, "island")
-    site = field(relief=relief, solids=(slab,))
-    ground = visible_ground(site, [])
-    x, y = middles(ground)
-    height = site.ground(np.stack([x, y], axis=-1))
-    on_slab = (np.abs(x) < 8) & (np.abs(y) < 6)
-    assert np.array_equal(ground.open_ground, ~(on_slab & (height + TARGET_HEIGHT <= 0.1)))
-    assert 0.1 < ground.open_ground[on_slab].mean() < 0.9
-
-
-def test_lanes_and_footways_are_marked():
-    lanes = (rectangle(-12.0, -2, 1, 2), rectangle(-1.0, -2, 12, 2))
-    ground = visible_ground(field(lanes=lanes, footways=(rectangle(-12.0, 2, 12, 4),)), [])
-    _, y = middles(ground)
-    assert np.array_equal(ground.lanes, np.abs(y) < 2)
-    assert np.array_equal(ground.footways, (y > 2) & (y < 4))
-
-
 GRID = np.arange(4) + 0.5
 VIEWS = np.array([[[1, 1, 1, 0], [1, 1, 0, 0], [1, 1, 0, 0]], [[1, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0]]], bool)
 OPEN = np.array([[1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 1]], bool)
@@ -187,7 +175,7 @@ LANES = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [0, 0, 0, 0]], bool)
 SMALL = Ground(GRID, GRID[:3], VIEWS, VIEWS.astype(np.float32), OPEN, LANES, ~LANES)
 
 
-def test_the_shares_are_those_of_open_ground():
+def test_shares_and_polygons_are_those_of_open_ground():
     shares = ground_shares(SMALL, ["a", "b"])
     assert shares == GroundShares(
         (6 / 11, 3 / 11, 0.0), 5 / 11, 1 / 4, {"a": 6.0, "b": 3.0}, open_m2=11.0, blind_m2=5.0
@@ -195,20 +183,8 @@ def test_the_shares_are_those_of_open_ground():
     third = replace(SMALL, seen=VIEWS[[0, 1, 1]], density=SMALL.density[[0, 1, 1]])
     assert ground_shares(third, ["a", "b", "c"]).seen_by == (6 / 11, 3 / 11, 3 / 11)
     assert ground_shares(replace(SMALL, lanes=LANES & False), ["a", "b"]).blind_lanes == 0.0
-
-
-@pytest.mark.parametrize("names", [[], ["a"], ["a", "a"], ["a", "b", "c"]])
-def test_every_sensor_needs_a_name(names):
-    with pytest.raises(ValueError, match="a name of its own"):
-        ground_shares(SMALL, names)
-
-
-def test_an_area_without_open_ground_has_no_shares():
     with pytest.raises(ValueError, match="no open ground"):
         ground_shares(replace(SMALL, open_ground=OPEN & False), ["a", "b"])
-
-
-def test_polygons_cover_the_cells():
     one, other = visible_polygons(SMALL)
     assert sum(part.area for part in one) == pytest.approx(6, abs=1.2)
     assert shapely.union_all(one).covers(shapely.Point(0.5, 0.5))
@@ -217,9 +193,6 @@ def test_polygons_cover_the_cells():
     (blind,) = blind_polygons(SMALL)
     assert blind.is_valid
     assert blind.covers(shapely.Point(3.5, 1.5))
-
-
-def test_polygons_have_holes_and_leave_out_specks():
     open_ground = np.ones((40, 60), bool)
     seen = np.zeros((1, 40, 60), bool)
     seen[0, 5:35, 5:40] = True
@@ -236,6 +209,12 @@ def test_polygons_have_holes_and_leave_out_specks():
     blind = blind_polygons(ground)
     assert sorted(round(each.area) for each in blind) == [25, 30 * 20 - 262]
     assert min(each.area for each in blind) >= SPECK
+
+
+@pytest.mark.parametrize("names", [[], ["a"], ["a", "a"], ["a", "b", "c"]])
+def test_every_sensor_needs_a_name(names):
+    with pytest.raises(ValueError, match="a name of its own"):
+        ground_shares(SMALL, names)
 
 
 def test_the_same_question_has_the_same_answer():

@@ -48,7 +48,7 @@ def chosen(candidates) -> list[int]:
     return [names.index("north_4.0m_h270_t15_camera"), names.index("e/1_4.0m_h180_t15_lidar")]
 
 
-def test_a_set_as_it_is_mounted(candidates, chosen):
+def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
     north, east = format_sensors(SITE, candidates, chosen, **KBIT)
     assert (north.name, north.pole, north.model) == ("north_4.0m_h270_t15_camera", "north", "depth-camera")
     assert (east.name, east.pole, east.model) == ("e-1_4.0m_h180_t15_lidar", "e/1", "spinning-lidar")
@@ -62,20 +62,14 @@ def test_a_set_as_it_is_mounted(candidates, chosen):
     assert (north.pole_price, north.capacity_kbit, north.kbit, north.peak_kbit) == (0.5, 800.0, 300.0, 400.0)
     assert (east.pole_price, east.capacity_kbit, east.kbit, east.peak_kbit) == (1.0, 2000.0, 20.5, 30.5)
     assert (north.model_price, east.model_price) == (0.0, 0.0)
-
-
-def test_names_and_prices_of_a_catalogue(candidates, chosen):
     priced = format_sensors(SITE, candidates, chosen, **KBIT, model_names=["Acme", "Spin"], model_prices=[1.5, 2.0])
     assert [(s.model, s.model_price) for s in priced] == [("Acme", 1.5), ("Spin", 2.0)]
-
-
-def test_nowhere_on_earth(candidates, chosen):
     north, _ = format_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
     assert (north.longitude, north.latitude) == (None, None)
     assert north.bearing_deg == pytest.approx(90.0)
 
 
-def test_sensors_that_were_moved(candidates, chosen):
+def test_sensors_that_were_moved_or_roam(candidates, chosen):
     first, second = (candidates.sensors[c] for c in chosen)
     moved = (aim_sensor(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)), second)
     north, east = format_sensors(SITE, candidates, chosen, moved, **KBIT)
@@ -85,16 +79,10 @@ def test_sensors_that_were_moved(candidates, chosen):
     site = mounted_site(SITE, candidates, chosen, moved)
     assert [s.name for s in site.sensors] == [north.name, east.name]
     assert np.array_equal(site.sensors[0].pose, moved[0].pose)
-
-
-def test_a_sensor_may_roam_to_another_mount(candidates, chosen):
-    moved = (aim_sensor(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
-    (there,) = format_sensors(SITE, candidates, chosen[:1], moved, kbit=[1.0], peak_kbit=[1.0])
+    away = (aim_sensor(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
+    (there,) = format_sensors(SITE, candidates, chosen[:1], away, kbit=[1.0], peak_kbit=[1.0])
     assert (there.pole, there.name) == ("e/1", "e-1_5.00m_h0.0_t0.0_camera")
-    assert [mount.name for mount in unused_mounts(candidates, chosen[:1], moved)] == ["north"]
-
-
-def test_the_site_has_the_chosen_sensors_and_its_own_mounts(candidates, chosen):
+    assert [mount.name for mount in unused_mounts(candidates, chosen[:1], away)] == ["north"]
     site = mounted_site(SITE, candidates, np.array(chosen))
     assert [sensor.name for sensor in site.sensors] == ["north_4.0m_h270_t15_camera", "e-1_4.0m_h180_t15_lidar"]
     assert site == replace(SITE, sensors=site.sensors)
@@ -115,10 +103,13 @@ def test_poles_of_a_file_become_mounts_of_the_site(candidates):
     ]
 
 
-def test_the_own_sensors_of_a_site_bring_no_mount_twice():
+def test_mounts_of_sites_come_once_and_of_no_set_none():
     site = load_site("tjunction")
     assert mounted_site(site, paper_candidates(site), range(6)).sensors == site.sensors
     assert {m.name for m in mounted_site(site, paper_candidates(site), [0, 3]).mounts} >= {m.name for m in site.mounts}
+    none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
+    empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
+    assert format_sensors(SITE, empty, [], kbit=[], peak_kbit=[]) == ()
 
 
 @pytest.mark.parametrize(
@@ -135,12 +126,6 @@ def test_numbers_that_differ(wrong, message, candidates, chosen):
         format_sensors(SITE, candidates, chosen, **KBIT | wrong)
     with pytest.raises(ValueError, match="moved must hold the 2 chosen sensors, got 1"):
         format_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
-
-
-def test_an_empty_set():
-    none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
-    empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
-    assert format_sensors(SITE, empty, [], kbit=[], peak_kbit=[]) == ()
 
 
 def test_a_mount_is_paid_with_the_first_sensor_on_it(candidates, chosen):
@@ -164,23 +149,17 @@ def sensors(street):
     return mounted_sensors(street.site, street.candidates, (2, 3), bits, catalogue)
 
 
-def test_sensors_have_their_prices_and_kbit(sensors):
+def test_bills_of_prices_and_links_add_up(sensors):
     assert [(s.model, s.model_price, s.pole, s.pole_price) for s in sensors] == [
         ("eye", 10.0, "post2", 0.5),
         ("wide eye", 20.0, "post3", 3.0),
     ]
     assert [(s.kbit, s.peak_kbit, s.capacity_kbit) for s in sensors] == [(200.0, 300.0, 500.0), (400.0, 600.0, 500.0)]
-
-
-def test_links_at_ten_frames_a_second(sensors):
     first, second = link_loads(sensors, limited=True)
     assert (first.pole, first.mbit_s, first.peak_mbit_s, first.capacity_mbit_s) == ("post2", 2.0, 3.0, 5.0)
     assert (first.share, first.fits) == (0.6, True)
     assert (second.share, second.fits) == (1.2, False)
     assert all(load.fits for load in link_loads(sensors, limited=False))
-
-
-def test_the_bill_adds_up(sensors):
     bill = bill_of_materials((*sensors, sensors[0]))
     assert bill == (
         MaterialItem("eye", 2, 10.0, 20.0),

@@ -123,14 +123,8 @@ def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
     assert any("up to 412 vehicles in 60 frames" in text and "95% intervals" in text for text in texts)
     assert axes.get_xlim() == (0, 1)
     assert axes.get_ylim() == (1.5, -0.5)  # the first row on top
-
-
-def test_schemes_say_what_they_send(monkeypatch):
     texts, _ = shown(monkeypatch, lambda: scheme_chart([SchemeFigures("late", 0.8, judged(), 12.25)]))
     assert {"late, IoU 0.8", "0.900, N = 412; 12.25 kbit/sensor"} <= set(texts)
-
-
-def test_links_that_carry_too_much_are_hatched(monkeypatch):
     fits, not_so = LinkLoad("p", 3.0, 4.0, 20.0, 0.15, True), LinkLoad("q", 25.0, 30.0, 20.0, 1.25, False)
     texts, figure = shown(monkeypatch, lambda: link_chart([fits, not_so]))
     (axes,) = figure.axes
@@ -138,14 +132,11 @@ def test_links_that_carry_too_much_are_hatched(monkeypatch):
     assert [bar.get_hatch() is not None for bar in axes.patches] == [False, True]
     assert {"3 of 20 Mbit/s, 15%: fits", "25 of 20 Mbit/s, 125%: TOO MUCH", "Mbit/s"} <= set(texts)
     assert axes.get_xlim()[1] == pytest.approx(33)
-
-
-def test_a_capacity_far_beyond_the_load_does_not_squeeze_it(monkeypatch):
     _, figure = shown(monkeypatch, lambda: link_chart([LinkLoad("p", 3.0, 4.0, 1e9, 0.0, True)]))
     assert figure.axes[0].get_xlim()[1] == pytest.approx(4.4)
 
 
-def test_failures_stand_beside_the_whole_set(monkeypatch):
+def test_failures_and_order_climb_beside_the_whole_set(monkeypatch):
     cases = [FailureCase(("d0", "d1"), judged(0.4))]
     texts, figure = shown(monkeypatch, lambda: failure_chart(judged(0.9), cases))
     (axes,) = figure.axes
@@ -153,18 +144,12 @@ def test_failures_stand_beside_the_whole_set(monkeypatch):
     assert [bar.get_hatch() is not None for bar in axes.patches] == [False, True]
     assert {"all work", "without d0, d1"} <= set(texts)
     assert [0.9, 0.9] in [list(line.get_xdata()) for line in axes.get_lines()]
-
-
-def test_the_order_climbs_with_what_is_spent(monkeypatch):
     steps = [BuildStep("d1", 2.0, judged(0.6)), BuildStep("d0", 5.0, judged(0.8))]
     texts, figure = shown(monkeypatch, lambda: order_chart(steps, "EUR"))
     first = figure.axes[0].get_lines()[0]
     assert list(first.get_xdata()) == [0, 2, 5]
     assert list(first.get_ydata()) == [0, 0.6, 0.8]
     assert {"price (EUR), spent", "1  d1: 2, AP 0.600, N = 412", "2  d0: 5, AP 0.800, N = 412"} <= set(texts)
-
-
-def test_the_front_marks_the_chosen_set_once(monkeypatch):
     options = [option(1), option(2, judged(0.8)), option(3, judged(0.7))]
     texts, figure = shown(monkeypatch, lambda: front_chart(options, replace(options[1]), ""))
     for axes, value in zip(figure.axes, (140.0, 2.0), strict=True):
@@ -200,21 +185,15 @@ def test_names_and_figures_stay_in_the_picture(names):
         assert axes.get_tightbbox().y0 >= 0
 
 
-def test_a_row_without_vehicles_says_so():
+def test_rows_say_their_vehicles_in_words():
     with house_style():
         _, axes = row_axes("a title", "said", ["a", "b"])
         charts._draw_bars(axes, [None, TWO])
     assert [text.get_text() for text in axes.texts] == ["not judged: no vehicles", "0.500, N = 20"]
     assert len(axes.patches) == 1
-
-
-def test_the_number_of_vehicles_is_said():
     assert "N = 120 vehicles in 40 frames" in describe_sample([ONE, None])
     assert "N = up to 120 vehicles in 40 frames" in describe_sample([ONE, TWO])
     assert describe_sample([None]) == "no vehicles were judged"
-
-
-def test_words():
     assert price_label("EUR") == "price (EUR)"
     assert set_label(()) == "none"
     assert len(set_label([f"pole {k}" for k in range(30)])) <= LETTERS
@@ -232,7 +211,7 @@ def figure_of(monkeypatch):
     return lambda worth: shown(monkeypatch, lambda: worth_chart(worth))[1]
 
 
-def test_values_and_pairs_are_those_given(figure_of):
+def test_tables_of_pairs_have_figures_or_numbers(figure_of):
     bars, table = figure_of(WORTH).axes
     assert [bar.get_width() for bar in bars.patches] == [0.5, 0.3, -0.1]
     assert [text.get_text() for text in bars.texts] == ["+0.500", "+0.300", "-0.100"]
@@ -244,15 +223,9 @@ def test_values_and_pairs_are_those_given(figure_of):
     assert image.get_clim() == (-0.2, 0.2)
     assert [text.get_text() for text in table.texts][:2] == ["-0.20", "+0.05"]
     assert [label.get_text() for label in bars.get_yticklabels()] == ["d0", "d1", "d2"]
-
-
-def test_long_names_have_numbers(figure_of):
     bars, table = figure_of([SensorWorth("north-east pole", 0.2, {}), SensorWorth("d1", 0.1, {})]).axes
     assert [label.get_text() for label in bars.get_yticklabels()] == ["north-east pole  1", "d1  2"]
     assert [label.get_text() for label in table.get_xticklabels()] == ["1", "2"]
-
-
-def test_a_large_table_has_no_figures(figure_of):
     names = [f"s{k}" for k in range(charts.MOST_FIGURES + 1)]
     many = [SensorWorth(one, 0.1, {other: 0.1 for other in names if other != one}) for one in names]
     assert not figure_of(many).axes[1].texts

@@ -8,7 +8,7 @@ from placement_env.handover.ground import Ground
 from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
 
 
-def test_a_plan_becomes_json_and_keeps_every_figure():
+def test_plans_become_json_with_every_figure():
     judged = Judgement(0.9, 0.85, 0.95, 0.92, 0.97, 120, 40)
     option = PlanOption(("a", "b"), 2.0, 500.0, 1000.0, 0.93, judged, ("greedy",))
     plan = Plan(
@@ -18,9 +18,6 @@ def test_a_plan_becomes_json_and_keeps_every_figure():
     assert read["chosen"]["judged"]["vehicles"] == 120
     assert read["front"][0]["sensors"] == ["a", "b"]
     assert read["verdict"] == {"met": None, "sentence": "said", "reasons": []}
-
-
-def test_the_cell_of_a_ground_is_its_spacing():
     grid, empty = np.zeros((2, 3), bool), np.zeros((0, 2, 3))
     ground = Ground(np.arange(3) * 0.5, np.arange(2) * 0.5, empty.astype(bool), empty.astype(np.float32), *[grid] * 3)
     assert ground.cell == 0.5

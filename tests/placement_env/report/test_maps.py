@@ -106,7 +106,7 @@ def test_smoothing_leaves_out_what_is_no_ground():
     assert not smooth(values, counted & False, 0.5).any()
 
 
-def test_the_plan_view_shows_poles_and_what_is_seen():
+def test_plan_views_show_poles_even_none():
     bare = plan_view(SITE, SENSORS)
     assert bare == plan_view(SITE, SENSORS)
     with_poles = plan_view(SITE, SENSORS, ["a"], ["$b_1$", "<c>", "_d"])
@@ -115,16 +115,10 @@ def test_the_plan_view_shows_poles_and_what_is_seen():
     for text in (bare, with_poles, with_ground):
         ElementTree.fromstring(text)
         assert "<image" not in text
-
-
-def test_a_pole_that_is_not_there_is_named():
     with pytest.raises(ValueError, match="has no pole 'z'"):
         plan_view(SITE, SENSORS, ["z"])
     with pytest.raises(ValueError, match="got 1"):
         plan_view(SITE, SENSORS[:1], ground=GROUND)
-
-
-def test_no_sensors_and_no_open_ground():
     nothing = Ground(X, Y, SEEN[:0], GROUND.density[:0], OPEN & False, LANES & False, LANES & False)
     for draw in MAPS:
         ElementTree.fromstring(draw(SITE, nothing, []))

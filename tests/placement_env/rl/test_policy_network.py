@@ -21,7 +21,7 @@ def network():
     return network
 
 
-def test_candidates_in_another_order_get_the_same_logits(network):
+def test_observations_in_any_order_are_judged_alike(network):
     rng = np.random.default_rng(1)
     features, whole = rng.normal(size=(3, FEATURES, SLOTS)), rng.normal(size=(3, len(GLOBAL)))
     order = rng.permutation(SLOTS)
@@ -34,28 +34,19 @@ def test_candidates_in_another_order_get_the_same_logits(network):
     torch.testing.assert_close(place[:, :-1][:, order], turned[:, :-1])
     torch.testing.assert_close(place[:, -1], turned[:, -1])
     torch.testing.assert_close(value, same)
-
-
-def test_actor_and_critic_alone_are_the_two_together(network):
     observations = torch.randn(2, FEATURES * SLOTS + len(GLOBAL))
     actor, critic = network(observations)
     torch.testing.assert_close(network.forward_actor(observations), actor)
     torch.testing.assert_close(network.forward_critic(observations), critic)
-
-
-def test_equal_observations_are_judged_once_and_alike(network):
     few = torch.randn(3, FEATURES * SLOTS + len(GLOBAL))
-    order = torch.tensor([2, 0, 2, 2, 1, 0])
-    rows, which = distinct(few[order])
+    again = torch.tensor([2, 0, 2, 2, 1, 0])
+    rows, which = distinct(few[again])
     assert torch.equal(rows, few[[2, 0, 1]])
-    assert torch.equal(rows[which], few[order])
-    for several, alone in zip(network(few[order]), network(few), strict=True):
-        torch.testing.assert_close(several, alone[order])
-
-
-def test_all_actions_are_as_likely_at_first():
-    logits, _ = CandidateNetwork(SLOTS, 8)(torch.randn(2, FEATURES * SLOTS + len(GLOBAL)))
-    assert not logits.any()
+    assert torch.equal(rows[which], few[again])
+    for several, alone in zip(network(few[again]), network(few), strict=True):
+        torch.testing.assert_close(several, alone[again])
+    equal, _ = CandidateNetwork(SLOTS, 8)(torch.randn(2, FEATURES * SLOTS + len(GLOBAL)))
+    assert not equal.any()
 
 
 def test_choosing_one_after_another_is_learnt_with_it_and_all_else_is_not(make, tmp_path):

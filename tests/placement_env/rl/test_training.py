@@ -54,10 +54,16 @@ def trained(tmp_path_factory):
     return learning.train_policy(PickEnv, out, steps=768, learning=SMALL), out
 
 
-def test_masked_environments_get_maskable_ppo(trained):
+def test_what_is_kept_is_loaded_and_another_run_is_refused(trained):
     model, _ = trained
     assert type(model).__name__ == "MaskablePPO"
     assert model.num_timesteps == 768
+    model, out = trained
+    assert torch.equal(weights(learning.load_policy(out, PickEnv, learning=SMALL)), weights(model))
+    assert [path.name for path in out.iterdir()] == [learning.CHECKPOINT]
+    _, out = trained
+    with pytest.raises(ValueError, match="another seed"):
+        learning.train_policy(PickEnv, out, steps=64, seed=1, learning=SMALL)
 
 
 def test_stopped_and_gone_on_is_the_same_as_whole(trained, tmp_path):
@@ -67,19 +73,7 @@ def test_stopped_and_gone_on_is_the_same_as_whole(trained, tmp_path):
     assert torch.equal(weights(model), weights(again))
 
 
-def test_what_is_kept_is_loaded(trained):
-    model, out = trained
-    assert torch.equal(weights(learning.load_policy(out, PickEnv, learning=SMALL)), weights(model))
-    assert [path.name for path in out.iterdir()] == [learning.CHECKPOINT]
-
-
-def test_another_run_is_not_gone_on_with(trained):
-    _, out = trained
-    with pytest.raises(ValueError, match="another seed"):
-        learning.train_policy(PickEnv, out, steps=64, seed=1, learning=SMALL)
-
-
-def test_it_learns(tmp_path):
+def test_continuous_actions_get_ppo_which_learns_to_an_end(tmp_path):
     told = []
     quick = learning.Learning(envs=4, rollout=64, batch=64, epochs=8, learning_rate=3e-3, entropy=0.0, width=16)
     policy = learning.train_policy(
@@ -91,16 +85,10 @@ def test_it_learns(tmp_path):
     assert found.best.subset == (2, 3)
     assert found.evaluations == 2
     assert (np.diff(found.history.reward) >= 0).all()
-
-
-def test_continuous_actions_get_ppo(tmp_path):
-    model = learning.train_policy(lambda: PickEnv(masked=False), tmp_path, steps=64, learning=SMALL)
+    model = learning.train_policy(lambda: PickEnv(masked=False), tmp_path / "ppo", steps=64, learning=SMALL)
     assert type(model).__name__ == "PPO"
     found = learning.rollout(model, PickEnv(masked=False), episodes=2, seed=1)
     assert found.best.reward == learning.rollout(model, PickEnv(masked=False), episodes=2, seed=1).best.reward
-
-
-def test_training_needs_an_end():
     with pytest.raises(ValueError, match="give steps or seconds"):
         learning.train_policy(PickEnv, Path("nowhere"))
 
@@ -116,13 +104,10 @@ def test_our_environment_is_learnt_and_its_sensors_told(make, tmp_path):
     assert objective.feasible(objective.row(found.best.subset)[None])[0]
 
 
-def test_limits_must_leave_room(make):
+def test_search_keeps_the_best_set_or_none_within_its_limits(make):
     for limit in ({"evaluations": 0}, {"evaluations": -1}, {"seconds": 0.0}):
         with pytest.raises(ValueError, match="must be above 0"):
             learning.search(make(3, 1), 2, **limit)
-
-
-def test_search_keeps_the_best_set_that_training_came_by(make):
     objective = make(5, 2)
     found = learning.search(objective, 2, evaluations=64, learning=SMALL)
     assert found.best.reward == exhaustive.search(objective, 2).best.reward  # random play meets all 40 pairs
@@ -131,9 +116,6 @@ def test_search_keeps_the_best_set_that_training_came_by(make):
     assert found.evaluations > 64
     assert "by itself" in found.certificate.note
     assert not found.sensors
-
-
-def test_where_no_sensor_pays_search_builds_none(make):
     found = learning.search(make(4, 1, weights=Weights(price=5.0)), 2, evaluations=32, learning=SMALL)
     assert found.best.subset == ()
     assert found.best.reward == 0.0

@@ -67,11 +67,6 @@ def test_what_is_sent_in_each_frame(scheme, kbit, objective, result, monkeypatch
     assert kbit_per_frame(objective, (1,)) == pytest.approx(np.array(kbit)[1:])
 
 
-def test_it_agrees_with_what_the_objective_says(objective, result):
-    assert kbit_per_frame(objective, (0, 1)).mean(axis=1) == pytest.approx(objective.sent)
-    assert kbit_per_frame(objective, (0, 1), objective.candidates.sensors).mean(axis=1) == pytest.approx(objective.sent)
-
-
 def answer(objective, result, chosen=(1,), said=None, points=(), met=True):
     return Answer(objective, said or {}, (), met, result, chosen, points)
 
@@ -134,7 +129,7 @@ def test_a_curve_is_a_table_a_picture_and_the_site_with_each_set(objective, tmp_
     assert len(answer_files(rich)) == 15
 
 
-def test_what_the_table_of_a_curve_says(objective):
+def test_tables_of_curves_and_their_agreement_with_the_objective(objective, result):
     first, second = csv.DictReader(curve_csv(objective, POINTS, "=EUR").splitlines())
     assert first == {
         "sensors": "1", "money": "", "price": "11", "price_unit": "'=EUR", "ap": "0.500000", "low": "0.400000",
@@ -148,6 +143,8 @@ def test_what_the_table_of_a_curve_says(objective):
     (row,) = csv.DictReader(curve_csv(objective, (replace(POINTS[0], by_errors=several),)).splitlines())
     assert list(row)[-7:] == ["site", "ap_paper", "low_paper", "high_paper", "ap_poor", "low_poor", "high_poor"]
     assert [row[f"{figure}_poor"] for figure in ("ap", "low", "high")] == ["0.500000", "0.400000", "0.550000"]
+    assert kbit_per_frame(objective, (0, 1)).mean(axis=1) == pytest.approx(objective.sent)
+    assert kbit_per_frame(objective, (0, 1), objective.candidates.sensors).mean(axis=1) == pytest.approx(objective.sent)
 
 
 def test_a_georeference_is_tried_before_the_search():

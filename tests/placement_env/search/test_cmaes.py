@@ -32,7 +32,7 @@ def start(make):
     return make(4, 1).candidates.select([0, 2])
 
 
-def test_finds_the_poses_that_score_most(make, start):
+def test_it_finds_the_poses_that_score_most_and_never_worse(make, start):
     calls = []
     found = cmaes.improve(scorer(make, (6.0, 0.4, 0.3), calls), start, seed=1, evaluations=600)
     assert found.best.reward > 0.9
@@ -41,14 +41,8 @@ def test_finds_the_poses_that_score_most(make, start):
     for sensor, mount in zip(found.sensors, start.mount, strict=True):
         assert np.array_equal(sensor.position[:2], start.mounts[mount].position[:2])
         assert 3.0 <= sensor.position[2] <= 8.0
-
-
-def test_never_worse_than_the_start(make, start):
     place = scorer(make, cmaes.angles(start.sensors[0]))
     assert cmaes.improve(place, start, evaluations=10).best.reward >= place([start.sensors])[0].reward
-
-
-def test_same_seed_same_answer_and_numpy_untouched(make, start):
     np.random.seed(3)  # noqa: NPY002
     expected = np.random.random()  # noqa: NPY002
     np.random.seed(3)  # noqa: NPY002
@@ -58,7 +52,7 @@ def test_same_seed_same_answer_and_numpy_untouched(make, start):
     assert np.random.random() == expected  # noqa: NPY002
 
 
-def test_roaming_sensors_take_mounts_of_their_own(make, start):
+def test_moved_sensors_stay_on_mounts_that_may_be_built(make, start):
     coding = cmaes.Coding(start, roam=True)
     rng = np.random.default_rng(0)
     for vector in [coding.encode(), *rng.random((20, 10))]:
@@ -67,9 +61,6 @@ def test_roaming_sensors_take_mounts_of_their_own(make, start):
     assert [s.pose.round(9).tolist() for s in coding.decode(coding.encode())] == [
         s.pose.round(9).tolist() for s in start.sensors
     ]
-
-
-def test_what_may_not_be_built_is_never_the_answer(make, start):
     place = scorer(make, (6.0, 0.4, 0.3))
 
     def low_ones(sets):
@@ -80,17 +71,16 @@ def test_what_may_not_be_built_is_never_the_answer(make, start):
 
     found = cmaes.improve(low_ones, start, evaluations=100)
     assert all(sensor.position[2] < 5.5 for sensor in found.sensors)
-
-
-def test_sensors_need_mounts_of_their_own(make):
-    with pytest.raises(ValueError, match="mounts of their own"):
-        cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), make(2, 2).candidates)
-
-
-def test_hung_names_and_mounts(make, start):
     candidates = cmaes.as_candidates([*start.sensors, *start.sensors], start.mounts)
     assert candidates.mount.tolist() == [*start.mount, *start.mount]
     assert len({sensor.name for sensor in candidates.sensors}) == 4
+
+
+def test_objectives_and_mounts_must_allow_moving(make):
+    with pytest.raises(ValueError, match="mounts of their own"):
+        cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), make(2, 2).candidates)
+    with pytest.raises(ValueError, match="made from a site"):
+        cmaes.search(make(4, 1), 2)
 
 
 @pytest.mark.parametrize("fidelity", ["coverage", "surrogate"])
@@ -118,11 +108,6 @@ def test_where_no_sensor_pays_there_is_none_to_move():
         evaluations=8,
     )
     assert found.best.subset == () == found.sensors
-
-
-def test_an_objective_from_parts_knows_no_moved_sensors(make):
-    with pytest.raises(ValueError, match="made from a site"):
-        cmaes.search(make(4, 1), 2)
 
 
 @pytest.fixture(scope="module")

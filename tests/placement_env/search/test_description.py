@@ -24,13 +24,10 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
 
-def test_sensors_are_named_and_those_that_were_moved_with_where_to():
+def test_moved_sensors_and_all_figures_are_said():
     assert describe_sensors(["a", "b"]) == ["a", "b"]
     moved = [Sensor("a", DepthCamera(), look((1.0, -2.0, 6.5), float(np.deg2rad(90)), float(np.deg2rad(10))))]
     assert describe_sensors(["a"], moved) == ["a moved to x 1.00 y -2.00 z 6.50 m, heading 90.0 tilt 10.0 degrees"]
-
-
-def test_all_figures_of_a_score_are_said():
     score = Score((0, 1), 0.5, 0.6, 100.0, 200.0, 2.0, 0.4, {"ap": 0.5}, "coverage", False)
     assert describe_score(score) == ("AP 0.5000, recall 0.6000, 100.0 kbit per sensor, 200.0 kbit, price 2 (coverage)")
 

@@ -38,19 +38,13 @@ def test_bounds_of_coverage_hold(make, poses, seed):
     assert found.best.reward >= found.certificate.ratio * optimum
 
 
-def test_greedy_says_where_gains_grow(make):
+def test_greedy_keeps_to_evaluations_and_seconds(make):
     assert "grew" in greedy.search(make(8, 2, views=2, seed=1), 4, submodular=True).certificate.note
-
-
-def test_evaluations_are_kept_to(make):
     objective = make(20, 2)
     found = greedy.search(objective, 5, evaluations=50, submodular=True)
     assert found.evaluations == 50
     assert found.certificate.bound == np.inf
     assert found.best.reward > 0
-
-
-def test_seconds_are_kept_to(make):
     assert greedy.search(make(20, 2), 5, seconds=1e-9).best.subset == ()
 
 

@@ -21,19 +21,16 @@ def test_every_name_is_a_search(name):
     check_search(name, "detector", paper_candidates(SITE))
 
 
-def test_an_unknown_name():
+def test_unknown_and_usual_methods():
     with pytest.raises(ValueError, match="method must be one of portfolio, exhaustive, greedy"):
         check_search("luck", "coverage", paper_candidates(SITE))
-
-
-@pytest.mark.parametrize("fidelity", ["coverage", "surrogate", "detector", "table"])
-def test_what_can_be_scored_is_not_refused(fidelity):
-    check_scorable(Setting(SITE, fidelity=fidelity))
-
-
-def test_the_usual_method():
     assert [usual_method(each) for each in ("coverage", "surrogate", "detector", "table")] == [
         "portfolio", "portfolio", "greedy", "exhaustive"
     ]  # fmt: skip
     assert usual_method("surrogate", verify=True) == "greedy"
     assert usual_method("table", at_least=True) == "cheapest"
+
+
+@pytest.mark.parametrize("fidelity", ["coverage", "surrogate", "detector", "table"])
+def test_what_can_be_scored_is_not_refused(fidelity):
+    check_scorable(Setting(SITE, fidelity=fidelity))

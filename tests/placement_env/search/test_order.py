@@ -45,13 +45,10 @@ def test_a_portfolio_says_what_fresh_traffic_says(common):
     assert found.lines[-1].startswith("searched by: AP ")
 
 
-def test_without_a_sensor(common):
+def test_orders_without_sensors_and_refusals(common):
     found = run_search(common(weights=Weights(price=9.0)))
     assert (found.met, found.summary["sensors"]) == (False, [])
     assert found.lines == ("no sensors: no sensor is worth what it costs: lower --comm and --price",)
-
-
-def test_it_refuses_before_anything_is_rendered(common):
     with pytest.raises(ValueError, match=r"no surrogate of tjunction for early at IoU 0\.65"):
         common(judge="surrogate", cases=Cases(iou=0.65))
     with pytest.raises(ValueError, match="a table does not know"):

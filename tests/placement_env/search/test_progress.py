@@ -4,7 +4,7 @@ import pytest
 from placement_env.search.progress import Limits, Progress, add_each, as_rows
 
 
-def test_the_incumbent_is_the_best_feasible_set_within_the_budget(make):
+def test_the_incumbent_is_the_best_feasible_or_settled_set_within_limits(make):
     objective = make(4, 2)
     progress = Progress(objective, 2, None, None)
     sets = as_rows([[0], [0, 1], [0, 2, 4], [2, 4]], 8)  # 0 and 1 share a mount; three are beyond the budget
@@ -12,18 +12,12 @@ def test_the_incumbent_is_the_best_feasible_set_within_the_budget(make):
     assert progress.reward == max(rewards[0], rewards[3])
     assert progress.result("some", progress.unknown("why")).best.reward == progress.reward
     assert progress.limits.count == 4
-
-
-def test_beyond_the_limit_nothing_is_scored(make):
     progress = Progress(make(4, 2), 3, None, 5)
     figures = progress.figures(np.eye(8, dtype=bool))
     assert np.isfinite(figures.reward).sum() == np.isfinite(figures.ap).sum() == 5
     assert (figures.reward[5:] == -np.inf).all()
     assert progress.spent
     assert progress.limits.share == 1
-
-
-def test_a_settled_set_is_the_answer_whatever_it_scores(make):
     progress = Progress(make(4, 2), 3, None, None)
     progress.rewards(np.eye(8, dtype=bool))
     progress.settle([])
@@ -36,7 +30,7 @@ def test_limits_are_above_0(wrong):
         Limits(**wrong)
 
 
-def test_history_ends_where_the_search_ends():
+def test_histories_end_with_the_search_and_options_stand_alone():
     limits = Limits(None, None)
     for count, reward in ((3, 0.25), (7, 0.5)):
         limits.count = count
@@ -45,8 +39,5 @@ def test_history_ends_where_the_search_ends():
     history = limits.history(0.5)
     assert history.evaluations.tolist() == [3, 7, 20]
     assert history.reward.tolist() == [0.25, 0.5, 0.5]
-
-
-def test_with_each_option_none_and_all():
     assert add_each([0], np.zeros(0, np.int64), 3).shape == (0, 3)
     assert add_each([], np.arange(3), 3).tolist() == np.eye(3, dtype=bool).tolist()

@@ -45,18 +45,12 @@ def test_small_ones_are_solved(make, views, seed):
     assert swap.search(objective, 3, evaluations=4000).best.reward == exhaustive.search(objective, 3).best.reward
 
 
-def test_same_seed_same_answer(make):
+def test_seeds_seconds_and_settings_of_searches(make):
     objective = make(20, 3, views=2, most=0.2)
     first, again = (swap.search(objective, 4, seed=5, evaluations=1000) for _ in range(2))
     assert first.best.subset == again.best.subset
     assert np.array_equal(first.history.reward, again.history.reward)
-
-
-def test_seconds_end_it(make):
     found = swap.search(make(20, 2), 4, seconds=0.2)
     assert len(found.best.subset) <= 4
-
-
-def test_settings_are_checked(make):
     with pytest.raises(ValueError, match="starts must be a whole number of at least 1"):
         swap.search(make(), 2, starts=0)

@@ -7,14 +7,23 @@ from placement_env.search.progress import Progress
 from placement_env.setting import Weights
 
 
-def test_only_coverage_by_one_view_is_submodular(make):
+def test_coverage_by_one_view_is_submodular_and_halved_by_shared_mounts(make):
     assert submodular.is_submodular(make(4, 1))
     assert not submodular.is_submodular(make(4, 1, views=2))
-
-
-def test_the_guarantee_is_halved_where_poses_share_mounts(make):
     assert submodular.guarantee(make(4, 1)) == pytest.approx(1 - 1 / np.e)
     assert submodular.guarantee(make(4, 2)) == 0.5
+    objective = make(6, 2, weights=Weights(price=0.05))
+    found = greedy.search(objective, 3, submodular=True)
+    assert found.certificate.ratio == 0
+    assert exhaustive.search(objective, 3).best.reward <= found.certificate.bound
+    objective = make(6, 1)
+    progress = Progress(objective, 2, None, None)
+    assert submodular.certificate(progress, [0], 0.5, 4.2e-08).kind == "bound"
+    grown = submodular.certificate(progress, [0], 0.5, 4.2e-03)
+    assert (grown.kind, grown.note) == (
+        "none",
+        "said to be submodular, but a gain grew by 0.0042 as other sensors joined",
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -24,21 +33,3 @@ def test_no_set_beats_the_online_bound_of_any_set(make, seed):
     for chosen in ([], [0], [0, 4]):
         progress = Progress(objective, 3, None, None)
         assert optimum <= submodular.online_bound(progress, chosen) + 1e-12
-
-
-def test_costs_void_the_guarantee_but_not_the_bound(make):
-    objective = make(6, 2, weights=Weights(price=0.05))
-    found = greedy.search(objective, 3, submodular=True)
-    assert found.certificate.ratio == 0
-    assert exhaustive.search(objective, 3).best.reward <= found.certificate.bound
-
-
-def test_rounding_is_no_growth(make):
-    objective = make(6, 1)
-    progress = Progress(objective, 2, None, None)
-    assert submodular.certificate(progress, [0], 0.5, 4.2e-08).kind == "bound"
-    grown = submodular.certificate(progress, [0], 0.5, 4.2e-03)
-    assert (grown.kind, grown.note) == (
-        "none",
-        "said to be submodular, but a gain grew by 0.0042 as other sensors joined",
-    )

@@ -16,16 +16,10 @@ def test_swap_starts_from_greedy_and_ends_where_no_change_improves(make, seed):
             assert objective.score([*rest, new]).reward <= found.best.reward
 
 
-def test_swap_proves_nothing_when_stopped(make):
+def test_swaps_stop_and_start_where_told(make):
     assert swap.search(make(20, 2), 4, evaluations=30).certificate.kind == "none"
-
-
-def test_starts_are_checked(make):
     with pytest.raises(ValueError, match="starts must be a whole number of at least 1"):
         swap.search(make(), 2, starts=0)
-
-
-def test_a_start_of_ones_own(make):
     objective = make(15, 2, views=2, most=0.3, seed=1)
     optimum = swap.search(objective, 4, starts=1)
     again = swap.search(make(15, 2, views=2, most=0.3, seed=1), 4, starts=1, start=optimum.best.subset)

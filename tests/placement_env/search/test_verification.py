@@ -51,20 +51,25 @@ def dear():
     return Objective(Setting(candidates=paper_candidates(load_site("roundabout")), fidelity=PerFrame()))
 
 
-def test_a_race_finds_the_best_of_all_sets(dear):
+def test_a_race_finds_the_best_of_all_sets_for_a_part_of_the_frames(dear):
     sets = all_subsets(8)[1:]
     sets = sets[sets.sum(axis=1) == 3]
     ran = dear.race(sets)
     assert dear.scores(sets).reward.argmax() == ran.winners[0]
     assert ran.spent < ran.full / 3
     assert dear.scores(sets[ran.winners[:1]]).reward[0] == pytest.approx(ran.scores[0])
-
-
-def test_a_fidelity_of_all_frames_does_not_race():
     objective = Objective(Setting("roundabout", fidelity="table"))
     for ask in (lambda: objective.race(np.eye(8, dtype=bool)), lambda: greedy.raced(objective, 2)):
         with pytest.raises(ValueError, match="all frames at once"):
             ask()
+    plain = greedy.search(dear, 3)
+    dear.forget()
+    dear.scored_by.asked = 0
+    raced = greedy.raced(dear, 3, seed=1)
+    assert raced.best.reward == pytest.approx(plain.best.reward, abs=0.02)
+    assert raced.evaluations < plain.evaluations
+    assert raced.best.reward == dear.score(raced.best.subset).reward
+    assert greedy.raced(dear, 3, evaluations=1).evaluations < raced.evaluations
 
 
 def test_entrants_race_and_the_best_are_ranked_on_all_frames(dear):
@@ -78,22 +83,8 @@ def test_entrants_race_and_the_best_are_ranked_on_all_frames(dear):
     around = neighbours(np.array(found.best.subset), 8)
     assert ranking.accurate[0] == dear.scores(around).reward.max() >= dear.score(found.best.subset).reward
     assert len(around) == 16
-
-
-def test_found_is_scored_as_it_stands(dear):
     found = greedy.search(dear, 2)
     assert score_result(dear, found).ap == found.best.ap
-
-
-def test_raced_greedy_is_greedy_for_a_part_of_the_frames(dear):
-    plain = greedy.search(dear, 3)
-    dear.forget()
-    dear.scored_by.asked = 0
-    raced = greedy.raced(dear, 3, seed=1)
-    assert raced.best.reward == pytest.approx(plain.best.reward, abs=0.02)
-    assert raced.evaluations < plain.evaluations
-    assert raced.best.reward == dear.score(raced.best.subset).reward
-    assert greedy.raced(dear, 3, evaluations=1).evaluations < raced.evaluations
 
 
 def at_profiles(*fidelities):

@@ -207,8 +207,8 @@ def test_boxes_there_and_back(tmp_path):
     np.testing.assert_allclose(found.objects.boxes, BOX_BOXES_FILE, atol=1e-12)
     assert found.objects.ids.tolist() == [7]
     assert found.counts.tolist() == [9]
-    found = Detections(BOX_BOXES_FILE, np.array([0.75]), np.array([3]))
-    write_boxes(tmp_path / "a.json", [boxes_record("x", float("nan"), found)], detector="general")
+    sure = Detections(BOX_BOXES_FILE, np.array([0.75]), np.array([3]))
+    write_boxes(tmp_path / "a.json", [boxes_record("x", float("nan"), sure)], detector="general")
     content = json.loads((tmp_path / "a.json").read_text())
     assert content["detector"] == "general"
     assert content["samples"][0]["time"] is None

@@ -134,8 +134,8 @@ def test_ranges_are_from_the_middle_and_stand_in_tables():
     assert each.counted.tolist() == [False, False, False, False, True]
     assert each.truth_range[-1] == 2
     assert len(each.found) == 1
-    each = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
-    text = format_rows([*group_rows(each, "vehicle"), *group_rows(each, "cyclist")])
+    three = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
+    text = format_rows([*group_rows(three, "vehicle"), *group_rows(three, "cyclist")])
     assert text.startswith("vehicle, ours\nobjects              to find  BEV 0.3")
     assert "all                        3    1.000" in text
     assert "cyclist, nuScenes" in text

@@ -71,8 +71,8 @@ def test_points_are_counted_from_the_middle_on_one_ground():
     assert detector.seen[0].dtype == np.float32
     assert detector.seen[0][:, 0].min() == pytest.approx(-35, abs=0.1)
     np.testing.assert_allclose(found.detections.boxes[0, :2], [5010, 5], atol=0.1)
-    found = list(detect_frames(samples(np.eye(4), 2), Blocks(), Place(still=True)))
-    assert found[0].stand.ground is found[1].stand.ground
+    still = list(detect_frames(samples(np.eye(4), 2), Blocks(), Place(still=True)))
+    assert still[0].stand.ground is still[1].stand.ground
     other = list(detect_frames(samples(np.eye(4), 2), Blocks()))
     assert other[0].stand.ground is not other[1].stand.ground
     with pytest.raises((ValueError, TypeError), match=r"one of map, plane, none|Type-check"):

@@ -154,8 +154,8 @@ def test_codecs_scores_and_radii_of_sites():
     far = [points[is_beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
     sent = hybrid(frame(), grid_detector, site=AREA, radius=12.0, codec=cost).bits
     assert sent.tolist() == [48 * len(f) + 100 * len(b) for f, b in zip(far, boxes, strict=True)]
-    boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
-    forward, backward = (suppress(Detections(b, np.full(3, 0.5))) for b in (boxes, boxes[::-1]))
+    three = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
+    forward, backward = (suppress(Detections(b, np.full(3, 0.5))) for b in (three, three[::-1]))
     np.testing.assert_array_equal(forward.boxes, backward.boxes)
     site = Site("here", np.array(AREA, float), hybrid_radius=12.0)
     given = hybrid(frame(), grid_detector, site=AREA, radius=12.0)

@@ -29,10 +29,6 @@ def picture(path):
     return image
 
 
-def colours(path):
-    return {tuple(each) for each in (picture(path)[..., :3] * 255).round().astype(int).reshape(-1, 3)}
-
-
 def rgb(colour):
     return tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5))
 

@@ -212,8 +212,8 @@ def test_random_frames_are_the_same_also_of_nothing():
         moment, fine = moment_of(places[shown], (shown % 3 == 0).astype(np.int64)), shown % 2 == 0
         assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
-    for places in ([BESIDE, BESIDE], [BESIDE], [BESIDE, BESIDE], [], [NEAR], [NEAR, AWAY]):
-        moment, fine = moment_of(places), np.ones(len(places), bool)
+    for few in ([BESIDE, BESIDE], [BESIDE], [BESIDE, BESIDE], [], [NEAR], [NEAR, AWAY]):
+        moment, fine = moment_of(few), np.ones(len(few), bool)
         assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
     nowhere = SuccessiveStrips(RENDERER, np.zeros((0, 3)), COUNTED)
     assert [len(nowhere.of(moment_of([NEAR]), np.ones(1, bool)).item) for _ in range(2)] == [0, 0]

@@ -46,19 +46,18 @@ def test_projections_are_those_of_proj():
         there = pyproj.Transformer.from_crs(projection(*centre), "EPSG:4326", always_xy=True)
         degrees = np.stack(there.transform(*points.T), axis=1)
         assert np.abs((inverse_project(points, centre) - degrees + 180) % 360 - 180).max() < 2e-8, centre
-    pytest.importorskip("pyproj")
     site = Site("utm", AREA, map_SE3_site=pose(500000.0, 4982950.400), geo_reference=UTM)
-    degrees = longitude_latitude(site, np.array([[0.0, 0.0], [10.0, 20.0]]))
-    assert degrees is not None
+    found = longitude_latitude(site, np.array([[0.0, 0.0], [10.0, 20.0]]))
+    assert found is not None
     # Independent figures: zone 33 is about 15°; the meridian from the equator to 45° is 4,984,944.378 m, times 0.9996
-    assert degrees[0] == pytest.approx([15.0, 45.0], abs=1e-8)
-    assert site_metres(site, degrees) == pytest.approx(np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5)
+    assert found[0] == pytest.approx([15.0, 45.0], abs=1e-8)
+    assert site_metres(site, found) == pytest.approx(np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5)
     # Its map's zero is where equator and Greenwich meet; 1 degree of longitude is 111,319.5 m there.
-    pytest.importorskip("pyproj")
     carla = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +geoidgrids=egm96_15.gtx +vunits=m"
     site = Site("town01", AREA, map_SE3_site=pose(104.0, -196.0), geo_reference=carla)
-    degrees = longitude_latitude(site, np.zeros((1, 2)))
-    assert degrees == pytest.approx(np.array([[104 / 111319.49, -196 / 110574.28]]), abs=1e-8)
+    assert longitude_latitude(site, np.zeros((1, 2))) == pytest.approx(
+        np.array([[104 / 111319.49, -196 / 110574.28]]), abs=1e-8
+    )
 
 
 def test_sites_lie_on_earth_or_nowhere():

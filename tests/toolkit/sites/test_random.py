@@ -103,9 +103,9 @@ def test_sensors_repeat_with_the_seed_and_are_of_both_sorts():
     site = random_site(2)
     rng = np.random.default_rng(0)
     middle = (site.area[:2] + site.area[2:]) / 2
-    sensors = [s for _ in range(40) for s in random_sensors(site, rng) if isinstance(s.model, DepthCamera)]
-    towards = np.array([middle - s.position[:2] for s in sensors])
-    ahead = np.array([s.pose[:2, 2] for s in sensors])
+    cameras = [s for _ in range(40) for s in random_sensors(site, rng) if isinstance(s.model, DepthCamera)]
+    towards = np.array([middle - s.position[:2] for s in cameras])
+    ahead = np.array([s.pose[:2, 2] for s in cameras])
     cosine = (towards * ahead).sum(1) / np.linalg.norm(towards, axis=1) / np.linalg.norm(ahead, axis=1)
     assert np.mean(cosine > np.cos(np.pi / 4)) > 0.6
     site = random_site(0)

@@ -92,7 +92,6 @@ ROAD_BAYS = Road(
     footways=[rectangle(-80.0, 3.5, 80.0, 5.5), rectangle(-80.0, -10.7, 80.0, -8.7)],
     shoulders=[SHOULDER],
 )
-DRIVEN = shapely.box(-80.0, -3.5, 80.0, 3.5)
 
 
 def plot():

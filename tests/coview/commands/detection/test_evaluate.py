@@ -113,13 +113,10 @@ def test_wrong_arguments(arguments, message, recording, refused, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_is_refused_before_the_work(recording, refused, tmp_path):
+def test_missing_recordings_and_impossible_folders_are_refused(recording, refused, tmp_path):
     (tmp_path / "file").write_text("")
     assert "give another path" in refused("evaluate", recording, "--frames", 1, "--out", tmp_path / "file" / "out")
     assert "is what is read" in refused("evaluate", recording, "--frames", 1, "--out", recording)
-
-
-def test_a_recording_that_is_missing(refused):
     assert "nowhere.hdf5" in refused("evaluate", "nowhere.hdf5")
 
 

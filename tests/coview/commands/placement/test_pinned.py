@@ -47,7 +47,7 @@ def test_searches_find_as_good_a_set(name, run):
     assert found["class_ap"] == pytest.approx(pinned["class_ap"], abs=0.01)
 
 
-def test_a_portfolio_judges_as_well(run):
+def test_portfolios_judge_and_curves_have_points_as_well(run):
     code, said, err = run("search", "tjunction", *OWN, "--frames", 12, "--budget", 2, "--judge", "surrogate", "--json")
     assert code == 0, err
     found, pinned = json.loads(said), PINNED["portfolio"]
@@ -55,9 +55,6 @@ def test_a_portfolio_judges_as_well(run):
     assert len(found["sensors"]) == pinned["sensors"]
     for figure in ("ap", "low", "high"):
         assert found["assessment"][figure] == pytest.approx(pinned[figure], abs=0.03)
-
-
-def test_a_curve_has_the_same_points(run):
     code, said, err = run(
         "search", "tjunction", *OWN, "--budget", 3, "--curve", "--judge", "coverage", "--fidelity", "coverage", "--json"
     )

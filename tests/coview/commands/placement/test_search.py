@@ -103,12 +103,12 @@ def test_it_refuses_before_anything_is_rendered(arguments, message, refused, tmp
     assert not (tmp_path / "cache").exists()
 
 
-def test_a_cache_that_cannot_be_written(refused, tmp_path):
+def test_numbers_and_caches_that_cannot_be_are_refused(refused, tmp_path, run):
     (tmp_path / "file").write_text("")
     assert "is no folder" in refused("search", "tjunction", "--cache", tmp_path / "file" / "cache")
-
-
-def test_a_budget_that_is_no_whole_number(run):
+    asked = ("search", "tjunction", "--candidates", "paper", "--budget", 1, "--frames", 1, "--fidelity", "coverage")
+    said = refused(*asked, "--classes", "vehicle", "heavy", "--seed", 1, "--cache", tmp_path)
+    assert "there is no heavy to find in these frames: say more --frames" in said
     assert run("search", "tjunction", "--budget", 1.5)[0] == 2
 
 
@@ -212,13 +212,10 @@ def test_files_of_others_are_not_replaced(name, refused, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_the_site_that_is_read_is_never_replaced(refused, tmp_path):
+def test_it_refuses_other_files_sites_and_projections(refused, tmp_path):
     save_site(load_site("tjunction"), tmp_path / "site.json")
     line = refused("search", tmp_path / "site.json", *FEW, "--out", tmp_path, "--overwrite")
     assert "site.json is what is read" in line
-
-
-def test_a_georeference_that_is_none_is_refused_before_the_search(refused, tmp_path):
     pytest.importorskip("pyproj")
     save_site(replace(load_site("tjunction"), geo_reference="+lat_0=49 +lon_0=8"), tmp_path / "lost.json")
     line = refused("search", tmp_path / "lost.json", *FEW, "--out", tmp_path / "o", "--cache", tmp_path / "c")
@@ -274,12 +271,6 @@ def test_classes_are_weighed(run, tmp_path):
 )
 def test_classes_that_do_not_fit_are_refused(arguments, message, refused, tmp_path):
     assert message in refused("search", "tjunction", "--frames", 2, "--cache", tmp_path, *arguments)
-
-
-def test_a_class_that_never_comes_is_named(refused, tmp_path):
-    asked = ("search", "tjunction", "--candidates", "paper", "--budget", 1, "--frames", 1, "--fidelity", "coverage")
-    said = refused(*asked, "--classes", "vehicle", "heavy", "--seed", 1, "--cache", tmp_path)
-    assert "there is no heavy to find in these frames: say more --frames" in said
 
 
 CATALOGUE = """

@@ -44,22 +44,16 @@ def test_a_bound_that_is_kept_is_no_difference(relation, ours, difference):
     assert Compared((), "share", ours, 0.6, relation=relation).difference == pytest.approx(difference)
 
 
-def test_cells():
+def test_comparisons_as_cells_csv_and_json():
     assert SAME.cells == ("early", "0,2,5", "AP", "0.7100", "–", "0.7000", "+0.0100", "")
     assert FAR.cells[3:] == ("0.9000", "0.8500–0.9500", "0.8000", "+0.1000", "few points, A")
     assert NOT_COMPARED.cells[2:] == ("kbit", "516.25", "–", "–", "–", "")
     assert Compared(("x",), "share", 0.7, 0.6, relation="more than").cells[4:6] == ("> 0.6000", "+0.0000")
-
-
-def test_csv_has_all_figures_in_full():
     rows = list(csv.reader(experiment((SAME, FAR, NOT_COMPARED)).csv.splitlines()))
     assert rows[0] == ["scheme", "sensors", "unit", "ours", "low", "high", "paper", "difference", "reason"]
     assert rows[2][:7] == ["late", "all", "AP", "0.9", "0.85", "0.95", "0.8"]
     assert rows[2][8] == "few points, A"
     assert rows[3] == ["ours", "3", "kbit", "516.25", "", "", "", "", ""]
-
-
-def test_as_dict_is_json():
     values = json.loads(json.dumps(experiment((SAME, FAR)).as_dict()))
     assert values["rows"][1]["interval"] == [0.85, 0.95]
     assert values["rows"][0] | {"difference": 0} == {
@@ -73,25 +67,16 @@ def test_a_small_difference_needs_no_reason(ours):
     assert explain_difference(ours, 0.30, RowEvidence(0.5, 0.5)) == ""
 
 
-def test_vehicles_without_points_cannot_be_found():
+def test_causes_of_differences_are_named():
     assert explain_difference(0.2, 0.3, RowEvidence(0.21, 0.2)) == (
         "only 21.0 % of the vehicles have a point here: no detector can reach the paper's figure (C)"
     )
-
-
-def test_above_the_paper_the_detector_is_named():
     assert explain_difference(0.99, 0.71, RowEvidence(1.0, 0.985)) == (
         "100.0 % of the vehicles have a point here and 98.5 % of these are found; the paper's AP is 71.0 % (A)"
     )
-
-
-def test_below_the_paper_with_enough_points_both_causes_are_named():
     assert explain_difference(0.5, 0.7, RowEvidence(0.8, 0.6)) == (
         "80.0 % of the vehicles have a point here and 75.0 % of these are found; the paper's AP is 70.0 % (A, C)"
     )
-
-
-def test_at_greater_iou_the_fit_of_the_boxes_is_named():
     assert explain_difference(0.8, 0.6, RowEvidence(1.0, 0.9, 0.93), iou=0.8) == (
         "90.0 % of the vehicles are found at this IoU, mean IoU of the hits 0.930 (B)"
     )
@@ -99,16 +84,10 @@ def test_at_greater_iou_the_fit_of_the_boxes_is_named():
         explain_difference(0.8, 0.6, RowEvidence(1.0, 0.9), iou=0.9)
         == "90.0 % of the vehicles are found at this IoU (B)"
     )
-
-
-def test_the_published_counting_comes_first_where_it_explains_most():
     mostly = explain_difference(0.51, 0.07, RowEvidence(1.0, 0.64, 0.93, published=0.04), iou=0.9)
     assert mostly.startswith("by the published code's counting ours is 0.0400 (D); 64.0 %")
     little = explain_difference(0.98, 0.81, RowEvidence(1.0, 0.99, 0.93, published=0.96))
     assert little.endswith("(A); by the published code's counting ours is 0.9600 (D)")
-
-
-def test_shares_are_between_0_and_1():
     assert "0.0 % of the vehicles have a point here" in explain_difference(0.0, 0.3, RowEvidence(0.0, 0.0))
     assert "and 100.0 % of these are found" in explain_difference(0.4, 0.3, RowEvidence(0.33, 0.34))
 

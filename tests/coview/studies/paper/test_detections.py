@@ -95,7 +95,7 @@ def whole():
     return detect_runs(Street(), Guess(), RUNS, memo=Cache(), frames=5)
 
 
-def test_figures_are_those_of_the_fidelity(whole):
+def test_figures_are_those_of_the_fidelity_and_the_protocol(whole):
     street = Street()
     for run in RUNS:
         theirs = Detected(street, Guess(), run.scheme)
@@ -106,9 +106,6 @@ def test_figures_are_those_of_the_fidelity(whole):
             kbit = np.mean([found.bits.sum() for found in whole.runs[run]]) / 1000
             assert kbit == pytest.approx(estimate.kbit[0])
     assert len(all_subsets(3)) == 8
-
-
-def test_published_ap_is_that_of_the_protocol(whole):
     street, run = Street(), RUNS[0]
     truths = [street.objects(k) for k in range(5)]
     there = [truth[has_centre_inside(truth.boxes, street.site.area)] for truth in truths]
@@ -117,7 +114,7 @@ def test_published_ap_is_that_of_the_protocol(whole):
         assert compute_published_ap(whole, run, iou) == pytest.approx(at.ap)
 
 
-def test_truth_is_what_is_scored_and_its_points(whole):
+def test_truth_is_what_is_scored_with_the_best_iou(whole):
     street = Street()
     assert whole.to_find == (4, 4, 0, 4, 4)
     assert whole.vehicles == 16
@@ -129,9 +126,6 @@ def test_truth_is_what_is_scored_and_its_points(whole):
     assert whole.points((0, 2)).tolist() == both.tolist()
     far = np.abs(np.linalg.norm(street.clouds(0, 1)[:, :2], axis=1)) > 12.0
     assert whole.truths[0].sent[:2, 1].tolist() == [60, far.sum()]
-
-
-def test_best_is_the_greatest_iou_of_any_detection(whole):
     for k, found in enumerate(whole.runs[RUNS[1]]):
         truth = Street().objects(k).boxes[:4] if k != 2 else np.zeros((0, 7))
         assert found.best == pytest.approx(iou_3d(found.boxes, truth).max(axis=0, initial=0.0))
@@ -272,15 +266,12 @@ def test_score_is_that_of_each_object_by_hand(stored, region, iou):
     assert ours.interval.low <= ours.ap <= ours.interval.high
 
 
-def test_pinned(stored):
+def test_pinned_figures_of_regions(stored):
     ours, one = score_run(stored, ALL), score_run(stored, SchemeRun("early", (4,)))
     assert (ours.ap, ours.recall, ours.hit_iou) == pytest.approx((0.942694, 1.0, 0.875427), abs=1e-6)
     assert (one.ap, one.recall, *one.interval) == pytest.approx((0.324744, 0.446809, 0.199134, 0.472934), abs=1e-6)
     assert compute_published_ap(stored, ALL) == pytest.approx(0.949172, abs=1e-6)
     assert score_run(stored, ALL, 0.9).ap == pytest.approx(0.187133, abs=1e-6)
-
-
-def test_region_is_the_shared_field_of_view(stored):
     near, side, behind = np.zeros((3, 7))
     position, forward = stored.sensors[1].position, stored.sensors[1].world_SE3_body[:2, 0]
     near[:2] = position[:2] + 15 * forward
@@ -292,7 +283,7 @@ def test_region_is_the_shared_field_of_view(stored):
     assert not in_view_of_all([stored.sensors[1], stored.sensors[0]], boxes)[2]
 
 
-def test_ignored_detections_change_nothing(stored):
+def test_ignored_detections_and_frames_without_vehicles(stored):
     def without(found):
         keep = found.truth[0] != IGNORED
         return found._replace(
@@ -304,9 +295,6 @@ def test_ignored_detections_change_nothing(stored):
 
     fewer = replace(stored, runs={ALL: tuple(map(without, stored.runs[ALL]))})
     assert score_run(fewer, ALL) == score_run(stored, ALL)
-
-
-def test_frames_without_vehicles_count_their_false_alarms_but_not_as_published(stored):
     empty = next(k for k, count in enumerate(stored.to_find) if not count)
     found = stored.runs[ALL][empty]
     alarm = found._replace(
@@ -318,26 +306,17 @@ def test_frames_without_vehicles_count_their_false_alarms_but_not_as_published(s
     assert compute_published_ap(worse, ALL) == compute_published_ap(stored, ALL)
 
 
-def test_costs(stored):
+def test_costs_shares_and_curves_also_without_vehicles(stored):
     frames = stored.runs[ALL]
     assert kbit_per_sensor(stored, ALL) == pytest.approx(np.mean([f.bits for f in frames]) / 1000)
     assert ms_per_frame(stored, ALL) == pytest.approx(np.median([f.ms for f in frames]))
-
-
-def test_visible_share(stored):
     points = np.concatenate([truth.points for truth in stored.truths])
     assert visible_share(stored, (4,)) == pytest.approx((points[:, 4] > 0).mean())
     assert visible_share(stored, (3, 4)) == pytest.approx((points[:, [3, 4]] > 0).any(axis=1).mean())
     there = in_view_of_all([stored.sensors[4]], np.concatenate([truth.boxes for truth in stored.truths]))
     assert visible_share(stored, (4,), (4,)) == pytest.approx((points[there, 4] > 0).mean())
-
-
-def test_curve_ends_at_the_recall(stored):
     curve = count_hits(stored, ALL).curve
     assert curve.recall[-1] == pytest.approx(score_run(stored, ALL).recall)
-
-
-def test_without_vehicles_figures_are_undefined(stored):
     empty = next(k for k, count in enumerate(stored.to_find) if not count)
     runs = {ALL: (stored.runs[ALL][empty],)}
     nothing = StoredDetections(stored.site, stored.sensors, (stored.truths[empty],), runs, "", "")

@@ -27,18 +27,15 @@ CURVE = Curve(np.array([1.0, 0.9, 0.95]), np.array([0.2, 0.5, 0.96]), np.array([
 NOTHING = Curve(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
-def test_precision_and_recall():
+def test_precision_and_recall_by_their_points():
     assert (max_recall(CURVE), max_recall(NOTHING)) == (0.96, 0.0)
     assert [interpolate_precision(CURVE, at) for at in (0.0, 0.5, 0.95, 0.97)] == [1.0, 0.95, 0.95, 0.0]
-
-
-def test_points_of_a_curve_in_its_file():
     curve = Curve(np.ones(4), np.array([0.0001, 0.0002, 0.5, 0.5002]), np.ones(4))
     assert steps(curve).tolist() == [False, True, False, True]
     assert steps(NOTHING).tolist() == []
 
 
-def test_curve_rows(stored):
+def test_curves_have_their_rows_and_files(stored):
     made = curve_experiment(stored, "tjunction", "12 frames")
     rows = {row.labels: row for row in made.rows}
     for run, paper in zip(curve_runs("tjunction"), (0.9870, 0.9441, 0.8653, 0.7123, 0.5365, 0.2862), strict=True):
@@ -53,23 +50,25 @@ def test_curve_rows(stored):
     assert everyone.ours == interpolate_precision(count_hits(stored, curve_runs("tjunction")[0]).curve, 0.95)
     assert visible_share(stored, (4,)) > 0.3
     assert one.reason == ""
-
-
-def test_curve_file(stored):
-    ((name, rows),) = curve_experiment(stored, "tjunction", "").curves
+    ((name, lines),) = curve_experiment(stored, "tjunction", "").curves
     assert name == "pr_curves_points"
-    assert rows[0] == ("sensors", "score", "precision", "recall")
+    assert lines[0] == ("sensors", "score", "precision", "recall")
     curve = count_hits(stored, curve_runs("tjunction")[-1]).curve
-    last = [row[1:] for row in rows if row[0] == "4"][-1]
+    last = [row[1:] for row in lines if row[0] == "4"][-1]
     assert last == pytest.approx((curve.score[-1], curve.precision[-1], curve.recall[-1]), abs=1e-6)
 
 
-def test_picture_of_the_roundabout(stored_roundabout, tmp_path):
+def test_pictures_of_the_roundabout_lack_the_papers_figures(stored_roundabout, tmp_path):
     curve_experiment(stored_roundabout, "roundabout", "").draw(tmp_path / "curves.svg")
     assert (tmp_path / "curves.svg").stat().st_size > 5000
+    made = density_experiment(stored_roundabout, "roundabout", "")
+    assert {row.paper for row in made.rows} == {None}
+    assert made.conclusion.endswith("The paper shows this for the T-junction alone.")
+    made.draw(tmp_path / "density.svg")
+    assert (tmp_path / "density.svg").stat().st_size > 5000
 
 
-def test_density_rows(stored):
+def test_curve_and_density_rows_are_cumulative_shares(stored):
     rows = {row.labels: row for row in density_experiment(stored, "tjunction", "").rows}
     points = np.concatenate([truth.points for truth in stored.truths])
     none = [(truth.points[:, [3, 4]].sum(axis=1) == 0).sum() for truth in stored.truths]
@@ -84,13 +83,9 @@ def test_density_rows(stored):
     assert rows["no points", "1,3,4,5"].paper is None
     assert rows["median of the points", "4"].ours == np.median(points[:, 4])
     assert len(rows) == 18
-
-
-def test_curves_are_cumulative_shares(stored):
-    ((_, rows),) = density_experiment(stored, "tjunction", "").curves
-    assert rows[0] == ("points, at most", "0,1,2,3,4,5", "0,1,3,4,5", "1,3,4,5", "0,2,5", "3,4", "4")
-    table = np.array(rows[1:], float)
-    points = np.concatenate([truth.points for truth in stored.truths])
+    ((_, lines),) = density_experiment(stored, "tjunction", "").curves
+    assert lines[0] == ("points, at most", "0,1,2,3,4,5", "0,1,3,4,5", "1,3,4,5", "0,2,5", "3,4", "4")
+    table = np.array(lines[1:], float)
     assert table[0, 0] == 0
     assert table[0, 6] == pytest.approx((points[:, 4] == 0).mean(), abs=1e-6)
     at_100 = table[table[:, 0] == 100][0]
@@ -99,20 +94,22 @@ def test_curves_are_cumulative_shares(stored):
     assert (table[-1, 1:] == 1).all()
 
 
-def test_the_roundabout_has_no_figures_of_the_paper(stored_roundabout, tmp_path):
-    made = density_experiment(stored_roundabout, "roundabout", "")
-    assert {row.paper for row in made.rows} == {None}
-    assert made.conclusion.endswith("The paper shows this for the T-junction alone.")
-    made.draw(tmp_path / "density.svg")
-    assert (tmp_path / "density.svg").stat().st_size > 5000
-
-
-def test_bins_are_of_equal_width_and_hold_means():
+def test_log_curves_are_fitted_by_the_weight_of_bins():
     density, iou = np.array([0.0, 10, 20, 20, 400]), np.array([0.0, 0.2, 0.3, 0.5, 0.9])
     bins = bin_iou(density, iou, bins=20)
     assert bins.density.tolist() == [5, 20, 400]
     assert bins.iou == pytest.approx([0.1, 0.4, 0.9])
     assert bins.vehicles.tolist() == [2, 2, 1]
+    density = np.array([0.0, 10, 50, 200, 1000])
+    fit = fit_log(BinnedIou(density, 0.2 + 0.1 * np.log(np.maximum(density, 1)), np.array([5, 1, 4, 2, 9])))
+    assert fit == pytest.approx((0.2, 0.1))
+    assert fit.density_needed(0.7) == pytest.approx(np.exp(5))
+    assert LogFit(0.2, -0.1).density_needed(0.7) == np.inf
+    assert np.isnan(fit_log(BinnedIou(np.array([0.0, 3]), np.ones(2), np.ones(2, np.int64))).density_needed(0.7))
+    density, iou = np.array([10.0, 100.0, 1000.0]), np.array([0.4, 0.7, 0.8])
+    alone = fit_log(BinnedIou(density[:2], iou[:2], np.array([1, 1])))
+    heavy = fit_log(BinnedIou(density, iou, np.array([10**9, 10**9, 1])))
+    assert heavy == pytest.approx(alone, abs=1e-6)
 
 
 def test_every_vehicle_falls_into_a_bin(stored):
@@ -123,22 +120,6 @@ def test_every_vehicle_falls_into_a_bin(stored):
     assert bins.iou @ bins.vehicles == pytest.approx(iou.sum())
     assert len(bin_iou(np.zeros(3), np.ones(3)).iou) == 1
     assert len(bin_iou(np.zeros(0), np.zeros(0)).iou) == 0
-
-
-def test_a_log_curve_is_fitted_exactly_and_solved():
-    density = np.array([0.0, 10, 50, 200, 1000])
-    fit = fit_log(BinnedIou(density, 0.2 + 0.1 * np.log(np.maximum(density, 1)), np.array([5, 1, 4, 2, 9])))
-    assert fit == pytest.approx((0.2, 0.1))
-    assert fit.density_needed(0.7) == pytest.approx(np.exp(5))
-    assert LogFit(0.2, -0.1).density_needed(0.7) == np.inf
-    assert np.isnan(fit_log(BinnedIou(np.array([0.0, 3]), np.ones(2), np.ones(2, np.int64))).density_needed(0.7))
-
-
-def test_fit_weighs_bins_by_their_vehicles():
-    density, iou = np.array([10.0, 100.0, 1000.0]), np.array([0.4, 0.7, 0.8])
-    alone = fit_log(BinnedIou(density[:2], iou[:2], np.array([1, 1])))
-    heavy = fit_log(BinnedIou(density, iou, np.array([10**9, 10**9, 1])))
-    assert heavy == pytest.approx(alone, abs=1e-6)
 
 
 def test_needed_density_is_that_of_isotonic_regression():

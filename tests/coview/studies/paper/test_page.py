@@ -26,28 +26,24 @@ def page():
     return paper_page("Ours & theirs", [MADE], {"one": b"<svg/>"}, conditions=about, causes={"A": "Because."})
 
 
-def test_it_requests_nothing(page):
+def test_pages_request_nothing_and_stand_side_by_side(page):
     found = re.findall(r'(?:src|href)="([^"]+)"', page)
     assert found
     assert all(each.startswith(("data:", "#")) for each in found)
     assert "<script" not in page
     assert "url(" not in page
-
-
-def test_ours_the_papers_and_the_difference_stand_side_by_side(page):
     cells = re.findall(r"<tr[^>]*>(<td.*?)</tr>", page)
     first = re.findall(r"<td[^>]*>(.*?)</td>", cells[0])
     figures = ["early", "AP", "0.9900", "0.9800–1.0000", "0.7100", "+0.2800"]
     assert first == [*figures, "more is seen &amp; found &lt;A&gt;"]
     assert [re.findall(r"<td[^>]*>(.*?)</td>", row)[5] for row in cells] == ["+0.2800", "+0.0100", "+0.00"]
-
-
-def test_large_differences_are_counted_and_marked(page):
     assert "1 of 2 AP values differ from the paper's by more than 0.05" in page
     assert page.count('<tr class="large">') == 1
+    assert "@media print" in page
+    assert "break-before: page" in page
 
 
-def test_texts_are_escaped_and_all_there(page):
+def test_pages_are_closed_and_escaped(page):
     for text in (
         "Ours &amp; theirs",
         "Title &amp; more",
@@ -58,8 +54,6 @@ def test_texts_are_escaped_and_all_there(page):
     ):
         assert text in page
 
-
-def test_every_element_is_closed(page):
     class Checker(HTMLParser):
         def __init__(self):
             super().__init__()
@@ -75,11 +69,6 @@ def test_every_element_is_closed(page):
     checker = Checker()
     checker.feed(page)
     assert checker.open == []
-
-
-def test_it_prints_section_by_section(page):
-    assert "@media print" in page
-    assert "break-before: page" in page
 
 
 def pairs(out, interval=INTERVAL):
@@ -106,12 +95,9 @@ def test_svg_is_sound_and_the_same_each_time(draw, tmp_path):
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
-def test_png_too(tmp_path):
+def test_pictures_as_png_draw_both_and_the_interval(tmp_path):
     pairs(tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
-
-
-def test_both_and_the_interval_are_drawn(tmp_path):
     pairs(tmp_path / "a.svg")
     pairs(tmp_path / "b.svg", None)
     text = (tmp_path / "a.svg").read_text()

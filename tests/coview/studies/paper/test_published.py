@@ -14,22 +14,16 @@ from coview.studies.paper.published import (
 )
 
 
-def test_table_1_is_the_best_set_of_table_2():
+def test_tables_1_and_2_have_the_published_sets():
     for site in PAPER_SITES:
         everyone = sensor_sets(site).rows[0]
         assert SCHEME_TABLE[site]["early"].ap[0] == everyone.early
         assert SCHEME_TABLE[site]["late"].ap[0] == everyone.late
-
-
-def test_table_1():
     assert SCHEME_TABLE["tjunction"]["hybrid"] == ((0.8903, 0.7056, 0.07277), 64, 380)
     assert SCHEME_TABLE["roundabout"]["late"] == ((0.8143, 0.5986, 0.01762), 0.26, 214)
     assert [SCHEME_TABLE["roundabout"][s].kbit for s in ("late", "hybrid", "early")] == [0.26, 372, 674]
     assert SCHEME_TABLE["tjunction"]["early"].ap == (0.9870, 0.9447, 0.3861)
     assert SCHEME_TABLE["roundabout"]["early"].ap == (0.9670, 0.8816, 0.04638)
-
-
-def test_table_2_has_the_rows_in_bold():
     junction, roundabout = sensor_sets("tjunction"), sensor_sets("roundabout")
     assert [len(each.rows) for each in (junction, roundabout)] == [16, 22]
     assert list(map(set_name, junction.best_early)) == ["0,1,2,3,4,5", "0,1,3,4,5", "1,3,4,5", "0,2,5", "3,4", "4"]
@@ -48,12 +42,9 @@ def test_sets_are_ascending_and_listed_best_first(site):
         assert early == sorted(early, reverse=True)
 
 
-def test_one_sensor_is_the_same_early_and_late():
+def test_tables_3_and_4_and_statements():
     for site in PAPER_SITES:
         assert all(row.early == row.late for row in sensor_sets(site).rows if len(row.sensors) == 1)
-
-
-def test_table_3_and_4():
     ap = {(row.region, row.sensors): row.ap for row in (*REGION_TABLE["tjunction"], *REGION_TABLE["roundabout"])}
     assert [ap[(1, 5), each] for each in ((1,), (5,), (1, 5))] == [0.4717, 0.3222, 0.8722]
     assert [ap[(2, 4), each] for each in ((2,), (4,), (2, 4))] == [0.5621, 0.7942, 0.9560]
@@ -62,9 +53,6 @@ def test_table_3_and_4():
     assert [row.two for row in BENCHMARK_TABLE] == [None, 0.7237, 0.7237, ap[(1, 5), (1, 5)]]
     assert BENCHMARK_TABLE[-1].single == (ap[(1, 5), (1,)],)
     assert BENCHMARK_TABLE[0].single == (0.8197, 0.6546, 0.6285)
-
-
-def test_statements_are_about_sets_of_table_2():
     for site in PAPER_SITES:
         for says in (*CURVE_STATEMENTS[site], *DENSITY_STATEMENTS[site]):
             assert says.sensors in sensor_sets(site).best_early

@@ -63,16 +63,13 @@ def made(tmp_path_factory, table):
     return result, detector, out, stages
 
 
-def test_every_experiment_has_its_files(made):
+def test_every_experiment_has_its_files_and_figures(made):
     result, _, out, _ = made
     assert tuple(each.name for each in result.experiments) == NAMES
     assert {f"{name}.{kind}" for name in NAMES for kind in ("csv", "svg")} <= set(files(out))
     more = {"pr_curves_points.csv", "point_density_curves.csv", "iou_density_bins.csv", PAGE, FIGURES}
     assert set(files(out)) == more | {f"{name}.{kind}" for name in NAMES for kind in ("csv", "svg")}
     assert result.page == out / PAGE
-
-
-def test_page_has_both_figures_and_the_difference(made):
     result, _, out, _ = made
     page = (out / PAGE).read_text()
     early = next(row for row in result.experiments[0].rows if row.labels == ("early", "AP@0.7"))
@@ -84,9 +81,6 @@ def test_page_has_both_figures_and_the_difference(made):
     assert "noise of 1.5 cm" in page
     assert "The detector is not the shipped one" in page
     assert f"coview reproduce tjunction --frames {FRAMES}" in page
-
-
-def test_csv_and_json_say_the_same(made):
     result, _, out, _ = made
     rows = list(csv.DictReader((out / "schemes.csv").read_text().splitlines()))
     values = json.loads((out / FIGURES).read_text())
@@ -94,6 +88,9 @@ def test_csv_and_json_say_the_same(made):
     assert [each["name"] for each in values["experiments"]] == list(NAMES)
     assert values["conditions"]["sensor sets"] == "exact table of 12 frames, 50 vehicles"
     assert result.as_dict()["frames"] == FRAMES
+    stages = made[3]
+    assert ("frames simulated", FRAMES, FRAMES) in stages
+    assert ("frames detected", FRAMES, FRAMES) in stages
 
 
 def test_large_differences_are_listed(made):
@@ -110,12 +107,6 @@ def test_large_differences_are_listed(made):
         "benchmarks",
     ]
     assert lines[2].split()[1] == "9"
-
-
-def test_stages(made):
-    stages = made[3]
-    assert ("frames simulated", FRAMES, FRAMES) in stages
-    assert ("frames detected", FRAMES, FRAMES) in stages
 
 
 def test_the_same_bytes_again_without_the_detector(made, table):

@@ -19,7 +19,7 @@ from coview.studies.paper.tables import (
 from placement_env.fidelity.table import best_sets
 
 
-def test_rows_of_table_1(stored):
+def test_table_1_has_its_rows_and_explains_what_is_sent(stored):
     made = scheme_experiment(stored, "tjunction", "12 frames")
     by_labels = {row.labels: row for row in made.rows}
     assert len(made.rows) == len(by_labels) == 15
@@ -34,9 +34,6 @@ def test_rows_of_table_1(stored):
         assert by_labels[run.scheme, "time"].ours == ms_per_frame(stored, run)
         assert by_labels[run.scheme, "time"].unit == "ms"
     assert made.basis == "12 frames"
-
-
-def test_what_is_sent_is_explained(stored):
     rows = {row.labels: row.reason for row in scheme_experiment(stored, "tjunction", "").rows}
     far = sum(truth.sent[2].sum() for truth in stored.truths) / stored.frames / 6 * 0.096
     kbit = kbit_per_sensor(stored, scheme_runs(6)[0])
@@ -76,7 +73,7 @@ def test_rows_of_table_2(stored, exact_table, shares):
     assert all(row.interval is None for row in made.rows)
 
 
-def test_our_best_three_of_each_size(stored, exact_table):
+def test_table_2_has_our_best_three_in_order(stored, exact_table):
     rows = [r for r in set_experiment(exact_table, stored, "tjunction").rows if r.labels[0].startswith("our best")]
     assert len(rows) == 2 * (1 + 3 * 5)
     assert rows[1].labels == ("our best of 5, number 1, in the paper's list", "early", "1,2,3,4,5")
@@ -84,9 +81,6 @@ def test_our_best_three_of_each_size(stored, exact_table):
     assert [row.ours for row in rows[:16]] == [each.ap for size in best.values() for each in size]
     assert {row.paper for row in rows} == {None}
     assert {"in the paper's list" in row.labels[0] for row in rows} == {True, False}
-
-
-def test_order_and_places(stored, exact_table):
     made, listed = set_experiment(exact_table, stored, "tjunction"), sensor_sets("tjunction")
     correlations = {row.labels[1]: row.ours for row in made.rows if row.unit == "rank correlation"}
     ours = [r.ours for r in made.rows if r.labels[0].startswith("paper") and r.labels[1] == "late"]
@@ -118,16 +112,13 @@ def test_rows_of_table_3(site, stored, stored_roundabout):
     assert set(region_runs(site)) == {SchemeRun("early", row.sensors) for row in REGION_TABLE[site]}
 
 
-def test_conclusion_has_the_gains(stored):
+def test_table_4_has_its_rows_and_gains(stored):
     made = region_experiment(stored, "tjunction", "")
     ap = [row.ours or 0.0 for row in made.rows]
     assert f"1,5 together {ap[2] - max(ap[:2]):+.3f} over the better of the two (paper +0.400)" in made.conclusion
     assert f"2,4 together {ap[5] - max(ap[3:5]):+.3f} over the better of the two (paper +0.162)" in made.conclusion
     helps = ap[2] > max(ap[:2]) and ap[5] > max(ap[3:5])
     assert made.conclusion.startswith("A second view" if helps else "Not every pair")
-
-
-def test_rows_of_table_4(stored):
     made = benchmark_experiment(stored, "tjunction", "")
     theirs = [row for row in made.rows if row.ours is None]
     assert [row.paper for row in theirs] == [0.8197, 0.6546, 0.6285, 0.1960, 0.7237, 0.1960, 0.7237, 0.4717, 0.8722]

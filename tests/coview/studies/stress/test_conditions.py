@@ -12,15 +12,12 @@ from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.error_terms import Calibration
 
 
-def test_every_kind_has_distinct_levels():
+def test_kinds_have_distinct_levels_of_pose_errors():
     for kind in KINDS:
         made = make_conditions(kind, ["a", "b"])
         assert {each.kind for each in made} == {kind}
         assert len({each.level for each in made}) == len(made) > 0
     assert set(IN_SEQUENCE) < set(KINDS)
-
-
-def test_pose_errors_include_those_of_the_benchmarks():
     made = make_conditions("pose", [])
     assert [(each.amount, each.level) for each in made] == [
         (0, "0 m, 0°"), (0.1, "0.1 m, 0.1°"), (0.2, "0.2 m, 0.2°"), (0.4, "0.4 m, 0.4°"), (0.6, "0.6 m, 0.6°"),
@@ -30,25 +27,21 @@ def test_pose_errors_include_those_of_the_benchmarks():
         Calibration(np.deg2rad(each.amount), each.amount) for each in made
     ]
     assert all(each.errors.terms[:-1] == PAPER_ERRORS.terms and each.redrawn for each in made)
-
-
-def test_crooked_mounting_moves_a_sensor_by_a_centimetre_per_tenth_of_a_degree():
     made = make_conditions("mounting", [])
     assert [each.level for each in made[:4]] == ["0°, 0 cm", "0.1°, 1 cm", "0.2°, 2 cm", "0.4°, 4 cm"]
     assert made[-1].errors.terms[-1] == Calibration(np.deg2rad(1.0), 0.1)
     assert all(each.redrawn for each in made)
+    with pytest.raises(ValueError, match="choose among bytes, pose, mounting, silent"):
+        make_conditions("earthquake", [])
 
 
-def test_each_pair_fails_in_turn():
+def test_each_sensor_and_pair_fails_in_turn():
     made = make_conditions("pairs", ["a", "b", "c"])
     assert [(each.level, each.silent) for each in made] == [
         ("a and b", (0, 1)),
         ("a and c", (0, 2)),
         ("b and c", (1, 2)),
     ]
-
-
-def test_each_sensor_fails_in_turn():
     for kind in ("silent", "blinded", "frozen"):
         made = make_conditions(kind, ["a", "b"])
         assert [(each.level, getattr(each, kind)) for each in made] == [("a", (0,)), ("b", (1,))]
@@ -71,16 +64,11 @@ def test_channels_come_without_tracks_and_with_them():
     assert [each.channel.every for each in make_conditions("rate", [])] == [2, 2, 5, 5]
 
 
-def test_unknown_kind():
-    with pytest.raises(ValueError, match="choose among bytes, pose, mounting, silent"):
-        make_conditions("earthquake", [])
-
-
 def names(schemes, kind="bytes"):
     return [(each.scheme.name, each.name) for each in make_systems(schemes, kind)]
 
 
-def test_under_bytes_every_scheme_is_sent_in_every_encoding():
+def test_schemes_are_sent_in_encodings_of_their_kind():
     steps = ["2 cm", "4 cm", "8 cm"]
     assert names([Late()]) == [("late", "paper"), ("late", "bytes")]
     assert names([Early()]) == [("early", each) for each in ("paper", *steps)]
@@ -88,7 +76,4 @@ def test_under_bytes_every_scheme_is_sent_in_every_encoding():
     assert names([Foreground()]) == [("foreground", each) for each in steps]
     assert [each.scheme for each in make_systems([Foreground()], "bytes")] == [Foreground(x) for x in STEPS]
     assert [each.codec for each in make_systems([Early()], "bytes")[1:]] == [RangeImages(x) for x in STEPS]
-
-
-def test_under_other_kinds_every_scheme_sends_the_finest_step():
     assert names([Late(), Early()], "delay") == [(n, "2 cm") for n in ("late", "early")]

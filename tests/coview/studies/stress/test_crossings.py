@@ -25,16 +25,13 @@ def rows(**schemes):
     return [row(name, x, ap) for name, each in schemes.items() for x, ap in zip(LEVELS, each, strict=True)]
 
 
-def test_a_level_is_found_between_two():
+def test_levels_between_two_where_schemes_change_places():
     levels = np.array([0.0, 0.2, 0.4])
     assert crossing_level(levels, np.array([-0.1, 0.1, 0.3])) == pytest.approx(0.1)
     assert crossing_level(levels, np.array([0.1, -0.1, 0.1])) == pytest.approx(0.3)  # the last time it comes to lead
     assert crossing_level(levels, np.array([0.1, 0.1, 0.1])) == 0
     assert crossing_level(levels, np.array([0.0, 0.1, 0.1])) == 0
     assert crossing_level(levels, np.array([-0.1, 0.2, 0.0])) == math.inf
-
-
-def test_two_schemes_that_change_places():
     (found,) = find_crossings(rows(early=(0.9, 0.6, 0.2), late=(0.7, 0.6, 0.5)))
     assert (found.kind, found.iou, found.before, found.after) == ("pose", 0.7, "early", "late")
     assert found.level == pytest.approx(0.2)
@@ -43,9 +40,6 @@ def test_two_schemes_that_change_places():
     assert found.share == 1
     assert find_crossings(rows(early=(0.9, 0.8, 0.7), late=(0.7, 0.7, 0.6))) == ()
     assert find_crossings([each for each in rows(early=(0.9, 0.6, 0.2)) if each.amount is not None]) == ()
-
-
-def test_variation_between_draws_makes_the_interval():
     always = Tally.of_frames([np.full(6, 0.9)] * 8, [np.ones(6, bool)] * 8, [10] * 8)  # 0.6 in every draw
     steady = [StressRow(**{**vars(row("late", x, 0.5)), "tally": always}) for x in LEVELS]
     varied = [row("early", x, ap) for x, ap in zip(LEVELS, (0.9, 0.7, 0.3), strict=True)]
@@ -66,23 +60,17 @@ def test_a_level_beyond_those_tried_is_infinite_and_null_in_json():
     assert found.as_dict()["level"] == pytest.approx(found.level)
 
 
-def test_best_scheme_per_range_of_levels():
+def test_best_schemes_cross_by_kind_and_iou_or_not():
     found = best_schemes(rows(early=(0.9, 0.6, 0.2), hybrid=(0.8, 0.7, 0.3), late=(0.6, 0.6, 0.5)))
     assert [(each.scheme, round(each.start, 3), round(each.end, 3)) for each in found] == [
         ("early", 0, 0.1), ("hybrid", 0.1, 0.267), ("late", 0.267, 0.4)
     ]  # fmt: skip
     assert best_schemes([row("early", None, 0.5), row("late", None, 0.5)]) == ()
-
-
-def test_nearly_equal_schemes_do_not_cross():
     assert find_crossings(rows(early=(1.0, 0.9, 0.5), late=(0.996, 0.9, 0.6))) == ()
     assert find_crossings(rows(early=(1.0, 0.9, 0.596), late=(0.9, 0.9, 0.6))) == ()
     assert len(find_crossings(rows(early=(1.0, 0.9, 0.594), late=(0.9, 0.9, 0.6)))) == 1
     found = best_schemes(rows(early=(0.9, 0.6, 0.2), foreground=(0.899, 0.604, 0.202)))
     assert [(each.scheme, each.start, each.end) for each in found] == [("early", 0, 0.4)]
-
-
-def test_kinds_and_ious_are_looked_at_apart():
     two = rows(early=(0.9, 0.6, 0.2), late=(0.7, 0.6, 0.5))
     strict = [StressRow(**{**vars(each), "iou": 0.9}) for each in two]
     other = [StressRow(**{**vars(each), "kind": "mounting"}) for each in two]

@@ -17,7 +17,7 @@ def found(driving, tops):
     return time_faults(fine, tops(), Run(frames=28))
 
 
-def test_every_fault_of_every_sensor_in_both_ways_of_sending(found):
+def test_faults_are_noticed_both_ways_and_false_alarms_are_of_losses(found):
     noticed = {(each.fault, each.sent_as): each for each in found[0]}
     assert {each.cases for each in noticed.values()} == {2}
     for way in ("whole images", "foreground"):
@@ -26,9 +26,6 @@ def test_every_fault_of_every_sensor_in_both_ways_of_sending(found):
     assert noticed["blinded", "whole images"] == Noticed("blinded", "whole images", 2, 2, 0.2, 0.2)
     assert noticed["frozen", "foreground"].worst == 0.2
     assert noticed["blinded", "foreground"].worst == 0.2
-
-
-def test_false_alarms_are_those_of_lost_messages(found):
     alarms = {(each.link, each.sent_as): each for each in found[1]}
     nothing = alarms["nothing wrong", "foreground"]
     assert nothing.alarms == 0
@@ -42,13 +39,10 @@ def test_false_alarms_are_those_of_lost_messages(found):
     assert len(alarms) == 14
 
 
-def test_few_pixels_of_foreground_tell_nothing(driving, tops):
+def test_few_pixels_and_short_traffic_tell_nothing(driving, tops):
     noticed = {(each.fault, each.sent_as): each for each in time_faults(driving(28), tops())[0]}
     assert noticed["frozen", "whole images"].noticed == 2
     assert (noticed["frozen", "foreground"].noticed, noticed["frozen", "foreground"].worst) == (0, float("inf"))
     assert noticed["frozen", "foreground"].as_dict()["worst"] is None
-
-
-def test_traffic_that_is_too_short(driving, tops):
     with pytest.raises(ValueError, match="no stretch of traffic is 2 s long"):
         time_faults(driving(10), tops())

@@ -31,15 +31,12 @@ ROWS = [
 NOTICED = Noticed("frozen", "foreground", 6, 5, 0.2, np.inf)
 
 
-def test_as_text():
+def test_rows_as_text_and_files_so_far(tmp_path):
     assert format_rows(ROWS).splitlines() == [
         "stress  level  scheme  sent as  IoU     AP   95 % interval  kbit/sensor     age",
         "delay   0.3 s  early   2 cm     0.7  0.875  0.800 to 0.912         6.12  0.30 s",
         "loss    10%    late    paper    0.7  0.875  0.800 to 0.912         0.25   nan s",
     ]
-
-
-def test_as_files(tmp_path):
     write_stress(StressResults(tuple(ROWS), noticed=(NOTICED,)), {"site": "plain"}, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(STRESS_FILES)
     content = json.loads((tmp_path / "out" / "stress.json").read_text())
@@ -49,16 +46,13 @@ def test_as_files(tmp_path):
     assert content["noticed"][0]["worst"] is None
     assert "exact" not in content
     assert "<svg" in (tmp_path / "out" / "stress.svg").read_text()
-
-
-def test_rows_so_far(tmp_path):
     write_rows(ROWS[:1], {"site": "plain"}, tmp_path / "new")
     write_rows(ROWS, {"site": "plain"}, tmp_path / "new")
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["stress.json"]
     assert len(json.loads((tmp_path / "new" / "stress.json").read_text())["rows"]) == 2
 
 
-def test_crossings_as_text():
+def test_crossings_faults_and_failures_as_text():
     crossed = [Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)]
     rows = [
         StressRow("pose", "", name, "2 cm", Judgement(ap, ap, ap, 1.0, 1.0, 1, 1), 1.0, 0.0, "vehicle", 0.7, level)
@@ -74,9 +68,6 @@ def test_crossings_as_text():
         "pose       0.7  early   late        0.25    0.20 to inf       97%",
     ]
     assert format_crossings(ROWS, []) == ""
-
-
-def test_faults_and_exact_failures_as_text():
     assert format_noticed([NOTICED], [FalseAlarms("loss 10%", "foreground", 3, 12.54)]).splitlines() == [
         "fault   sent as     cases  noticed  median  worst",
         "frozen  foreground      6        5   0.2 s  inf s",
@@ -88,7 +79,7 @@ def test_faults_and_exact_failures_as_text():
     assert format_exact(left).splitlines()[1].split() == ["N-2", "early", "0.7", "0.980", "0.900", "0.812", "d0,", "d3"]
 
 
-def test_the_shipped_table_says_what_is_left():
+def test_tables_say_what_is_left_or_lack_values():
     table = load_table("tjunction")
     found = {(each.scheme, each.iou, each.failing): each for each in exact_failures(table, ious=(0.7, 0.9))}
     assert len(found) == 3 * 2 * 2
@@ -104,9 +95,6 @@ def test_the_shipped_table_says_what_is_left():
     assert two.worst == min(pairs)
     assert len(two.without) == 2
     assert two.as_dict()["failing"] == 2
-
-
-def test_values_missing_from_a_table():
     table = load_table("tjunction")
     assert {each.iou for each in exact_failures(table, ious=(0.5, 0.8))} == {0.8}
     with pytest.raises(ValueError, match=r"holds AP at IoU 0\.7, 0\.8, 0\.9, not at 0\.5"):

@@ -61,18 +61,18 @@ def test_bytes_are_those_of_an_evaluation_after_the_first_second(rows, driving, 
     assert (judged.vehicles, judged.frames, judged.kind) == (20, 20, "vehicle")
 
 
-def test_delay_costs_what_drives_and_tracks_give_it_back(rows):
+def test_delays_rates_and_silent_sensors_cost_what_drives(rows):
     late = {row.level: row for row in by(rows, kind="delay")}
     assert late["0.3 s"].judged.ap == 0
     assert late["0.3 s"].age == pytest.approx(0.35, abs=0.06)
     assert late["0.3 s, tracks"].judged.ap > 0.3  # sensors of different ages smear the car, which no track can mend
     assert late["0.3 s, tracks"].kbit_per_sensor == late["0.3 s"].kbit_per_sensor
-
-
-def test_a_lower_rate_is_as_old_as_it_is_rare(rows):
     rate = by(rows, kind="rate", level="every 5 frames")[0]
     assert rate.age == pytest.approx(0.2, abs=0.01)
     assert rate.judged.ap < by(rows, kind="rate", level="every 5 frames, tracks")[0].judged.ap
+    assert [row.level for row in by(rows, kind="silent", scheme="early")] == ["a", "b"]
+    assert all(row.judged.ap > 0.5 for row in by(rows, kind="silent"))
+    assert all(row.judged.ap < 0.5 for row in by(rows, kind="frozen", scheme="early"))
 
 
 def test_differences_show_what_foreground_does_in_fewer_bytes_unless_messages_are_lost(monkeypatch, driving, tops):
@@ -96,12 +96,6 @@ def test_differences_show_what_foreground_does_in_fewer_bytes_unless_messages_ar
     assert lossy[1].kbit_per_sensor == pytest.approx(previous.kbit_per_sensor)
     assert lossy[2].kbit_per_sensor == pytest.approx(to_key.kbit_per_sensor)
     assert {row.codec for row in rows if row.kind == "bytes"} == {"2 cm", "4 cm", "8 cm"}
-
-
-def test_one_silent_sensor_leaves_the_other_and_a_frozen_one_shows_ghosts(rows):
-    assert [row.level for row in by(rows, kind="silent", scheme="early")] == ["a", "b"]
-    assert all(row.judged.ap > 0.5 for row in by(rows, kind="silent"))
-    assert all(row.judged.ap < 0.5 for row in by(rows, kind="frozen", scheme="early"))
 
 
 def test_kinds_that_a_recording_can_show(driving):
@@ -128,7 +122,7 @@ def test_pose_errors_and_blinded_sensors_far_apart_and_progress(driving, tops):
     assert len({row.judged.ap for row in rows[:3]} | {row.kbit_per_sensor for row in rows}) > 2
 
 
-def test_bad_questions(driving, tops):
+def test_bad_questions_and_the_same_rows_in_processes(driving, tops):
     for wrong, said in (
         ({"schemes": ()}, "name at least one IoU and one scheme"),
         ({"ious": ()}, "name at least one IoU and one scheme"),
@@ -137,9 +131,6 @@ def test_bad_questions(driving, tops):
     ):
         with pytest.raises(ValueError, match=said):
             StressQuestion(**wrong)
-
-
-def test_processes_give_the_same_rows(driving, tops):
     question, finished = StressQuestion(schemes=("early",), kinds=("silent",)), []
     alone = run_stress(driving(4, 5.0), tops(), question)
     assert run_stress(driving(4, 5.0), tops(), question, Run(workers=2), finished=finished.append) == alone
@@ -158,7 +149,7 @@ def frame(time=0.0):
     return Frame((), (), Objects(TRUTH, np.zeros(3, int), np.arange(3)), time, 0)
 
 
-def test_figures_of_all_frames_at_each_iou():
+def test_figures_at_each_iou_and_tracks_that_restart():
     counted = trial((0.5, 0.9))
     shifted = TRUTH[:2] + np.array([0.4, 0, 0, 0, 0, 0, 0])  # IoU 0.82
     for boxes, scores in ((shifted, [0.9, 0.8]), (TRUTH[:1], [0.7])):
@@ -173,9 +164,6 @@ def test_figures_of_all_frames_at_each_iou():
     assert loose.tally.truths.tolist() == [2, 2]
     assert "tally" not in loose.as_dict()
     assert loose.as_dict()["judged"]["ap"] == 0.75
-
-
-def test_tracks_restart_with_traffic_and_an_unknown_age_changes_nothing():
     counted, here = trial(), Detections(TRUTH[:1], np.array([0.9]))
     for k in range(10):
         moved = Detections(TRUTH[:1] + np.array([1.0 * k, 0, 0, 0, 0, 0, 0]), np.array([0.9]))
@@ -205,7 +193,7 @@ def same(one, other):
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("boxes", "scores", "labels"))
 
 
-def test_the_same_points_are_detected_once():
+def test_the_same_points_are_detected_once_with_their_labels():
     detector = Counting()
     kept = KeptDetections(detector)
     first, again = kept(POINTS), kept(POINTS.copy())
@@ -221,6 +209,13 @@ def test_the_same_points_are_detected_once():
     ):
         kept(other)
     assert detector.calls == 5  # the first point alone comes twice
+    detector = Counting()
+    detector.labels = ("cyclist", "vehicle")
+    kept = KeptDetections(detector)
+    assert kept.labels == ("vehicle", "cyclist")
+    assert KeptDetections(Counting()).labels is None
+    assert KeptDetections.of(kept) is kept
+    assert same(KeptDetections.of(detector)(POINTS), kept(POINTS))
 
 
 def test_detections_on_disk_belong_to_their_detector(tmp_path):
@@ -241,13 +236,3 @@ def test_a_detector_without_digest_is_not_kept_on_disk(tmp_path):
     assert len(KeptDetections(detect)(POINTS)) == 0
     with pytest.raises(ValueError, match="needs an attribute digest"):
         KeptDetections(detect, Cache(tmp_path / "kept"))
-
-
-def test_kept_detections_know_the_labels_and_are_not_wrapped_twice():
-    detector = Counting()
-    detector.labels = ("cyclist", "vehicle")
-    kept = KeptDetections(detector)
-    assert kept.labels == ("vehicle", "cyclist")
-    assert KeptDetections(Counting()).labels is None
-    assert KeptDetections.of(kept) is kept
-    assert same(KeptDetections.of(detector)(POINTS), kept(POINTS))

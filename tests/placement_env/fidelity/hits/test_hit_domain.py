@@ -9,7 +9,7 @@ DOMAIN = HitDomain(50.0, 100.0, ("DepthCamera",), 2, 30, 9)
 NEAR = np.full((2, 50), 30.0, np.float32)
 
 
-def test_a_domain_is_what_99_percent_of_what_was_seen_lies_in():
+def test_domains_mention_what_lies_outside_alone():
     points = [np.array([[0.0, 10.0, 20.0]]), np.array([[30.0], [0.0]])]
     distance = [np.array([[99.0, 10.0, 20.0]]), np.array([[30.0], [99.0]])]
     found = build_domain(points, distance, ["b", "a", "b"], 7)
@@ -17,18 +17,12 @@ def test_a_domain_is_what_99_percent_of_what_was_seen_lies_in():
     assert (found.sensors, found.sites, found.objects, found.sets) == (("a", "b"), 2, 4, 7)
     with pytest.raises(ValueError, match="no sensor has a point on any object"):
         build_domain([np.zeros((2, 3))], [np.ones((2, 3))], [], 1)
-
-
-def test_what_lies_inside_is_not_mentioned():
     assert DOMAIN.outside(NEAR, NEAR, ["DepthCamera"]) == ()
     few = NEAR.copy()
     few[0, :5] = 999.0
     assert DOMAIN.outside(NEAR, few) == ()  # 5 %
     assert DOMAIN.outside(np.where(few > 100, 0, NEAR), few) == ()  # not seen
     assert DOMAIN.outside(NEAR, np.full_like(NEAR, 54.0)) == ()
-
-
-def test_what_lies_outside_is_said():
     far = NEAR.copy()
     far[0, :25] = 56.0
     assert DOMAIN.outside(NEAR, far) == (

@@ -13,11 +13,21 @@ SCHEMES = ("early", "late", "hybrid")
 DOMAIN = {"farthest": 60.0, "most_points": 900.0, "sensors": ["DepthCamera"], "sites": 2, "objects": 30, "sets": 9}
 
 
-def test_probability_grows_with_the_evidence_up_to_the_ceiling(hit_model):
+def test_evidence_bulk_and_few_points_set_the_probability(hit_model):
     p = hit_model.probability(np.array([0.0, 1e-3, 1.0, 1e3, 1e9]))
     assert p[0] == 0
     assert (np.diff(p) > 0).all()
     assert p[-1] == pytest.approx(hit_model.ceiling, abs=1e-3)
+    boxes = np.zeros((4, 7))
+    boxes[:, 3:6] = [[4.5, 1.8, 1.5], [4.0, 2.0, 2.0], [8.0, 2.0, 2.0], [12.0, 2.5, 3.2]]
+    model = replace(hit_model, bulk=0.5)
+    assert model.of_size(boxes) == pytest.approx([1, 1, 2**-0.5, 6**-0.5])
+    assert hit_model.of_size(boxes).tolist() == [1.0] * 4
+    assert model.of_size(boxes[:0]).shape == (0,)
+    model = replace(hit_model, floor=20.0, norm=2.0)
+    powers, raw = np.full(4, 1e9), np.array([0.0, 5.0, 20.0, 80.0]) ** 2
+    assert model.probability(powers, raw) == pytest.approx(hit_model.ceiling * np.array([0, 0.25, 1, 1]), abs=1e-3)
+    assert model.probability(powers) == pytest.approx(np.full(4, hit_model.ceiling), abs=1e-3)
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -84,7 +94,7 @@ def test_shipped_models_load_for_all_schemes_and_thresholds():
         shipped_model("early", 0.35)
 
 
-def test_what_a_fit_says_of_itself_comes_back_and_older_files_say_nothing(tmp_path, hit_model):
+def test_files_say_of_fits_and_bulk_what_they_know(tmp_path, hit_model):
     domain = HitDomain(60.0, 900.0, ("DepthCamera", "SpinningLidar"), 2, 30, 9)
     numbers = tuple(getattr(hit_model, name) for name in NUMBERS)
     model = replace(hit_model, floor=15.0, domain=domain, resampled=(numbers, (-3.0, *numbers[1:])))
@@ -97,18 +107,6 @@ def test_what_a_fit_says_of_itself_comes_back_and_older_files_say_nothing(tmp_pa
         rows[0].pop(name)
     (tmp_path / "old.json").write_text(json.dumps(rows))
     assert load_models(tmp_path / "old.json") == (hit_model,)
-
-
-def test_what_is_bulky_is_found_less_surely_and_nothing_else_is(hit_model):
-    boxes = np.zeros((4, 7))
-    boxes[:, 3:6] = [[4.5, 1.8, 1.5], [4.0, 2.0, 2.0], [8.0, 2.0, 2.0], [12.0, 2.5, 3.2]]
-    model = replace(hit_model, bulk=0.5)
-    assert model.of_size(boxes) == pytest.approx([1, 1, 2**-0.5, 6**-0.5])
-    assert hit_model.of_size(boxes).tolist() == [1.0] * 4
-    assert model.of_size(boxes[:0]).shape == (0,)
-
-
-def test_a_file_of_before_there_was_bulk_has_none(tmp_path, hit_model):
     row = asdict(replace(hit_model, resampled=((*[getattr(hit_model, name) for name in NUMBERS[:-1]], 0.0),)))
     row.pop("bulk")
     row["resampled"] = [row["resampled"][0][:-1]]
@@ -116,10 +114,3 @@ def test_a_file_of_before_there_was_bulk_has_none(tmp_path, hit_model):
     (model,) = load_models(tmp_path / "m.json")
     assert model.bulk == 0
     assert model.resamples == (hit_model,)
-
-
-def test_few_points_are_few_below_the_floor(hit_model):
-    model = replace(hit_model, floor=20.0, norm=2.0)
-    powers, raw = np.full(4, 1e9), np.array([0.0, 5.0, 20.0, 80.0]) ** 2
-    assert model.probability(powers, raw) == pytest.approx(hit_model.ceiling * np.array([0, 0.25, 1, 1]), abs=1e-3)
-    assert model.probability(powers) == pytest.approx(np.full(4, hit_model.ceiling), abs=1e-3)

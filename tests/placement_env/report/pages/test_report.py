@@ -149,13 +149,10 @@ def test_tables_sort_by_number_and_back(page):
         assert ranges.locator("tbody tr").last.locator("td").first.inner_text() == ">30 m"
 
 
-def test_its_contents_lead_to_every_section(page):
+def test_contents_lead_to_sections_and_the_page_prints(page):
     page.locator("nav summary").click()  # closed on narrow screens
     page.locator("nav a").last.click()
     assert page.url.endswith("#method")
-
-
-def test_it_prints_without_what_only_a_screen_can_show(page):
     page.emulate_media(media="print")
     assert not page.locator("nav").is_visible()
     assert not page.locator("#scene-frame").is_visible()
@@ -180,12 +177,9 @@ ORDER = (
 )
 
 
-def test_the_sections_are_those_a_reader_needs_in_this_order(document):
+def test_sections_stand_in_order_and_open_with_a_sentence(document):
     assert tuple(section.key for section in document.sections) == ORDER
     assert document.title == "Deployment plan for tjunction"
-
-
-def test_every_section_opens_with_a_sentence_and_every_drawing_has_one(document):
     for section in document.sections:
         assert section.conclusion.endswith((".", "?"))
         for block in section.blocks:
@@ -196,9 +190,6 @@ def test_every_section_opens_with_a_sentence_and_every_drawing_has_one(document)
                 assert block.svg.lstrip().startswith(("<svg", "<?xml"))
             if block.kind == "table":
                 assert block.rows
-
-
-def test_every_ap_in_a_table_stands_with_interval_and_vehicles(document):
     for section in document.sections:
         for block in section.blocks:
             if block.kind == "table" and any(column.title == "AP" for column in block.columns):
@@ -207,15 +198,12 @@ def test_every_ap_in_a_table_stands_with_interval_and_vehicles(document):
                 assert "vehicles" in titles
 
 
-def test_a_plan_without_sensors_is_sentences_all_through(nothing_chosen):
+def test_plans_without_sensors_or_judgement_are_sentences(nothing_chosen):
     document = build_document(nothing_chosen.plan, nothing_chosen.site, nothing_chosen.ground)
     assert tuple(section.key for section in document.sections) == ORDER
     assert document.subtitle == "VoxelNet; AP at IoU 0.7; late fusion"
     assert [section.key for section in document.sections if section.blocks] == ["requirement"]
     assert all(section.conclusion.endswith(".") for section in document.sections)
-
-
-def test_a_plan_where_nothing_was_judged(nothing_chosen):
     plan = replace(nothing_chosen.plan, detector="", verdict=Verdict(False, "No set can be planned."))
     document = build_document(plan, nothing_chosen.site, None)
     assert document.subtitle == "No set was judged"

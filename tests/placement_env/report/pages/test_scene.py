@@ -33,7 +33,7 @@ def scene(example):
     return build_scene(example.plan, example.site, example.ground, example.moments)
 
 
-def test_every_sensor_and_every_kind_of_box_can_be_hidden(scene):
+def test_every_sensor_box_and_frame_has_nodes_in_a_small_page(scene):
     sensors, boxes = scene.layers[:4], scene.layers[4:]
     assert [(each.name, each.node) for each in sensors] == [
         *(("d0", "/sensors/0"), ("d1", "/sensors/1"), ("d3", "/sensors/2"), ("d5", "/sensors/3")),
@@ -42,15 +42,9 @@ def test_every_sensor_and_every_kind_of_box_can_be_hidden(scene):
     assert [each.node for each in boxes] == ["/truth", "/hit", "/missed", "/false"]
     assert boxes[1] == Layer("Detections that hit", "/hit", OUTCOME["hit"].colour, "thick solid boxes")
     assert len({each.colour for each in boxes}) == len({each.mark for each in boxes}) == 4
-
-
-def test_every_frame_has_nodes_of_its_own(scene):
     assert len(scene.frames) == 3
     assert scene.frames[1][:2] == ("/sensors/0/points 1", "/sensors/1/points 1")
     assert len(set(sum(scene.frames, ()))) == 3 * 8
-
-
-def test_the_page_asks_for_nothing_and_is_small(scene):
     assert len(scene.html) < 4e6
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=[\"']?(https?:|//|/)", scene.html)
     assert "__VISER_EMBED_DATA__" in scene.html
@@ -62,7 +56,7 @@ def test_the_same_plan_has_the_same_scene_and_says_nothing(example, scene, capsy
     assert capsys.readouterr() == ("", "")
 
 
-def test_the_default_port_may_be_taken_and_no_port_stays_open(example):
+def test_ports_may_be_taken_and_views_end_where_something_stands(example):
     """viser listens while the scene is written, on this machine alone, and at no port of ours."""
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -71,6 +65,8 @@ def test_the_default_port_may_be_taken_and_no_port_stays_open(example):
             taken.listen()
         made = build_scene(example.plan, example.site, None, ())
     assert made.frames == ()
+    bare = replace(example.site, sensors=())
+    assert len(build_scene(example.plan, bare, None, ()).layers) == 8
 
 
 def test_clouds_are_thinned_to_what_a_page_can_hold(example, scene):
@@ -81,11 +77,6 @@ def test_clouds_are_thinned_to_what_a_page_can_hold(example, scene):
     assert len(html) < len(scene.html) + MOST_DRAWN * 6 * 4 / 3 + 1e5
 
 
-def test_a_sensor_that_the_site_does_not_have_has_no_edges_but_a_place(example):
-    bare = replace(example.site, sensors=())
-    assert len(build_scene(example.plan, bare, None, ()).layers) == 8
-
-
 FIELD = Site("field", np.array([0.0, 0.0, 12.0, 8.0]), relief=Relief(0.3, 5))
 
 
@@ -94,15 +85,12 @@ def area(mesh):
     return float(np.abs(np.cross(b - a, c - a)).sum() / 2)
 
 
-def test_ground_reaches_around_the_area_and_leaves_ponds_open():
+def test_ground_and_draped_shapes_follow_ponds_and_relief():
     pond = Solid(np.array([[2.0, 2], [6, 2], [6, 6], [2, 6]]), -1.0, -0.5, "pond")
     wet = Site("wet", FIELD.area, solids=(pond,))
     whole = (12 + 2 * GROUND_MARGIN) * (8 + 2 * GROUND_MARGIN)
     assert area(ground_mesh(FIELD)) == pytest.approx(whole)
     assert area(ground_mesh(wet)) == pytest.approx(whole - 16)
-
-
-def test_draped_shapes_follow_the_relief():
     mesh = drape(FIELD, [shapely.box(0, 0, 10, 5), shapely.box(5, 0, 10, 8)], lift=0.1)
     assert area(mesh) == pytest.approx(65)
     np.testing.assert_allclose(mesh.vertices[:, 2], FIELD.ground(mesh.vertices[:, :2]) + 0.1)

@@ -29,7 +29,7 @@ def scored(street):
     return score_boxes(street.judge, (0, 2))
 
 
-def test_boxes_of_all_frames(scored):
+def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
     assert scored.truths.shape == (32, 7)
     assert scored.boxes.shape == (32, 7)  # three cars and the ghost in each frame
     (truth,) = scored.hits
@@ -38,22 +38,16 @@ def test_boxes_of_all_frames(scored):
     assert np.array_equal(scored.boxes[hit], scored.truths[truth[hit]])
     assert scored.points.tolist() == [25, 25, 0, 25] * 8
     assert scored.frame.tolist() == np.repeat(np.arange(8), 4).tolist()
-
-
-def test_groups_share_vehicles_and_false_alarms(scored):
     west, east = by_group(scored, ["west", "east"], lambda boxes: (boxes[:, 0] > -6).astype(np.int64), 0)
     assert (west.judged.vehicles, west.judged.ap, west.judged.precision) == (8, 0.5, 0.5)  # with the ghost
     assert (east.judged.vehicles, east.judged.recall, east.judged.precision) == (24, 2 / 3, 1.0)
     assert west.mean_points == 25.0
     assert east.mean_points == pytest.approx(50 / 3)
-
-
-def test_a_group_without_vehicles_has_no_ap(scored):
     row, _ = by_group(scored, ["none", "all"], lambda boxes: np.ones(len(boxes), np.int64), 0)
     assert (row.judged, row.mean_points) == (None, None)
 
 
-def test_zones(street, scored):
+def test_zones_ranges_and_approaches(street, scored):
     rows = by_zone(scored, street.site, 0)
     assert [row.name for row in rows] == [
         "centre (within 10 m)", "north-east", "north-west", "south-east", "south-west"
@@ -61,32 +55,23 @@ def test_zones(street, scored):
     counts = {row.name: row.judged and row.judged.vehicles for row in rows}
     assert list(counts.values()) == [8, 24 - 8, 8, None, None]
     assert rows[2].judged.precision == 1.0
-
-
-def test_ranges(street, scored):
     rows = by_range(scored, [street.candidates.sensors[0], street.candidates.sensors[2]], 0)
     assert [row.name for row in rows] == ["0 to 10 m", "10 to 20 m", "20 to 30 m", "30 to 40 m", "beyond 40 m"]
     assert [row.judged and row.judged.vehicles for row in rows] == [None, 24, 8, None, None]
     assert rows[2].judged.recall == 1.0  # the car in the middle, 21 m from both
-
-
-def test_approaches_that_are_empty_are_left_out(street, scored):
     assert [(row.name, row.judged.vehicles) for row in by_approach(scored, street.site, 0)] == [("junction", 32)]
 
 
-def test_classes_are_seen_or_not(street):
+def test_classes_are_seen_or_not_also_in_no_cloud(street):
     vehicle, walker, heavy = by_class(street.judge, (0, 2), ("vehicle", "pedestrian", "heavy"))
     assert (vehicle.label, vehicle.objects, vehicle.least_points, vehicle.share) == ("vehicle", 32, 20, 0.75)
     assert (walker.objects, walker.share) == (8, 0.0)
     assert (heavy.objects, heavy.share) == (0, None)
-
-
-def test_the_cloud_of_no_sensor(street):
     assert fuse_clouds(street.detected, (), 0).shape == (0, 3)
     assert fuse_clouds(street.detected, (0, 2), 0).shape == (100, 3)
 
 
-def test_groups_of_several_classes_are_combined(street):
+def test_groups_of_classes_and_thresholds_are_combined(street):
     old = street.detected
     judge = Judge((Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "pedestrian"))),))
     scored = score_boxes(judge, (0, 2))
@@ -98,10 +83,7 @@ def test_groups_of_several_classes_are_combined(street):
     assert rows[1].judged.ap == alone[0].judged.ap
     (together,) = by_group(scored, ["all"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
     assert together.judged.ap == alone[0].judged.ap / 2
-
-
-def test_groups_at_several_thresholds_are_means(street):
-    """Boxes of the reader are exact in footprint, so both thresholds hit alike; the second is counted by itself."""
+    # Boxes of the reader are exact in footprint, so both thresholds hit alike; the second is counted by itself.
     cases = Cases(iou=(0.7, 0.9))
     scored = score_boxes(Judge((street.detected.at(0.7, cases.ious),), cases), (0, 2))
     loose, strict = scored.hits
@@ -143,7 +125,7 @@ def test_error_profiles(street, scored):
     assert by_errors(street.judge, (0, 2)) == ()
 
 
-def test_a_moment_says_what_was_hit_and_what_does_not_count(street):
+def test_moments_are_those_there_are(street):
     shots = pick_moments(street.detected, (0, 2), count=3, points=10)
     assert len(shots) == 3
     shot = shots[0]
@@ -155,9 +137,6 @@ def test_a_moment_says_what_was_hit_and_what_does_not_count(street):
     assert shot.detection_hit.sum() == 3
     assert not shot.detection_ignored.any()
     assert [len(cloud) for cloud in shot.clouds] == [10, 10]
-
-
-def test_no_more_frames_than_there_are(street):
     assert len(pick_moments(street.detected, (0,), count=50)) == 8
 
 

@@ -20,7 +20,7 @@ def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True, mean
     return PlanOption(names, price, kbit, kbit * sensors, ap, said if judged else None, (), mean_ap)
 
 
-def test_without_a_requirement_the_best_wins_and_the_cheaper_of_equals():
+def test_the_best_wins_and_of_equals_the_better_mean_or_price():
     options = (
         option(0.9, 0.8, 1.0, price=3.0),
         option(0.95, 0.9, 1.0, price=2.0, sensors=2),
@@ -28,9 +28,6 @@ def test_without_a_requirement_the_best_wins_and_the_cheaper_of_equals():
         option(0.99, 0.9, 1.0, judged=False),
     )
     assert choose(options, None) == (2, "best")
-
-
-def test_equals_go_by_the_mean_over_thresholds_before_the_price():
     options = (
         option(1.0, 1.0, 1.0, price=1.0, mean_ap=0.8),
         option(1.0, 1.0, 1.0, price=2.0, mean_ap=0.9),
@@ -39,22 +36,19 @@ def test_equals_go_by_the_mean_over_thresholds_before_the_price():
     )
     assert choose(options, None) == (1, "best")
     assert choose(options, 0.9) == (0, "interval")
-
-
-def test_with_one_the_cheapest_whose_interval_lies_above_it():
-    options = (
+    several = (
         option(0.95, 0.92, 1.0, price=5.0),
         option(0.94, 0.91, 1.0, price=3.0, sensors=3),
         option(0.93, 0.90, 1.0, price=3.0, sensors=2, kbit=200.0),
         option(0.92, 0.90, 1.0, price=3.0, sensors=2, kbit=100.0),
         option(0.91, 0.70, 1.0, price=1.0),
     )
-    assert choose(options, 0.9) == (3, "interval")
-    assert choose(options, 0.93) == (2, "estimate")
-    assert choose(options, 0.99) == (0, "none")
+    assert choose(several, 0.9) == (3, "interval")
+    assert choose(several, 0.93) == (2, "estimate")
+    assert choose(several, 0.99) == (0, "none")
 
 
-def test_near_optimal_are_those_whose_intervals_overlap():
+def test_near_optimal_sets_and_the_front():
     options = (
         option(0.9, 0.85, 0.95, price=4.0),
         option(0.8, 0.7, 0.85, price=2.0),
@@ -63,9 +57,6 @@ def test_near_optimal_are_those_whose_intervals_overlap():
         option(0.9, 0.8, 1.0, judged=False),
     )
     assert near_optimal(options, 0) == (options[1], options[2])
-
-
-def test_the_front_is_of_ap_kbit_and_price():
     best, cheap, lean, beaten = (
         option(0.9, 0.8, 1.0, price=3.0),
         option(0.8, 0.7, 0.9, price=1.0),
@@ -104,7 +95,7 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     assert (cheap.chosen, cheap.rule) == (4, "interval")
 
 
-def test_sets_are_compared_by_what_is_left_when_sensors_fail(street):
+def test_sets_are_compared_by_failures_and_levels(street):
     frail = replace(option(0.95, 0.9, 1.0, price=1.0), left=option(0.2, 0.1, 0.3).judged)
     tough = replace(option(0.9, 0.8, 1.0, price=2.0), left=option(0.7, 0.6, 0.8).judged)
     assert choose((frail, tough), None) == (1, "best")
@@ -115,9 +106,6 @@ def test_sets_are_compared_by_what_is_left_when_sensors_fail(street):
     sets = np.array([[1, 1, 0, 0], [1, 1, 0, 1]], bool)
     picked = choose_set(street.objective, Entrants(sets, np.zeros(2), ((), ()), 2), judge)
     assert [(o.judged.ap, o.left.ap) for o in picked.options] == [(0.75, 0.5), (0.75, 0.5)]
-
-
-def test_sets_are_compared_over_levels_of_traffic(street):
     even = replace(option(0.8, 0.7, 0.9, price=2.0), over_levels=option(0.75, 0.7, 0.8).judged)
     uneven = replace(option(0.95, 0.9, 1.0, price=1.0), over_levels=option(0.2, 0.1, 0.3).judged)
     assert choose((uneven, even), None) == (1, "best")

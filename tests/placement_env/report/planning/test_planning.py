@@ -40,7 +40,7 @@ def planned(asked):
     return plan(asked())
 
 
-def test_a_plan_has_all_its_parts(planned):
+def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     made = planned.plan
     assert made.verdict.met is None
     assert len(made.chosen.sensors) == len(made.sensors) == len(planned.site.sensors) == 2
@@ -66,9 +66,6 @@ def test_a_plan_has_all_its_parts(planned):
     assert planned.ground.seen.shape[0] == 2
     assert len(planned.moments) == 5
     assert made.detector == "VoxelNetDetector (shipped network 'tjunction')"
-
-
-def test_searches_judge_and_answer_have_traffic_of_their_own(planned):
     parts = planned.plan.provenance["traffic"]
     assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [0, 1, 2]
     assert len({part["sha256"] for part in parts.values()}) == 3
@@ -103,11 +100,15 @@ def test_other_detector_other_figures(asked):
     assert len(made.chosen.sensors) == 1  # of equal sets the cheapest
 
 
-def test_a_requirement_is_met_by_the_cheapest(planned, asked):
+def test_requirements_and_limits_decide(planned, asked):
     one = min((o for o in planned.plan.considered if o.judged and len(o.sensors) == 1), key=lambda o: -o.judged.ap)
     made = plan(asked(min_ap=one.judged.ap / 2)).plan
     assert len(made.chosen.sensors) == 1
     assert made.verdict.met is (made.chosen.judged.ap >= one.judged.ap / 2)
+    most = max(planned.plan.sensors, key=lambda sensor: sensor.kbit)
+    made = plan(asked(max_kbit=most.kbit - 60.0, sensors=1)).plan
+    assert made.sensors[0].name != most.name
+    assert made.sensors[0].kbit < most.kbit
 
 
 @pytest.mark.parametrize(
@@ -126,13 +127,6 @@ def test_none_can_and_why(asked, options, reason):
     assert (made.plan.verdict.met, made.plan.chosen, made.site.sensors) == (False, None, ())
     assert reason in " ".join(made.plan.verdict.reasons)
     assert format_json(made.plan)
-
-
-def test_limits_leave_out_what_they_exclude(asked, planned):
-    most = max(planned.plan.sensors, key=lambda sensor: sensor.kbit)
-    made = plan(asked(max_kbit=most.kbit - 60.0, sensors=1)).plan
-    assert made.sensors[0].name != most.name
-    assert made.sensors[0].kbit < most.kbit
 
 
 def test_a_site_without_vehicles(asked, monkeypatch):
@@ -169,7 +163,7 @@ def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, asked):
     assert rough.chosen.judged.ap < planned.plan.chosen.judged.ap
 
 
-def test_mean_iou_and_a_failure_decide_and_are_said(planned, asked):
+def test_mean_iou_and_a_failure_decide_and_are_said_from_their_own_cache(planned, asked):
     made = plan(asked(iou=(0.7, 0.8, 0.9), failing=1, min_ap=0.01)).plan
     chosen = made.chosen
     assert made.question["iou"] == [0.7, 0.8, 0.9]
@@ -187,6 +181,12 @@ def test_mean_iou_and_a_failure_decide_and_are_said(planned, asked):
     assert any("as in COCO" in sentence for sentence in made.assumptions)
     assert {option.left is None for option in made.considered if option.judged} == {False}
     assert all(option.left is None for option in planned.plan.considered)
+    # Entrants that are kept depend on the IoU by which they were found.
+    strict = plan(asked(iou=0.9)).plan
+    loose = {option.sensors: option.predicted for option in planned.plan.considered}
+    shared = [option for option in strict.considered if option.sensors in loose]
+    assert shared
+    assert all(loose[option.sensors] > option.predicted for option in shared)
 
 
 def test_levels_of_traffic_decide_and_are_said(planned, asked):
@@ -224,15 +224,6 @@ def test_error_profiles_decide_and_are_said(planned, asked):
     assert (planned.plan.by_errors, planned.plan.chosen.over_errors) == ((), None)
     alone = {option.sensors: option.predicted for option in planned.plan.considered}
     assert all(alone[each.sensors] == each.predicted for each in made.considered if each.sensors in alone)
-
-
-def test_another_iou_is_not_answered_from_the_cache_of_one(planned, asked):
-    """Entrants that are kept depend on the IoU by which they were found."""
-    strict = plan(asked(iou=0.9)).plan
-    loose = {option.sensors: option.predicted for option in planned.plan.considered}
-    shared = [option for option in strict.considered if option.sensors in loose]
-    assert shared
-    assert all(loose[option.sensors] > option.predicted for option in shared)
 
 
 JUDGED = Judgement(0.5, 0.25, 0.75, 0.5, None, 4, 2)

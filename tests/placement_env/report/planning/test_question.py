@@ -44,7 +44,7 @@ def test_bad_questions(ask, wrong, message):
     assert "\n" not in str(refused.value)
 
 
-def test_prices_are_in_the_currency_and_links_as_asked(ask):
+def test_prices_links_and_stocks_are_as_asked(ask):
     question = ask(SITE, catalogue=CATALOGUE, capacity_kbit=700.0)
     pool = question.setting.pool
     assert question.currency == "EUR"
@@ -52,32 +52,23 @@ def test_prices_are_in_the_currency_and_links_as_asked(ask):
     assert set(np.unique(pool.prices)) == {1500.0 + 4000.0 * 0.6, 5500.0}
     assert (pool.capacity == 700.0).all()
     assert pool.sensors[0].model == DepthCamera(width=80)
-
-
-def test_without_a_catalogue_prices_are_of_poles(ask):
     question = ask(SITE)
     pool = question.setting.pool
     assert (question.currency, question.money) == ("", None)
     assert set(pool.prices) == {0.6, 1.0}
     assert with_terms(pool, 1.0, None).digest() == pool.digest()
-
-
-def test_candidates_by_name_are_a_stock():
     assert Question(Setting("tjunction")).stock.candidates == "paper"
     assert Question(Setting("tjunction", candidates="pool")).stock.candidates == "pool"
     with pytest.raises(ValueError, match="a plan needs a Stock of candidates"):
         Question(Setting("tjunction", candidates=Stock()(SITE)))
 
 
-def test_every_option_is_in_words(ask, tmp_path):
+def test_options_are_in_words_with_digests_of_files(ask, tmp_path):
     words = ask(SITE, money=9000.0, catalogue=CATALOGUE, candidates=tmp_path / "poles.geojson").as_dict()
     assert (words["money"], words["catalogue"], words["candidates"]) == (9000.0, ["eye"], "poles.geojson")
     assert words["frames"] == [60, 60, 120]
     assert words["detector"] == "shipped"
     assert str(tmp_path) not in str(words)
-
-
-def test_the_digest_of_poles_follows_the_file(tmp_path):
     path = tmp_path / "poles.geojson"
     path.write_text("{}")
     first = Stock(candidates=path).poles_digest
@@ -86,30 +77,21 @@ def test_the_digest_of_poles_follows_the_file(tmp_path):
     assert Stock().poles_digest is None
 
 
-def test_classes_are_written_down(ask):
+def test_classes_thresholds_and_error_profiles_are_written_down(ask):
     plain = ask(SITE).as_dict()
     assert (plain["classes"], plain["class_weights"], plain["combine"]) == (["vehicle"], [1.0], "mean")
     words = ask(SITE, classes=Classes(("pedestrian", "vehicle"), combine="worst"), iou=0.8).as_dict()
     assert (words["classes"], words["combine"]) == (["vehicle", "pedestrian"], "worst")
     assert words["class_ious"] == [0.8, 0.5]
     assert ask(SITE, classes=("cyclist",)).setting.counted == Classes(("cyclist",))
-
-
-def test_one_threshold_or_several_and_classes_with_their_own(ask):
     question = ask(SITE, iou=(0.9, 0.7), classes=("vehicle", "pedestrian"), failing=1)
     assert question.cases.ious == (0.7, 0.9)
     assert question.as_dict()["class_ious"] == [(0.7, 0.9), 0.5]
     assert ask(SITE, iou=(0.8,)).as_dict()["iou"] == 0.8
-
-
-def test_error_profiles_are_written_down(ask):
     plain = ask(SITE).as_dict()
     assert (plain["errors"], plain["errors_by"]) == (["paper"], "worst")
     both = ask(SITE, errors=("typical", "poor"), errors_by="mean").as_dict()
     assert (both["errors"], both["errors_by"]) == (["typical", "poor"], "mean")
-
-
-def test_searches_know_the_noise_alone_and_judges_the_errors(ask):
     question = ask(SITE, candidates="paper", errors=("typical",), seed=4, frames=3)
     assert question.searched.cases.names == ("paper",)
     assert question.searched.fidelity == "surrogate"

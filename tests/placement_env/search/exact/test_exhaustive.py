@@ -28,32 +28,23 @@ def test_equals_trying_one_by_one(make, mounts, poses, budget):
     assert {s.subset for s in found.front} == {s.subset for s, b in zip(scores, beaten, strict=True) if not b}
 
 
-def test_nothing_pays(make):
+def test_nothing_pays_fits_or_is_proven_early(make):
     found = exhaustive.search(make(3, 1, weights=Weights(price=100.0)))
     assert found.best.subset == ()
     assert found.best.reward == 0
-
-
-def test_nothing_fits(make):
     found = exhaustive.search(make(3, 1, capacity=1.0))
     assert not found.best.subset
     assert not found.front
     assert not found.by_size
-
-
-def test_stopped_early_proves_nothing(make):
     found = exhaustive.search(make(6, 1), evaluations=10)
     assert found.certificate.kind == "none"
     assert found.evaluations == 10
 
 
-def test_sixteen_candidates_and_no_more(make):
+def test_budgets_and_numbers_of_candidates_have_limits(make):
     assert exhaustive.search(make(16, 1)).evaluations == 2**16 - 1
     with pytest.raises(ValueError, match="at most 16 candidates, got 17"):
         exhaustive.search(make(17, 1))
-
-
-def test_a_budget_of_none_is_no_limit_and_of_nothing_an_error(make):
     assert len(exhaustive.search(make(3, 1)).by_size) == 3
     with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
         exhaustive.search(make(3, 1), 0)

@@ -6,7 +6,7 @@ from placement_env.search.exact.ties import best_of_equals
 from placement_env.search.progress import Progress
 
 
-def test_a_change_keeps_the_count_and_raises_the_reward(make):
+def test_changes_keep_the_count_and_raise_the_reward_of_what_may_be_built(make):
     objective = make(8, 1, seed=2)
     value = objective.scores(np.eye(8, dtype=bool)).reward
     even = np.arange(8) % 2 == 0  # what is counted: even candidates
@@ -21,9 +21,6 @@ def test_a_change_keeps_the_count_and_raises_the_reward(make):
     assert best_of_equals(Progress(objective, 1, None, None), [], count) == []
     stopped = Progress(objective, 1, None, 1)
     assert best_of_equals(stopped, [worst], count) == [worst]
-
-
-def test_what_may_not_be_built_is_no_choice(make):
     objective = make(4, 2, seed=3)
     chosen = best_of_equals(Progress(objective, 2, None, None), [0, 2], lambda sets: sets.sum(axis=1))
     row = objective.row(chosen)

@@ -14,7 +14,7 @@ from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting
 
 
-def test_each_number_has_the_winner_of_its_race(street):
+def test_each_number_has_its_winner_that_pays(street):
     """Cars: sensors 0 and 1 see two each, 2 one, beside a ghost, 3 one that 0 sees too."""
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     points = budget_curve(street.objective, 3, judging=Judging(evaluators=(evaluator, evaluator)))
@@ -31,8 +31,6 @@ def test_each_number_has_the_winner_of_its_race(street):
     assert "greedy" in points[1].searches
     assert points[1].kbit == pytest.approx(street.detected.partial(street.objective.row([0, 1])[None], 8).kbit[0])
 
-
-def test_what_costs_as_much_and_finds_less_does_not_pay(street):
     class Worse(CasesEvaluator):
         """Finds half as much with three sensors."""
 
@@ -78,7 +76,7 @@ def test_nothing_to_build_has_no_curve(street):
         budget_curve(street.objective, 1)
 
 
-def test_every_amount_of_money_has_the_winner_of_its_race(street):
+def test_amounts_of_money_have_their_winners(street):
     """The sensors cost 11, 11, 10.5 and 23 and see cars 0 and 1, 1 and 2, 3 beside a ghost, and 0."""
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     prices = street.objective.price(np.eye(4, dtype=bool)).tolist()
@@ -95,9 +93,6 @@ def test_every_amount_of_money_has_the_winner_of_its_race(street):
     assert all(point.price <= point.money and point.low <= point.ap <= point.high for point in points)
     assert len({point.subset for point in points}) == len(points)
     assert street.objective.most_price == np.inf
-
-
-def test_amounts_within_what_was_allowed_before(street):
     poor = street.objective.weighed(street.objective.weights, most_price=22.0)
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     points = budget_curve(poor, 4, amounts=(10.0, 50.0), judging=Judging(evaluators=(evaluator, evaluator)))

@@ -27,7 +27,7 @@ def axes_of(monkeypatch):
     return drawn
 
 
-def test_the_line_goes_through_what_pays(axes_of):
+def test_the_line_goes_through_what_pays_over_money_too(axes_of):
     axes = axes_of(POINTS)
     line, *rest = axes.lines
     assert np.array(line.get_data()).T.tolist() == [[1.0, 0.5], [3.0, 0.7]]
@@ -36,9 +36,6 @@ def test_the_line_goes_through_what_pays(axes_of):
     assert ("x", 2.0, 0.8) in drawn
     assert [each.get_markerfacecolor() for each in rest if each.get_marker() == "o"][1] == "white"
     assert axes.get_xlabel() == "sensors"
-
-
-def test_over_money_where_money_was_asked_for(axes_of):
     paid = [CurvePoint(**{**vars(point), "money": point.price + 0.5}) for point in POINTS]
     axes = axes_of(paid)
     assert np.array(axes.lines[0].get_data()).T.tolist() == [[11.0, 0.5], [32.5, 0.7]]

@@ -12,7 +12,7 @@ from toolkit.runtime.run import Run
 TWO = Effort((1, 2))
 
 
-def test_every_size_has_the_best_set_of_all(street):
+def test_every_size_has_the_best_set_for_the_money(street):
     found = entrants(street.objective, Effort((1, 2, 3)))
     assert street.objective.feasible(found.sets).all()
     sizes = found.sets.sum(axis=1)
@@ -24,9 +24,6 @@ def test_every_size_has_the_best_set_of_all(street):
     assert {"exhaustive", "greedy"} <= set(found.searches[three])
     assert found.considered > 14
     assert np.array_equal(found.predicted, street.objective.scores(found.sets).ap)
-
-
-def test_money_is_kept_to(street):
     # the sets cost 11, 11, 10.5 and 23
     tight = Objective(
         Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=22.0)
@@ -34,18 +31,12 @@ def test_money_is_kept_to(street):
     found = entrants(tight, Effort((1, 2, 3, 4)))
     assert tight.price(found.sets).max() == 22.0
     assert found.sets.sum(axis=1).max() == 2
-
-
-def test_the_same_again(street):
     first, again = (
         entrants(street.objective, Effort((1, 2)), seed=3),
         entrants(street.objective, Effort((1, 2)), seed=3),
     )
     assert np.array_equal(first.sets, again.sets)
     assert (first.searches, first.considered) == (again.searches, again.considered)
-
-
-def test_nothing_to_build(street):
     poor = Objective(
         Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=1.0)
     )

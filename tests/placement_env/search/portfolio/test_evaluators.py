@@ -39,7 +39,7 @@ def prepared(small_traffic):
     return prepare
 
 
-def test_detection_of_some_frames(street):
+def test_detection_of_some_frames_in_resamples_of_blocks(street):
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected, seed=3),))
     frames = np.array([5, 1, 2])
     found = evaluator.evaluate(SETS, frames)
@@ -52,8 +52,6 @@ def test_detection_of_some_frames(street):
     assert evaluator.count_objects(EVERY) == 32
     assert evaluator.count_objects(np.array([6, 1])) == 8
 
-
-def test_resamples_are_of_blocks_and_the_same_for_every_set(street):
     class Blind:
         """Sees nothing in the first block of four frames."""
 
@@ -126,15 +124,12 @@ def test_a_race_begins_with_a_frame_of_every_block(frames):
     assert order.tolist() == race_order(frames, seed=5).tolist()
 
 
-def test_the_mean_over_thresholds(street):
+def test_means_over_thresholds_and_what_failures_leave(street):
     both = CasesEvaluator((DetectorEvaluator(street.detected, (0.7, 1.0)),), Cases(iou=(0.7, 1.0)))
     found = both.evaluate(SETS, EVERY)
     each = [CasesEvaluator((DetectorEvaluator(street.detected, (iou,)),)).evaluate(SETS, EVERY) for iou in (0.7, 1.0)]
     assert found.ap == pytest.approx((each[0].ap + each[1].ap) / 2)
     assert found.resamples == pytest.approx((each[0].resamples + each[1].resamples) / 2)
-
-
-def test_what_failures_leave_in_every_resample(street):
     whole = CasesEvaluator((DetectorEvaluator(street.detected),))
     left = replace(whole, cases=Cases(failing=1)).evaluate(SETS, EVERY)
     assert left.ap == pytest.approx([0.0, 0.5, 0.55], abs=0.06)

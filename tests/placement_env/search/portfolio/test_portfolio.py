@@ -118,7 +118,7 @@ def test_the_race_and_the_judgement_are_over_error_profiles(deceived):
     assert (alone.by_errors, alone.errors_by) == ((), "")
 
 
-def test_what_sets_cost_counts_in_the_race(street):
+def test_what_sets_cost_counts_and_nothing_may_pay(street):
     poor = Objective(
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=0.01))
     )
@@ -131,9 +131,6 @@ def test_what_sets_cost_counts_in_the_race(street):
     )
     sets = np.array([[0, 1, 1, 0]], bool)
     assert portfolio.weigh_costs(linked, sets, np.array([400.0])) == pytest.approx([0.2])
-
-
-def test_nothing_pays_or_nothing_may_be_built(street):
     costly = Objective(
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=1.0))
     )
@@ -150,7 +147,7 @@ def test_nothing_pays_or_nothing_may_be_built(street):
     assert "none of the" in lost.certificate.note
 
 
-def test_seconds_bound_race_and_judgement_and_what_was_done_is_said(deceived):
+def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
     race, final = Truth(noise=50.0, seconds=0.03), Truth(frames=60, seconds=0.03)  # 11 s in all
     found = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final)), seconds=1.0)
     said = found.assessment
@@ -161,9 +158,6 @@ def test_seconds_bound_race_and_judgement_and_what_was_done_is_said(deceived):
     assert found.best.subset == (0, 1)  # after so noisy a race it is the objective that ranks
     assert [each.subset for each in said.contenders] == [(0, 1)]
     assert said.ap == pytest.approx(VALUE[list(found.best.subset)].sum())
-
-
-def test_with_time_enough_the_answers_of_searches_are_judged_on_the_same_frames(deceived):
     race, final = Truth(noise=0.0), Truth(frames=60)
     found = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final)), seconds=20.0)
     assert found.assessment.frames == 60

@@ -33,7 +33,7 @@ class Slow:
         return Evaluated(ap, np.zeros(len(sets)), np.repeat(ap[:, None], 4, axis=1))
 
 
-def test_an_evaluator_goes_on_until_time_is_up_and_says_how_far_it_came():
+def test_an_evaluator_goes_on_until_time_is_up_and_does_one_part_at_least():
     slow = Slow(0.02)
     timed = TimedEvaluator(slow, time.monotonic() + 0.15)
     assert (timed.name, timed.frames, timed.count_objects(np.arange(2))) == ("slow", 40, 6)
@@ -47,9 +47,6 @@ def test_an_evaluator_goes_on_until_time_is_up_and_says_how_far_it_came():
     again = timed.evaluate(SETS[:1], np.arange(40)[::-1])  # time is up, what was done stays
     assert again.frames == found.frames
     assert len(slow.known) == found.frames
-
-
-def test_one_part_is_done_whatever_the_time():
     slow = Slow()
     timed = TimedEvaluator(slow, time.monotonic() - 1, at_once=4)
     assert timed.evaluate(SETS, np.arange(10)).frames == 4
@@ -57,7 +54,7 @@ def test_one_part_is_done_whatever_the_time():
     assert TimedEvaluator(Slow(), time.monotonic() - 1, least=7).evaluate(SETS, np.arange(10)).frames == 7
 
 
-def test_frames_that_were_done_are_not_asked_for_again_part_by_part():
+def test_less_time_is_fewer_frames_and_none_done_twice():
     slow = Slow()
     timed = TimedEvaluator(slow, time.monotonic() + 60, at_once=3)
     assert timed.evaluate(SETS, np.arange(4)).frames is None
@@ -65,13 +62,13 @@ def test_frames_that_were_done_are_not_asked_for_again_part_by_part():
     assert slow.asked == [[0, 1, 2], [3], [0, 1, 2, 3], [4, 5, 6], [7], list(range(8))]
     assert timed.evaluate(SETS, np.arange(4)).frames is None
     assert slow.asked[-1] == [0, 1, 2, 3]
-
-
-def test_less_time_is_fewer_frames_in_whole_blocks():
     assert [Schedule(seconds).frames(96) for seconds in (None, 500.0, 120.0, 60.0, 33.0, 20.0, 1.0)] == [
         96, 96, 96, 48, 24, 16, 8
     ]  # fmt: skip
     assert Schedule(1.0).frames(6) == 6
+    cluster = SimpleNamespace(ray="local", alone=False, count=1)
+    runs = (Run(), Run(workers=4), cluster)
+    assert [Schedule.of(9.0, run).at_once for run in runs] == [1, 8, 16]
 
 
 def test_searches_races_and_judgement_share_the_time():
@@ -86,9 +83,3 @@ def test_searches_races_and_judgement_share_the_time():
     free = Schedule()
     assert (free.searching(5), free.left) == (None, np.inf)
     assert free.racing(slow) is free.judging(slow) is slow
-
-
-def test_as_many_frames_at_once_as_keep_the_processes_busy():
-    cluster = SimpleNamespace(ray="local", alone=False, count=1)
-    runs = (Run(), Run(workers=4), cluster)
-    assert [Schedule.of(9.0, run).at_once for run in runs] == [1, 8, 16]

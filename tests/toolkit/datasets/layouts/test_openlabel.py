@@ -25,7 +25,7 @@ def content(**data):
 
 def folder(tmp_path, document):
     for name in ("labels_point_clouds/s110_lidar_ouster_south", "point_clouds/s110_lidar_ouster_south"):
-        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name).mkdir(parents=True, exist_ok=True)
     text = document if isinstance(document, str) else json.dumps(document)
     (tmp_path / "labels_point_clouds/s110_lidar_ouster_south/1646667310_044.json").write_text(text)
     columns = dict(zip("xyz", np.ones((3, 4), np.float32), strict=True))
