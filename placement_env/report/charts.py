@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from placement_env.report.content import (
 )
 from toolkit.plots.base_map import sensor_labels
 from toolkit.plots.canvas import CHART_INCHES, blank_figure, draw_heading, house_style, pad_limits, shorten, svg_text
-from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS
+from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS, PlotStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,47 +29,59 @@ if TYPE_CHECKING:
 ROW, HEAD, FOOT = 0.27, 0.7, 0.55  # inches of a row, and above and below the rows
 LETTERS = 44  # of a row's name
 INTERVAL = f"lines: {CONFIDENCE:.0%} intervals"
-MISSED = OUTCOME["missed"].colour
 FRONT_HEIGHT = 4.3  # inches
 MOST_FIGURES = 14  # sensors up to which the cells of the table of pairs hold figures
 
 
-def interval_bars(rows: Sequence[tuple[str, Judgement]], title: str) -> str:
-    """Bar of AP for each row. Each has its interval and the number of vehicles."""
+def interval_bars(
+    rows: Sequence[tuple[str, Judgement | None]],
+    title: str,
+    *,
+    alt: str = "",
+    labels: Sequence[str] = (),
+    hatched: bool = False,
+    right: float = 1.7,
+) -> str:
+    """Bar of AP for each row, with its interval and the number of vehicles.
+
+    alt: for screen readers in place of the title; labels: in place of the usual ones beside the bars; hatched: all
+    bars but the first, whose AP is an upright line; right: inches kept free for labels.
+    """
+    names, judged = [name for name, _ in rows], [each for _, each in rows]
     with house_style():
-        judged = [each for _, each in rows]
-        figure, axes = row_axes(title, describe_sample(judged), [name for name, _ in rows])
-        _draw_bars(axes, judged)
-        return svg_text(figure, title)
+        subtitle = f"{describe_sample(judged)}{'; hatched: with failures' * hatched}"
+        figure, axes = row_axes(title, subtitle, names, right=right)
+        axes.set(xlim=(0, 1), xlabel="AP")
+        for row, each in enumerate(judged):
+            if each is None:
+                axes.text(0.01, row, "not judged: no vehicles", va="center", fontsize=7.5)
+                continue
+            hatch = "////" if hatched and row else None
+            face, ends = "white" if hatch else BAR, [each.low, each.high]
+            axes.barh(row, each.ap, height=0.62, facecolor=face, edgecolor=BAR, hatch=hatch, linewidth=1.0, zorder=2)
+            axes.plot(ends, [row, row], color="white", linewidth=3.4, zorder=3, solid_capstyle="butt")
+            axes.plot(ends, [row, row], "|-", color=INK, linewidth=1.4, markersize=7, zorder=3.1)
+            _write_beside(axes, row, labels[row] if labels else ap_label(each))
+        if hatched and judged[0]:
+            axes.axvline(judged[0].ap, color=INK, linewidth=0.9, dashes=(4, 2), zorder=1.5)
+        return svg_text(figure, alt or title)
 
 
 def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
-    """AP of the fusion schemes at each IoU. The data they send is shown too."""
-    with house_style():
-        names = [f"{each.scheme}, IoU {iou_text(each.iou)}" for each in schemes]
-        judged = [each.judged for each in schemes]
-        figure, axes = row_axes("Fusion schemes", describe_sample(judged), names, right=2.6)
-        _draw_bars(axes, judged)
-        for row, each in enumerate(schemes):
-            axes.texts[row].set_text(f"{ap_label(each.judged)}; {each.kbit_per_sensor:.4g} kbit/sensor")
-        return svg_text(figure, "AP of the fusion schemes")
+    """AP of the fusion schemes at each IoU, and the data they send."""
+    rows = [(f"{each.scheme}, IoU {iou_text(each.iou)}", each.judged) for each in schemes]
+    labels = [f"{ap_label(each.judged)}; {each.kbit_per_sensor:.4g} kbit/sensor" for each in schemes]
+    return interval_bars(rows, "Fusion schemes", alt="AP of the fusion schemes", labels=labels, right=2.6)
 
 
 def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
-    """AP left when sensors fail (hatched). It stands beside the AP of the whole set."""
-    with house_style():
-        judged = [intact, *(each.judged for each in failures)]
-        names = ["all work", *(f"without {set_label(each.failed)}" for each in failures)]
-        figure, axes = row_axes(
-            "What is left when sensors fail", f"{describe_sample(judged)}; hatched: with failures", names
-        )
-        _draw_bars(axes, judged, hatched=[False] + [True] * len(failures))
-        axes.axvline(intact.ap, color=INK, linewidth=0.9, dashes=(4, 2), zorder=1.5)
-        return svg_text(figure, "AP left when sensors fail")
+    """AP left when sensors fail (hatched), beside the AP of the whole set."""
+    rows = [("all work", intact), *((f"without {set_label(each.failed)}", each.judged) for each in failures)]
+    return interval_bars(rows, "What is left when sensors fail", alt="AP left when sensors fail", hatched=True)
 
 
 def link_chart(links: Sequence[LinkLoad]) -> str:
-    """Mbit/s of each link against its capacity. The average and the largest frame are shown."""
+    """Mbit/s of each link against its capacity, in the average and the largest frame."""
     with house_style():
         text = f"{RATE:g} frames a second; bar: mean, line: largest frame, upright: capacity of the link"
         figure, axes = row_axes("Load of the links", text, [each.pole for each in links], right=2.3)
@@ -77,18 +89,13 @@ def link_chart(links: Sequence[LinkLoad]) -> str:
         near = [each.capacity_mbit_s for each in links if each.capacity_mbit_s <= 4 * max(loads, default=0.0)]
         low, high = pad_limits([*loads, *near])
         for row, each in enumerate(links):
-            style: dict[str, Any] = (
-                {"facecolor": BAR} if each.fits else {"facecolor": "white", "edgecolor": MISSED, "hatch": "xxxx"}
-            )
-            axes.barh(row, each.mbit_s, height=0.5, zorder=2, **style)
+            face, edge, hatch = (BAR, None, None) if each.fits else ("white", OUTCOME["missed"].colour, "xxxx")
+            axes.barh(row, each.mbit_s, height=0.5, zorder=2, facecolor=face, edgecolor=edge, hatch=hatch)
             axes.plot([each.mbit_s, each.peak_mbit_s], [row, row], color=INK, linewidth=1.4, zorder=3)
             if each.capacity_mbit_s <= high:
-                end = [each.capacity_mbit_s] * 2
-                axes.plot(end, [row - 0.33, row + 0.33], color=INK, linewidth=2.4, zorder=3.2)
-            state = "fits" if each.fits else "TOO MUCH"
-            _write_beside(
-                axes, row, f"{each.mbit_s:.3g} of {each.capacity_mbit_s:.3g} Mbit/s, {each.share:.0%}: {state}"
-            )
+                axes.plot([each.capacity_mbit_s] * 2, [row - 0.33, row + 0.33], color=INK, linewidth=2.4, zorder=3.2)
+            state = f"{each.share:.0%}: {'fits' if each.fits else 'TOO MUCH'}"
+            _write_beside(axes, row, f"{each.mbit_s:.3g} of {each.capacity_mbit_s:.3g} Mbit/s, {state}")
         axes.set(xlim=(low, high), xlabel="Mbit/s")
         return svg_text(figure, "Load of the links")
 
@@ -124,48 +131,38 @@ def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str
     """
     from matplotlib.lines import Line2D
 
+    dot: PlotStyle = {"marker": "o", "markersize": 6, "markeredgecolor": BAR, "linestyle": "none"}
+    star: PlotStyle = {"marker": "*", "markersize": 15, "color": SENSORS[1], "markeredgecolor": INK}
+    marks: dict[str, PlotStyle] = {
+        "chosen": {**star, "markeredgewidth": 0.9, "linestyle": "none"},
+        "judged by the detector": {**dot, "markerfacecolor": BAR},
+        "predicted only": {**dot, "markerfacecolor": "white"},
+    }
     with house_style():
         figure = blank_figure(CHART_INCHES, FRONT_HEIGHT)
         everyone = [*(each for each in options if each != chosen), chosen]
         count = f"N = {len(everyone)} sensor set{'s' * (len(everyone) > 1)}"
         sample = describe_sample([each.judged for each in everyone])
         draw_heading(figure, "AP against what is sent and what it costs", f"{count}; {sample}")
-        sent, prices = ([getattr(each, name) for each in everyone] for name in ("kbit_per_sensor", "price"))
         for left, label, values in (
-            (0.09, "kbit per sensor and frame", sent),
-            (0.57, price_label(currency), prices),
+            (0.09, "kbit per sensor and frame", [each.kbit_per_sensor for each in everyone]),
+            (0.57, price_label(currency), [each.price for each in everyone]),
         ):
             axes = figure.add_axes((left, 0.24, 0.4, 0.58))
             for x, option in zip(values, everyone, strict=True):
-                is_chosen = option is chosen
+                is_chosen, ap = option is chosen, option.predicted
                 if option.counted is not None:
-                    ends = [option.counted.low, option.counted.high]
+                    ap, ends = option.counted.ap, [option.counted.low, option.counted.high]
                     axes.plot([x, x], ends, color=INK, linewidth=1.6 if is_chosen else 0.8, zorder=3)
-                ap = option.predicted if option.counted is None else option.counted.ap
-                style = CHOSEN_MARK if is_chosen else _option_mark(judged=option.judged is not None)
-                axes.plot(x, ap, zorder=5 if is_chosen else 4, **style)
+                kind = (
+                    "chosen" if is_chosen else "predicted only" if option.judged is None else "judged by the detector"
+                )
+                axes.plot(x, ap, zorder=5 if is_chosen else 4, **marks[kind])
             axes.grid()
             axes.set(xlim=pad_limits(values), ylim=(0, 1.03), xlabel=label, ylabel="AP")
-        names = ["chosen", "judged by the detector", "predicted only"]
-        styles = (CHOSEN_MARK, _option_mark(judged=True), _option_mark(judged=False))
-        marks = [Line2D([], [], **style) for style in styles]
-        figure.legend(marks, names, loc="lower left", ncols=3, bbox_to_anchor=(0.07, 0.0))
+        lines = [Line2D([], [], **style) for style in marks.values()]
+        figure.legend(lines, list(marks), loc="lower left", ncols=3, bbox_to_anchor=(0.07, 0.0))
         return svg_text(figure, f"AP against kbit and price; {INTERVAL}")
-
-
-CHOSEN_MARK: dict[str, Any] = {
-    "marker": "*",
-    "markersize": 15,
-    "color": SENSORS[1],
-    "markeredgecolor": INK,
-    "markeredgewidth": 0.9,
-    "linestyle": "none",
-}
-
-
-def _option_mark(*, judged: bool) -> dict[str, Any]:
-    face = BAR if judged else "white"
-    return {"marker": "o", "markersize": 6, "markerfacecolor": face, "markeredgecolor": BAR, "linestyle": "none"}
 
 
 def worth_chart(worth: Sequence[SensorWorth]) -> str:
@@ -185,8 +182,7 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
         figure = blank_figure(CHART_INCHES, height)
         heading = f"Shapley value in AP, and interaction of pairs; N = {len(names)} sensors"
         draw_heading(figure, "What each sensor is worth", heading)
-        bottom = 0.55 / height
-        bars = figure.add_axes((text / CHART_INCHES, bottom, 0.3, side / height))
+        bars = figure.add_axes((text / CHART_INCHES, 0.55 / height, 0.3, side / height))
         values = [each.shapley for each in worth]
         bars.barh(range(len(worth)), values, height=0.62, color=BAR, zorder=2)
         for row, value in enumerate(values):
@@ -200,47 +196,38 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
         bars.set_yticklabels(names)
         bars.grid(axis="x")
         start = text / CHART_INCHES + 0.36
-        table = figure.add_axes((start, bottom, min(0.985 - start, side / CHART_INCHES * 1.6), side / height))
-        if len(worth):
-            _draw_pairs(table, worth, labels)
+        width = min(0.985 - start, side / CHART_INCHES * 1.6)
+        _draw_pairs(figure.add_axes((start, 0.55 / height, width, side / height)), worth, labels)
         return svg_text(figure, "Shapley values and interactions of the sensors")
 
 
 def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) -> None:
     """Draw the interactions as cells with their figures. Below 0 is blue, above orange."""
-    pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth]).reshape(
-        len(worth), -1
-    )
-    most = float(np.nanmax(np.abs(pairs), initial=0.0)) if np.isfinite(pairs).any() else 0.0
-    most = most or 1.0
+    if not worth:
+        return
+    pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth])
+    most = float(np.abs(np.nan_to_num(pairs)).max()) or 1.0
     axes.imshow(pairs, cmap="PuOr_r", vmin=-most, vmax=most, aspect="auto", interpolation="none")
     axes.set_xticks(range(len(names)))
     axes.set_yticks([])
     axes.set_xticklabels(names, fontsize=7.5 if len(names) < 20 else 5)
     axes.set_title("interaction (AP)", fontsize=8.5, loc="left", pad=3)
     axes.tick_params(length=0)
-    if len(worth) <= MOST_FIGURES:
-        for (row, column), value in np.ndenumerate(pairs):
-            if np.isfinite(value):
-                colour = "white" if abs(value) > 0.6 * most else INK
-                axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=colour)
+    for (row, column), value in np.ndenumerate(pairs if len(worth) <= MOST_FIGURES else pairs[:0]):
+        if np.isfinite(value):
+            colour = "white" if abs(value) > 0.6 * most else INK
+            axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=colour)
 
 
 def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> tuple[Figure, Axes]:
-    """Figure with a row for each name. The first is on top; right: inches kept free beside the rows for figures."""
-    names = [shorten(name, LETTERS) for name in names]
+    """Figure with a row for each name, the first on top. right: inches kept free beside the rows for figures."""
+    names, rows = [shorten(name, LETTERS) for name in names], max(len(names), 1)
     left = 0.35 + 0.066 * max(map(len, names), default=0)
-    height = HEAD + FOOT + ROW * max(len(names), 1)
+    height = HEAD + FOOT + ROW * rows
     figure = blank_figure(CHART_INCHES, height)
-    axes = figure.add_axes(
-        (
-            left / CHART_INCHES,
-            FOOT / height,
-            (CHART_INCHES - left - right) / CHART_INCHES,
-            ROW * max(len(names), 1) / height,
-        )
-    )
-    axes.set(ylim=(max(len(names), 1) - 0.5, -0.5))
+    width = (CHART_INCHES - left - right) / CHART_INCHES
+    axes = figure.add_axes((left / CHART_INCHES, FOOT / height, width, ROW * rows / height))
+    axes.set(ylim=(rows - 0.5, -0.5))
     axes.set_yticks(range(len(names)), [""] * len(names))
     axes.set_yticklabels(names)
     axes.tick_params(axis="y", length=0)
@@ -249,34 +236,10 @@ def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 
     return figure, axes
 
 
-def _draw_bars(axes: Axes, judged: Sequence[Judgement | None], *, hatched: Sequence[bool] = ()) -> None:
-    """Draw a bar for each AP. Its interval is a line, and its figures stand to the right of the axes."""
-    axes.set(xlim=(0, 1), xlabel="AP")
-    for row, each in enumerate(judged):
-        if each is None:
-            axes.text(0.01, row, "not judged: no vehicles", va="center", fontsize=7.5)
-            continue
-        hatch = "////" if row < len(hatched) and hatched[row] else None
-        face = "white" if hatch else BAR
-        axes.barh(row, each.ap, height=0.62, facecolor=face, edgecolor=BAR, hatch=hatch, linewidth=1.0, zorder=2)
-        ends = [each.low, each.high]
-        axes.plot(ends, [row, row], color="white", linewidth=3.4, zorder=3, solid_capstyle="butt")
-        axes.plot(ends, [row, row], "|-", color=INK, linewidth=1.4, markersize=7, zorder=3.1)
-        _write_beside(axes, row, ap_label(each))
-
-
 def _write_beside(axes: Axes, row: int, text: str) -> None:
     """Write text to the right of a row."""
-    axes.annotate(
-        text,
-        (1, row),
-        xycoords=("axes fraction", "data"),
-        xytext=(8, 0),
-        textcoords="offset points",
-        va="center",
-        fontsize=7.5,
-        annotation_clip=False,
-    )
+    place: PlotStyle = {"xycoords": ("axes fraction", "data"), "xytext": (8, 0), "textcoords": "offset points"}
+    axes.annotate(text, (1, row), **place, va="center", fontsize=7.5, annotation_clip=False)
 
 
 def ap_label(judged: Judgement) -> str:

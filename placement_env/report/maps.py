@@ -1,6 +1,4 @@
-"""Maps of a plan as SVG text.
-
-They show the site with its sensors, coverage and density of the ground, and blind spots.
+"""Maps of a plan as SVG text: sensors, coverage and density of the ground, and blind spots.
 
 Cells lie between streets and solids as an image; everything else is lines. The same arguments give the same text.
 """
@@ -9,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -16,8 +15,6 @@ import shapely
 from placement_env.handover.ground import Ground, visible_polygons
 from toolkit.arrays import Bool, Float64
 from toolkit.plots.base_map import (
-    Entry,
-    MapSheet,
     draw_poles,
     draw_sensors,
     draw_wedges,
@@ -27,7 +24,7 @@ from toolkit.plots.base_map import (
 )
 from toolkit.plots.canvas import house_style, shorten, svg_text
 from toolkit.plots.palette import BLIND, INK, VIEW_COLOURS, point_colours, point_names, sensor_colour
-from toolkit.plots.plan_view import ground_entries, pole_entries, sensor_entries
+from toolkit.plots.plan_view import ground_entries, pole_entries, sensor_entries, sensor_places
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -44,9 +41,7 @@ def plan_view(
     poles_unused: Sequence[str] = (),
     ground: Ground | None = None,
 ) -> str:
-    """Draw the site with the chosen sensors.
-
-    Used and unused poles (names of mounts) and the ground each sensor sees are drawn too.
+    """Draw the site with the chosen sensors, used and unused poles (names of mounts), and the ground each sensor sees.
 
     Without `ground`, fields of view up to the first building are drawn. Raises ValueError for an unknown pole, and for
     a ground of other sensors.
@@ -57,74 +52,99 @@ def plan_view(
     if ground is not None:
         _check(ground, sensors)
         subtitle = "coloured: ground that each sensor sees, by casting rays at the empty site"
+    places = sensor_places(sensors)
     with house_style():
-        sheet = _sheet(site, sensors, f"{site.name}: where the sensors stand", subtitle, legend, [used, unused])
+        title, holds = shorten(f"{site.name}: where the sensors stand", 70), np.concatenate([places, used, unused])
+        sheet = map_sheet(site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
         if ground is None:
             draw_wedges(sheet.axes, sensors, site.solids)
         else:
-            _draw_seen(sheet, ground)
+            open_ground = ground.open_ground  # smoothing drops slivers
+            calm = [open_ground & (smooth(seen * 1.0, open_ground, ground.cell) > 0.5) for seen in ground.seen]
+            smoothed = replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape))
+            for index, polygons in enumerate(visible_polygons(smoothed)):
+                fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
         draw_poles(sheet.axes, unused)
         draw_poles(sheet.axes, used, used=True)
         if len(unused) <= NAMED:
-            name_poles(sheet.axes, unused, poles_unused, sheet.points_per_metre, keep_off=_positions(sensors))
-        return _finish(sheet, sensors, "Plan view of the chosen sensors")
+            name_poles(sheet.axes, unused, poles_unused, sheet.points_per_metre, keep_off=places)
+        draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+        return svg_text(sheet.figure, "Plan view of the chosen sensors")
 
 
 def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Map the number of sensors that see each place.
+    """Map the number of sensors that see each place: 0, 1, 2, 3 or more.
 
-    The classes are 0, 1, 2, 3 or more. Raises ValueError for a ground of other sensors.
+    Raises ValueError for a ground of other sensors.
     """
-    _check(ground, sensors)
     views = np.minimum(ground.views, 3)
     shares = [float((views[ground.open_ground] == k).mean()) if ground.open_ground.any() else 0.0 for k in range(4)]
     names = ["no sensor", "1 sensor", "2 sensors", "3 or more"]
-    legend = [_patch(c, f"{n} ({s:.0%})") for c, n, s in zip(VIEW_COLOURS, names, shares, strict=True)]
-    with house_style():
-        title, subtitle = f"{site.name}: how many sensors see the ground", _describe_rays(ground, sensors)
-        sheet = _sheet(site, sensors, title, subtitle, [*legend, *sensor_entries(sensors)])
-        _draw_cells(sheet, site, ground, _colours(VIEW_COLOURS)[views], ground.open_ground)
-        return _finish(sheet, sensors, "Map of how many sensors see each place")
+    legend = [(c, f"{n} ({s:.0%})") for c, n, s in zip(VIEW_COLOURS, names, shares, strict=True)]
+    cells = _Cells(_colours(VIEW_COLOURS)[views], ground.open_ground, legend)
+    title, alt = "how many sensors see the ground", "Map of how many sensors see each place"
+    return _cell_map(site, ground, sensors, cells, title, alt)
 
 
 def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Map the points on the ground, per m².
-
-    They are of all sensors in a frame. Raises ValueError for a ground of other sensors.
-    """
-    _check(ground, sensors)
+    """Map the points on the ground, per m², of all sensors in a frame. Raises ValueError for a ground of others."""
     density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
-    names = ["under 1", *point_names()[1:]]
-    steps = point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100]))
-    legend = [_patch(tuple(colour), f"{name} /m²") for colour, name in zip(steps, names, strict=True)]
-    with house_style():
-        title = f"{site.name}: points on the ground in a frame"
-        subtitle = f"{_describe_rays(ground, sensors)}; mean over {SMOOTHED:g} x {SMOOTHED:g} m"
-        sheet = _sheet(site, sensors, title, subtitle, [*legend, *sensor_entries(sensors)])
-        _draw_cells(sheet, site, ground, point_colours(density), ground.open_ground)
-        return _finish(sheet, sensors, "Map of the density of points on the ground")
+    steps = point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100])).tolist()
+    legend = [(c, f"{name} /m²") for c, name in zip(steps, ["under 1", *point_names()[1:]], strict=True)]
+    cells = _Cells(point_colours(density), ground.open_ground, legend)
+    title, alt = "points on the ground in a frame", "Map of the density of points on the ground"
+    return _cell_map(site, ground, sensors, cells, title, alt, f"; mean over {SMOOTHED:g} x {SMOOTHED:g} m")
 
 
 def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Map the open ground that no sensor sees. It is shown by kind. Raises ValueError for a ground of other sensors."""
-    _check(ground, sensors)
+    """Map the open ground that no sensor sees, by kind. Raises ValueError for a ground of other sensors."""
     blind = ground.open_ground & (ground.views == 0)
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))
     areas = [float((blind & (kinds == k)).sum()) * ground.cell**2 for k in range(3)]
-    legend = [_patch(BLIND[k], f"{k}, unseen ({m2:.0f} m²)") for k, m2 in zip(BLIND, areas, strict=True)]
+    legend = [(BLIND[k], f"{k}, unseen ({m2:.0f} m²)") for k, m2 in zip(BLIND, areas, strict=True)]
+    cells = _Cells(_colours(tuple(BLIND.values()))[kinds], blind, legend)
+    return _cell_map(site, ground, sensors, cells, "ground that no sensor sees", "Map of blind spots")
+
+
+class _Cells(NamedTuple):
+    """Cells in their colours; which are shown; colours with their names."""
+
+    colours: Float64[np.ndarray, "ny nx 4"]
+    shown: Bool[np.ndarray, "ny nx"]
+    legend: Sequence[tuple[Any, str]]
+
+
+def _cell_map(
+    site: Site, ground: Ground, sensors: Sequence[Sensor], cells: _Cells, title: str, alt: str, note: str = ""
+) -> str:
+    """Map with cells, and the edges of the lanes over them."""
+    from matplotlib.patches import Patch
+
+    _check(ground, sensors)
+    count = f"{len(sensors)} sensor{'s' * (len(sensors) != 1)}"
+    subtitle = f"N = {count}; rays cast at the empty site, cells of {ground.cell:g} m{note}"
+    patches = [(Patch(facecolor=colour, edgecolor="#808080", linewidth=0.5), name) for colour, name in cells.legend]
+    entries, title = [*patches, *sensor_entries(sensors)], shorten(f"{site.name}: {title}", 70)
+    image = np.concatenate([cells.colours[..., :3], cells.shown[..., None]], axis=-1)
+    image = (image * 255).round().astype(np.uint8).repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
+    half = ground.cell / 2
+    place = (ground.x[0] - half, ground.x[-1] + half, ground.y[0] - half, ground.y[-1] + half)
     with house_style():
-        title, subtitle = f"{site.name}: ground that no sensor sees", _describe_rays(ground, sensors)
-        sheet = _sheet(site, sensors, title, subtitle, [*legend, *sensor_entries(sensors)])
-        _draw_cells(sheet, site, ground, _colours(tuple(BLIND.values()))[kinds], blind)
-        return _finish(sheet, sensors, "Map of blind spots")
+        sheet = map_sheet(site, title, subtitle, holds=sensor_places(sensors), legend=entries, inches=MAP_INCHES)
+        limits = {"xlim": sheet.axes.get_xlim(), "ylim": sheet.axes.get_ylim()}
+        sheet.axes.imshow(image, extent=place, origin="lower", interpolation="none", zorder=1.2, aspect="auto")
+        sheet.axes.set(**limits)
+        lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
+        for line in shapely.get_parts(shapely.boundary(shapely.simplify(lanes, 0.05))):
+            sheet.axes.plot(*shapely.get_coordinates(line).T, color=INK, linewidth=0.5, alpha=0.7, zorder=1.4)
+        draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+        return svg_text(sheet.figure, alt)
 
 
 def smooth(
     values: Float64[np.ndarray, "ny nx"], counted: Bool[np.ndarray, "ny nx"], cell: float
 ) -> Float64[np.ndarray, "ny nx"]:
-    """Average the counted cells around each cell.
-
-    They lie in a square of side `SMOOTHED`; 0 without any.
+    """Average the counted cells in a square of side `SMOOTHED` around each cell; 0 without any.
 
     >>> smooth(np.array([[0.0, 9.0, 3.0]]), np.array([[True, True, False]]), 0.5)
     array([[4.5, 4.5, 9. ]])
@@ -141,52 +161,6 @@ def smooth(
     return np.where(count > 0.5, box_sums(np.where(counted, values, 0)) / np.maximum(count, 1), 0.0)
 
 
-def _sheet(
-    site: Site,
-    sensors: Sequence[Sensor],
-    title: str,
-    subtitle: str,
-    legend: list[Entry],
-    places: Sequence[np.ndarray] = (),
-) -> MapSheet:
-    holds = np.concatenate([_positions(sensors), *places])
-    return map_sheet(site, shorten(title, 70), subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
-
-
-def _positions(sensors: Sequence[Sensor]) -> np.ndarray:
-    return np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)
-
-
-def _finish(sheet: MapSheet, sensors: Sequence[Sensor], name: str) -> str:
-    draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
-    return svg_text(sheet.figure, name)
-
-
-def _draw_cells(
-    sheet: MapSheet, site: Site, ground: Ground, colours: Float64[np.ndarray, "ny nx 4"], shown: np.ndarray
-) -> None:
-    """Draw the shown cells in their colours. The edges of the lanes are drawn over them."""
-    half = ground.cell / 2
-    image = (np.concatenate([colours[..., :3], shown[..., None]], axis=-1) * 255).round().astype(np.uint8)
-    image = image.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
-    place = (ground.x[0] - half, ground.x[-1] + half, ground.y[0] - half, ground.y[-1] + half)
-    limits = sheet.axes.get_xlim(), sheet.axes.get_ylim()
-    sheet.axes.imshow(image, extent=place, origin="lower", interpolation="none", zorder=1.2, aspect="auto")
-    sheet.axes.set(xlim=limits[0], ylim=limits[1])
-    lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
-    for line in shapely.get_parts(shapely.boundary(shapely.simplify(lanes, 0.05))):
-        sheet.axes.plot(*shapely.get_coordinates(line).T, color=INK, linewidth=0.5, alpha=0.7, zorder=1.4)
-
-
-def _draw_seen(sheet: MapSheet, ground: Ground) -> None:
-    """Fill the ground that each sensor sees. Smoothing drops slivers; each sensor has its colour."""
-    calm = [ground.open_ground & (smooth(seen * 1.0, ground.open_ground, ground.cell) > 0.5) for seen in ground.seen]
-    for index, polygons in enumerate(
-        visible_polygons(replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape)))
-    ):
-        fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
-
-
 def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
     """Positions of mounts of the site."""
     mounts = {mount.name: mount.position[:2] for mount in site.mounts}
@@ -199,17 +173,6 @@ def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
 def _check(ground: Ground, sensors: Sequence[Sensor]) -> None:
     if len(ground.seen) != len(sensors):
         raise ValueError(f"the ground has {len(ground.seen)} sensors, got {len(sensors)}: pass the same sensors")
-
-
-def _describe_rays(ground: Ground, sensors: Sequence[Sensor]) -> str:
-    count = f"{len(sensors)} sensor{'s' * (len(sensors) != 1)}"
-    return f"N = {count}; rays cast at the empty site, cells of {ground.cell:g} m"
-
-
-def _patch(colour: str | tuple[float, float, float, float], name: str) -> Entry:
-    from matplotlib.patches import Patch
-
-    return Patch(facecolor=colour, edgecolor="#808080", linewidth=0.5), name
 
 
 def _colours(names: Sequence[str]) -> Float64[np.ndarray, "n 4"]:

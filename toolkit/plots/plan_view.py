@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float
+from toolkit.arrays import Bool, Float, Float64
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.plots.base_map import (
     Entry,
@@ -62,7 +62,7 @@ def draw_site(site: Site, out: Path | str) -> None:
             ", ".join(
                 f"{n} {word}{'s' * (n != 1)}" for n, word in ((len(site.sensors), "sensor"), (len(poles), "pole"))
             ),
-            holds=np.concatenate([poles, _places(site.sensors)]),
+            holds=np.concatenate([poles, sensor_places(site.sensors)]),
             legend=[*ground_entries(site), *pole_entries(unused=len(poles)), *sensor_entries(site.sensors)],
         )
         draw_wedges(sheet.axes, site.sensors, site.solids)
@@ -96,7 +96,9 @@ def draw_frame(
     count = f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points" if len(truth) or len(clouds) else ""
     legend = [*_class_entries(truth), *_outcome_entries(outlines, outcome), *sensor_entries(shown)]
     with house_style():
-        sheet = map_sheet(site, shorten(title or f"Site {site.name}", 110), count, holds=_places(shown), legend=legend)
+        sheet = map_sheet(
+            site, shorten(title or f"Site {site.name}", 110), count, holds=sensor_places(shown), legend=legend
+        )
         for index, points in enumerate(clouds):
             x, y = points[:, :2].T
             colour = [sensor_colour(index)]
@@ -194,5 +196,6 @@ def _outcome_entries(outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome 
     return entries
 
 
-def _places(sensors: Sequence[Sensor]) -> np.ndarray:
+def sensor_places(sensors: Sequence[Sensor]) -> Float64[np.ndarray, "n 2"]:
+    """Positions of sensors on the map."""
     return np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)

@@ -17,7 +17,6 @@ from placement_env.report.charts import (
     link_chart,
     order_chart,
     price_label,
-    row_axes,
     scheme_chart,
     set_label,
     worth_chart,
@@ -170,10 +169,10 @@ ONE, TWO = Judgement(0.9, 0.8, 0.95, 0.9, 0.9, 120, 40), Judgement(0.5, 0.4, 0.6
 
 
 @pytest.mark.parametrize("names", [["a"], ["x" * 90, "W" * 40], [str(k) for k in range(30)]])
-def test_names_and_figures_stay_in_the_picture(names):
+def test_names_and_figures_stay_in_the_picture(monkeypatch, names):
     with house_style():
-        figure, axes = row_axes("a title", "said", names)
-        charts._draw_bars(axes, [ONE] * len(names))
+        _, figure = shown(monkeypatch, lambda: interval_bars([(name, ONE) for name in names], "a title"))
+        (axes,) = figure.axes
         render_pixels(figure)
         for text in (*axes.get_yticklabels(), *axes.texts):
             box = text.get_window_extent()
@@ -185,10 +184,9 @@ def test_names_and_figures_stay_in_the_picture(names):
         assert axes.get_tightbbox().y0 >= 0
 
 
-def test_rows_say_their_vehicles_in_words():
-    with house_style():
-        _, axes = row_axes("a title", "said", ["a", "b"])
-        charts._draw_bars(axes, [None, TWO])
+def test_rows_say_their_vehicles_in_words(monkeypatch):
+    _, figure = shown(monkeypatch, lambda: interval_bars([("a", None), ("b", TWO)], "a title"))
+    (axes,) = figure.axes
     assert [text.get_text() for text in axes.texts] == ["not judged: no vehicles", "0.500, N = 20"]
     assert len(axes.patches) == 1
     assert "N = 120 vehicles in 40 frames" in describe_sample([ONE, None])
