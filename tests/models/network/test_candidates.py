@@ -47,16 +47,13 @@ def prediction_of(boxes, config=CONFIG, sure=5.0):
     return Prediction(*shaped)
 
 
-def test_perfect_maps_become_the_boxes_they_hold():
+def test_perfect_maps_become_the_boxes_they_hold_within_the_area():
     boxes = [[1.0, 2.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5], [5, -5, 1.2, 9, 2.5, 3, -1.5]]
     found = suppress(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1)
     np.testing.assert_allclose(found.boxes[:, :6], np.array(boxes)[:, :6], atol=1e-4)
     turns = (found.boxes[:, 6] - np.array(boxes)[:, 6]) / (2 * math.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-4)
     assert np.all(np.diff(found.scores) < 0)
-
-
-def test_boxes_centred_outside_the_area_are_dropped():
     config = VoxelNetConfig.light((-8, -8, 7.5, 8))  # the grid reaches 8
     boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
     found = suppress(*candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1)
@@ -90,7 +87,7 @@ def class_prediction(boxes, labels, sure):
     return Prediction(*(each.reshape(1, *shape[:2], -1).permute(0, 3, 1, 2) for each in maps))
 
 
-def test_every_class_is_found_in_its_own_anchors_and_suppresses_itself_alone():
+def test_every_class_has_its_anchors_scores_and_boxes():
     """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of four."""
     boxes = [
         [1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3], [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0],
@@ -103,14 +100,16 @@ def test_every_class_is_found_in_its_own_anchors_and_suppresses_itself_alone():
     np.testing.assert_allclose(found.boxes, boxes, atol=1e-4)
     expected = torch.sigmoid(torch.tensor([3.0, 2.0, 1.0, 0.5])) * torch.sigmoid(torch.tensor(9.0))
     np.testing.assert_allclose(found.scores, expected, atol=1e-6)
-
-
-def test_candidates_of_a_class_have_scores_of_that_class_alone():
     prediction = class_prediction([[0, 0, 0.9, 1.8, 0.6, 1.7, 0.3]], [CYCLIST], [3.0])
     ((_, scores),) = candidates(prediction, anchors(CLASSES), CLASSES, LEAST)
     assert len(scores) > 2
     assert (scores[:, [0, 1, 3]] == 0).all()  # in the order of the configuration's labels
     assert (scores[:, 2] > 0.9).all()
+    box, other = [0.0, 0, 1, 4, 2, 1.5, 0.1], [0.2, 0, 1, 4, 2, 1.5, 0.1]
+    found = Detections(np.array([box, other, other]), np.array([0.8, 0.7, 0.4]), np.array([VEHICLE, HEAVY, VEHICLE]))
+    mean = average_boxes(found, np.array([0, 1]), 0.75)
+    np.testing.assert_allclose(mean.boxes, [[0.2 / 5, *box[1:]], other], atol=1e-12)
+    assert mean.labels.tolist() == [VEHICLE, HEAVY]
 
 
 CONFIGS = {
@@ -161,14 +160,6 @@ def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
         torch.testing.assert_close(by_label.amax(-1).sort(descending=True).values, expected[expected > 0])
 
 
-def test_a_box_is_no_mean_of_other_classes():
-    box, other = [0.0, 0, 1, 4, 2, 1.5, 0.1], [0.2, 0, 1, 4, 2, 1.5, 0.1]
-    found = Detections(np.array([box, other, other]), np.array([0.8, 0.7, 0.4]), np.array([VEHICLE, HEAVY, VEHICLE]))
-    mean = average_boxes(found, np.array([0, 1]), 0.75)
-    np.testing.assert_allclose(mean.boxes, [[0.2 / 5, *box[1:]], other], atol=1e-12)
-    assert mean.labels.tolist() == [VEHICLE, HEAVY]
-
-
 STREET = VoxelNetConfig.light((-20, -20, 20, 20), **road_users())  # vehicle, heavy, cyclist, pedestrian
 ROWS = (
     (1.0, 0.0, 9.0, 2.0, 0.0, 0.0),
@@ -191,28 +182,24 @@ def street():
     return Detections(np.array(boxes), np.array([0.6, 0.7, 0.9, 0.5, 0.8]), labels)
 
 
-def test_rivals_are_of_other_classes_at_the_same_place():
+def test_rivals_of_other_classes_count_once_where_sure():
     expected = np.zeros((5, 4))
     expected[0, 3], expected[1, 2] = 0.7, 0.6
     expected[2, 0], expected[3, 1] = 0.5, 0.9
     np.testing.assert_array_equal(strongest_rivals(street(), STREET), expected)
     assert strongest_rivals(Detections.empty(), STREET).shape == (0, 4)
-
-
-def test_nobody_of_a_low_score_is_a_rival():
     found = street()
     weak = Detections(found.boxes, np.array([0.6, 0.9 * LEAST_RIVAL, 0.9, LEAST_RIVAL, 0.8]), found.labels)
     rivals = strongest_rivals(weak, STREET)
     assert rivals[0, 3] == 0
     assert rivals[2, 0] == LEAST_RIVAL
-
-
-def test_the_strongest_counts_once():
     found = street()
     beside = found.boxes[1:2].copy()
     beside[:, 0] += 0.1
     more = Detections.merge([found, Detections(beside, np.array([0.75]), np.array([PEDESTRIAN]))])
     assert strongest_rivals(more, STREET)[0].tolist() == [0, 0, 0, 0.75]
+    sure = Detections(street().boxes, np.array([1.0, 0.0, 1.0, 0.0, 1.0]), street().labels)
+    assert np.isfinite(apply_rivals(sure, replace(STREET, rivalry=ROWS)).scores).all()
 
 
 def test_scores_are_what_the_rivals_leave():
@@ -233,8 +220,3 @@ def test_scores_are_what_the_rivals_leave():
 @pytest.mark.parametrize("found", [street(), Detections.empty()])
 def test_without_rivalry_nothing_changes(found):
     assert apply_rivals(found, STREET) is found
-
-
-def test_certain_scores_stay_finite():
-    sure = Detections(street().boxes, np.array([1.0, 0.0, 1.0, 0.0, 1.0]), street().labels)
-    assert np.isfinite(apply_rivals(sure, replace(STREET, rivalry=ROWS)).scores).all()

@@ -185,15 +185,13 @@ def test_reached_cells_and_a_constant_give_the_dense_map(trained, cloud, counts)
     torch.testing.assert_close(middle(features, voxels), expected, atol=1e-5, rtol=1e-4)
 
 
-def test_a_place_is_that_of_one_cell():
+def test_cells_have_one_place_and_grow_within_the_border():
     item, ix, iy = (each.flatten() for each in torch.meshgrid(*map(torch.arange, (2, 4, 3)), indexing="ij"))
     place = PLANE.place(item, ix, iy)
     assert len(place.unique()) == len(place)
     assert place.max() < PLANE.size
     assert all(torch.equal(a, b) for a, b in zip(PLANE.cell(place), (item, ix, iy), strict=True))
 
-
-def test_cells_grow_to_their_neighbours_and_not_across_a_border():
     def mask_of(*cells):
         mask = torch.zeros(1, PLANE.size, dtype=torch.bool)
         mask[0, [int(PLANE.place(*map(torch.tensor, cell))) for cell in cells]] = True
@@ -203,8 +201,5 @@ def test_cells_grow_to_their_neighbours_and_not_across_a_border():
     assert torch.equal(corner, mask_of((0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1)))
     middle = grown(mask_of((1, 1, 1)), PLANE)
     assert torch.equal(middle, mask_of(*((1, x, y) for x in range(3) for y in range(3))))
-
-
-def test_set_cells_are_numbered_in_order():
     mask = torch.tensor([[True, False, True], [False, True, True]])
     assert numbers(mask)[mask].tolist() == [0, 1, 2, 3]

@@ -74,15 +74,12 @@ def test_a_reader_of_the_published_layout_sees_the_new_extrinsic(recording, tmp_
         assert "calibration" not in file.attrs
 
 
-def test_a_corrected_recording_is_not_taken_for_the_simulated_one(recording, tmp_path):
+def test_corrected_recordings_are_their_own_and_poses_are_checked(recording, tmp_path):
     out = tmp_path / "corrected.hdf5"
     copy_corrected(recording, MOVED, out)
     with pytest.raises(FileExistsError, match="calibrated"):
         simulate_dataset(PLACE, out, run=Run(frames=2, seed=3))
-
-
-def test_unknown_sensors_and_poses_that_are_none_are_refused(recording, tmp_path):
-    out = tmp_path / "corrected.hdf5"
+    out = tmp_path / "others.hdf5"
     with pytest.raises(ValueError, match=r"there is no sensor 'three' in .*few.hdf5: choose among one, spun, two"):
         copy_corrected(recording, {"three": np.eye(4)}, out)
     with pytest.raises(ValueError, match="pose of sensor 'one' must be a rotation"):

@@ -61,10 +61,13 @@ def line_of(*shapes, x=10.0, y=5.0, heading=0.0, elevation=""):
     return read_road(ElementTree.fromstring(f'<road id="7"><planView>{text}</planView>{profile}</road>'))
 
 
-def test_line_and_the_side_of_t():
+def test_lines_and_their_pieces_in_order_of_s():
     line = line_of((20.0, "<line/>"), heading=np.pi / 2)
     np.testing.assert_allclose(line.at(np.array([0.0, 12.0])), [[10, 5, np.pi / 2], [10, 17, np.pi / 2]], atol=1e-12)
     np.testing.assert_allclose(line.beside(np.array([12.0]), np.array([3.0])), [[7, 17]], atol=1e-12)
+    line = line_of((10.0, "<line/>"), (10.0, '<arc curvature="0.1"/>'))
+    assert line.length == 20.0
+    assert line.at(np.array([15.0]))[0, 2] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("curvature", [0.1, -0.1, 1e-12])
@@ -92,12 +95,6 @@ def test_polynomials():
     normal = '<paramPoly3 pRange="{}" aU="0" bU="{}" cU="0" dU="0" aV="0" bV="0" cV="{}" dV="0"/>'
     for text in (normal.format("normalized", 8, 16), normal.format("arcLength", 1, 0.25)):
         np.testing.assert_allclose(line_of((8.0, text), x=0.0, y=0.0).at(s)[:, :2], [[0, 0], [4, 4]])
-
-
-def test_pieces_follow_in_order_of_s():
-    line = line_of((10.0, "<line/>"), (10.0, '<arc curvature="0.1"/>'))
-    assert line.length == 20.0
-    assert line.at(np.array([15.0]))[0, 2] == pytest.approx(0.5)
 
 
 def test_elevation_and_its_slope():
@@ -147,14 +144,11 @@ def test_lanes_lie_side_by_side(street, tmp_path):
     np.testing.assert_allclose(list(lanes(road))[3].middle[[0, -1]], [[-50, -4.25], [50, -4.25]])
 
 
-def test_other_storeys_and_places_are_left_out(street, tmp_path):
+def test_roads_within_a_window_and_their_steepest_slope(street, tmp_path):
     high = street(tmp_path, elevation='<elevation s="0" a="6"/>')
     assert near(high, WINDOW, 0.0, 3.5) == []
     assert len(near(high, WINDOW, 4.0, 3.5)) == 1
     assert near(high, shapely.box(500, 500, 510, 510), 6.0, 3.5) == []
-
-
-def test_steepest_slope_within_the_window(street, tmp_path):
     path = street(tmp_path, elevation='<elevation s="0" a="0" b="-0.04"/><elevation s="95" a="-3.8" b="0.3"/>')
     there = near(path, WINDOW, 0.0, 5.0)
     assert find_plane(there, WINDOW, np.eye(4))[2] == pytest.approx(0.04)

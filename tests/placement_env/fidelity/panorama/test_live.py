@@ -51,7 +51,7 @@ def agreeing(found, exact):
     return (off <= np.maximum(0.03 * exact.points, 8))[seen].mean()
 
 
-def test_it_agrees_with_full_rendering_at_any_aim(traffic, view):
+def test_it_agrees_with_rendering_and_panoramas_at_any_aim(traffic, view):
     rng = np.random.default_rng(0)
     aims = [(m, rng.uniform(4.0, 4.2), (0.7, -2.4)[m] + rng.uniform(-0.4, 0.4), rng.uniform(0.1, 0.6), 0)
             for m in (0, 1) for _ in range(6)]  # fmt: skip
@@ -62,16 +62,10 @@ def test_it_agrees_with_full_rendering_at_any_aim(traffic, view):
     assert np.abs(found.sent - exact.sent).mean() < 0.04 * exact.sent.mean()
     for name in ("distance", "frame", "boxes", "labels"):
         np.testing.assert_array_equal(getattr(found, name), getattr(exact, name))
-
-
-def test_at_a_height_of_a_panorama_it_is_what_a_panorama_says(traffic, view):
     some = hung((0, 4.5, 0.7, 0.3, 0), (0, 4.5, 0.2, np.deg2rad(20.4), 0))
     found, looked = view.see(some), see(traffic, some, rendering="panorama")
     np.testing.assert_array_equal(found.points, looked.points)
     np.testing.assert_array_equal(found.sent, looked.sent)
-
-
-def test_between_two_heights_it_is_interpolated(view):
     low, middle, high = (view.see(hung((0, h, 0.7, 0.3, 0))) for h in (4.0, 4.15, 4.5))
     for name in ("points", "sent", "far"):
         expected = 0.7 * getattr(low, name) + 0.3 * getattr(high, name)
@@ -117,15 +111,12 @@ def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, monkeypa
         LiveView(others, cache=cache).see(some)
 
 
-def test_classes_are_those_asked_for(traffic):
+def test_classes_are_those_asked_for_and_nothing_may_move(traffic):
     some, labels = hung((0, 4.5, 0.7, 0.3, 0)), (0, 1, 2)
     found = LiveView(traffic, labels).see(some)
     exact = see(traffic, some, labels=labels, rendering="full")
     np.testing.assert_array_equal(found.labels, exact.labels)
     assert agreeing(found, exact) > 0.97
-
-
-def test_nothing_moves(traffic):
     empty = replace(traffic.snapshots[0], objects=traffic.snapshots[0].objects[:0], bodies=np.zeros(0, np.int64))
     found = LiveView(replace(traffic, snapshots=(empty,))).see(hung((0, 4.5, 0.7, 0.5, 0)))
     assert found.points.shape == (1, 0)

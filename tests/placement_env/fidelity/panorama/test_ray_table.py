@@ -26,7 +26,6 @@ from toolkit.sensors.sensor import Sensor
 
 CAMERA = DepthCamera(width=120, height=90)
 MODELS: list[Any] = [CAMERA, SpinningLidar(channels=16, azimuth_step=0.03), SolidStateLidar(rows=20, columns=60)]
-NONE = np.float32(0)
 
 
 def angles(model, heading, tilt, roll=0.0):
@@ -67,21 +66,15 @@ def test_they_are_counted(model, tilt):
     assert (np.abs(whole(RayTable(model, tilt, 0.0), rects) - expected) <= 1 + 0.01 * expected).all()
 
 
-def test_a_heading_turns_the_sensor_and_a_roll_counts():
+def test_headings_rolls_and_a_little_tilt_are_made_up_for():
     rects, table = rectangles(np.random.default_rng(2), 300), RayTable(CAMERA, 0.3, 0.2)
     heading = np.pi / 2
     expected = counted(CAMERA, rects, heading, 0.3, 0.2)
     assert (np.abs(whole(table, rects, heading) - expected) <= 1 + 0.01 * expected).all()
-
-
-def test_all_directions_hold_all_rays():
     every = [np.array([each], np.float32) for each in (-np.pi, np.pi, -np.pi / 2, np.pi / 2)]
     for model in MODELS:
         for heading in (0.0, 1.0, -3.0):
             assert whole(RayTable(model, 0.4, 0.0), every, heading).tolist() == [np.prod(model.shape)]
-
-
-def test_a_little_more_tilt_is_made_up_for():
     rects = rectangles(np.random.default_rng(3), 400)
     more = float(np.deg2rad(0.5))
     exact = whole(RayTable(CAMERA, 0.3 + more, 0.0), rects)
@@ -91,7 +84,7 @@ def test_a_little_more_tilt_is_made_up_for():
     assert np.abs(near[large] / exact[large] - 1).mean() < 0.02
 
 
-def test_rays_of_cells():
+def test_rays_of_cells_are_counted_once_in_numbers_wide_enough():
     azimuth, elevation = angles(CAMERA, 0.0, 0.3)
     table = RayTable(CAMERA, 0.3, 0.0)
     assert table.cell_rays.sum() == np.prod(CAMERA.shape)
@@ -108,12 +101,12 @@ def test_rays_of_cells():
     ]
     rows = find_cells(np.zeros(3), np.array([-np.pi / 2, cell_elevations()[200], np.pi / 2]))[1]
     assert rows.tolist() == [0, 200, len(CELL_EDGES) - 2]
-
-
-def test_many_rays_are_counted_in_wider_numbers():
     large = SolidStateLidar(rows=300, columns=300)
     every = [np.array([each], np.float32) for each in (-np.pi, np.pi, -np.pi / 2, np.pi / 2)]
     assert whole(RayTable(large, 0.0, 0.0), every).tolist() == [90_000]
+    assert ray_table(CAMERA, 0.3, 0.0) is ray_table(DepthCamera(width=120, height=90), 0.3, 0.0)
+    assert module.ray_table.cache_parameters()["maxsize"] == 96
+    assert compute_aim(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.0))).tilt == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
@@ -135,9 +128,3 @@ def test_a_sensor_is_looked_up_in_the_table_of_nearest_tilt():
     assert level[:3] == (CAMERA, pytest.approx(np.deg2rad(15.0)), 0.0)
     np.testing.assert_allclose([level.heading / PER_TURN, tilted.heading / PER_TURN], 0.5, atol=1e-5)
     np.testing.assert_allclose([level.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5)
-
-
-def test_a_table_is_made_once():
-    assert ray_table(CAMERA, 0.3, 0.0) is ray_table(DepthCamera(width=120, height=90), 0.3, 0.0)
-    assert module.ray_table.cache_parameters()["maxsize"] == 96
-    assert compute_aim(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.0))).tilt == pytest.approx(0.0)

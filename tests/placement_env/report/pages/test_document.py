@@ -24,16 +24,10 @@ from placement_env.report.pages.scene import Layer, Scene
 from toolkit.viewing.scene import POLICY, script_data
 
 
-def test_a_heading_says_the_unit():
+def test_headings_say_units_of_tables_with_full_rows():
     assert [Column("price", "EUR").heading, Column("AP").heading] == ["price (EUR)", "AP"]
-
-
-def test_every_row_has_a_cell_for_each_column():
     with pytest.raises(ValueError, match="shorter"):
         table("Links", [Column("a"), Column("b")], [["x"]])
-
-
-def test_a_table_without_rows_is_left_out():
     assert table("Links", [Column("Pole")], []) == ()
     (only,) = table("Links", [Column("Pole"), Column("kbit", digits=2)], [["p", 3]])
     assert only.rows == ((Cell("p"), Cell("3.00", 3.0)),)
@@ -71,24 +65,15 @@ def outline(document):
     return Outline(to_html(document, SCENE))
 
 
-def test_language_title_and_landmarks(outline):
+def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
     assert outline.all("html") == [{"lang": "en"}]
     assert [len(outline.all(tag)) for tag in ("title", "h1", "main", "nav", "header")] == [1] * 5
-
-
-def test_every_section_is_in_the_navigation(outline):
     links = [each["href"] for each in outline.all("a") if "class" not in each]
     assert links == [f"#{section['id']}" for section in outline.all("section")]
     assert len(links) == 14
-
-
-def test_pictures_have_words_and_come_from_the_page_itself(outline):
     pictures = outline.all("img")
     assert len(pictures) == 13
     assert all(len(each["alt"]) > 20 and each["src"].startswith("data:image/svg+xml;base64,") for each in pictures)
-
-
-def test_nothing_is_asked_from_anywhere(outline):
     for tag, attributes in outline.elements:
         for name in ("src", "href", "action", "poster", "data"):
             address = attributes.get(name) or "#"
@@ -97,9 +82,6 @@ def test_nothing_is_asked_from_anywhere(outline):
     assert policy["content"] == POLICY
     assert "default-src 'none'" in POLICY
     assert "http" not in POLICY
-
-
-def test_numbers_carry_what_they_are_sorted_by(outline):
     cells = [each for each in outline.all("td") if each.get("class") == "number"]
     assert {"data-value"} <= {name for each in cells for name in each}
     assert any(float(each["data-value"]) == 0.962 for each in cells if "data-value" in each)
@@ -118,17 +100,23 @@ def test_names_on_the_page_are_text():
     assert "".join(outline.words).count(HOSTILE) == 14
 
 
-def test_data_cannot_leave_their_script(document):
+def test_documents_keep_their_data_and_bytes(document):
     page = to_html(document, SCENE)
     (data,) = re.findall(r'<script type="application/json" id="scene-data">(.*?)</script>', page, re.DOTALL)
     assert data == script_data({"html": SCENE.html, "frames": SCENE.frames})
     assert "<" not in data
+    first = to_pdf(document)
+    assert first == to_pdf(document)
+    assert first.startswith(b"%PDF-")
+    assert b"/CreationDate" not in first
+    assert 6 <= count_pages(first) <= 20
 
 
-def test_without_a_scene_the_page_has_no_frame(nothing_chosen):
+def test_plans_without_sensors_or_scene_have_pages(nothing_chosen):
     outline = Outline(to_html(build_document(nothing_chosen.plan, nothing_chosen.site, None), None))
     assert outline.all("iframe") == []
     assert "No link carries 0.001 kbit per frame." in outline.words
+    assert count_pages(to_pdf(build_document(nothing_chosen.plan, nothing_chosen.site, None))) <= 6
 
 
 TYPST = '#panic("x") $x^2$ `raw` \\ @ref <label> *b* _i_ // /* ] [ } { "'
@@ -143,15 +131,7 @@ def small(*blocks):
     return Document("Plan", "For a test", (Section("one", "One", "Fine.", blocks),))
 
 
-def test_the_same_document_has_the_same_bytes(document):
-    first = to_pdf(document)
-    assert first == to_pdf(document)
-    assert first.startswith(b"%PDF-")
-    assert b"/CreationDate" not in first
-    assert 6 <= count_pages(first) <= 20
-
-
-def test_texts_are_never_markup():
+def test_texts_are_no_markup_and_long_tables_go_over_pages():
     rows = ((Cell(TYPST), Cell(TYPST, 1.0)),)
     columns = (Column(TYPST, digits=None), Column(TYPST, "m"))
     blocks = (
@@ -162,19 +142,9 @@ def test_texts_are_never_markup():
     )
     hostile = Document(TYPST, TYPST, (Section("one", TYPST, TYPST, (*blocks, SceneView(TYPST, TYPST))),))
     assert count_pages(to_pdf(hostile)) == 2
-
-
-def test_a_long_table_goes_over_pages():
-    rows = tuple((Cell(f"pole {k}"), Cell(str(k), float(k))) for k in range(150))
-    poles = TableBlock("Poles", (Column("Pole", digits=None), Column("k")), rows)
+    many = tuple((Cell(f"pole {k}"), Cell(str(k), float(k))) for k in range(150))
+    poles = TableBlock("Poles", (Column("Pole", digits=None), Column("k")), many)
     assert count_pages(to_pdf(small(poles))) > 3
-
-
-def test_a_drawing_that_is_no_svg_is_one_line():
     with pytest.raises(ValueError, match=r"the PDF cannot be set: .*: the drawings must be SVG") as caught:
         to_pdf(small(Drawing("no picture", "A caption.", "alt")))
     assert "\n" not in str(caught.value)
-
-
-def test_a_plan_without_sensors(nothing_chosen):
-    assert count_pages(to_pdf(build_document(nothing_chosen.plan, nothing_chosen.site, None))) <= 6

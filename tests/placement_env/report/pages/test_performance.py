@@ -21,7 +21,7 @@ def judged(ap, half=0.02):
     return Judgement(ap, ap - half, ap + half, ap, None, 40, 20)
 
 
-def test_the_weakest_part_is_named_where_the_intervals_tell_it(example):
+def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     rows = (BreakdownRow("west", judged(0.8)), BreakdownRow("east", judged(0.9)), BreakdownRow("far", None))
     plan = replace(example.plan, by_zone=rows, by_range=(), by_approach=())
     section = read(performance.detection_section, plan)
@@ -34,26 +34,17 @@ def test_the_weakest_part_is_named_where_the_intervals_tell_it(example):
         drawing.caption == "By zone, AP ranges from 0.800 at “west” to 0.900 at “east”; the intervals do not overlap."
     )
     assert [cell.text for cell in table.rows[2]] == ["far", "–", "no vehicle", "–", "0", "–", "–"]
-
-
-def test_no_part_is_blamed_where_intervals_overlap(example):
-    rows = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", judged(0.9)))
-    section = read(performance.detection_section, replace(example.plan, by_zone=rows, by_range=(), by_approach=()))
+    near = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", judged(0.9)))
+    section = read(performance.detection_section, replace(example.plan, by_zone=near, by_range=(), by_approach=()))
     assert section.conclusion.startswith(
         "No part of the site is clearly worse than another: the weakest, “west”, has AP"
     )
     assert section.blocks[0].caption.endswith("; the intervals overlap.")
-
-
-def test_parts_without_vehicles_are_sentences(example):
     only = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", None))
     plan = replace(example.plan, by_zone=only, by_range=(BreakdownRow("far", None),), by_approach=())
     drawing, _, distance, *_ = read(performance.detection_section, plan).blocks
     assert drawing.caption == "By zone, only “west” had vehicles: AP 0.870 (0.850–0.890, 40 vehicles)."
     assert distance.text == "AP by distance is unknown: there was no vehicle to detect."
-
-
-def test_coverage_of_other_classes_is_never_called_ap(example):
     seen = (ClassSeen("vehicle", 40, 10, 0.99), ClassSeen("cyclist", 1, 1, 0.5), ClassSeen("heavy", 0, 10, None))
     *_, said, table = read(performance.detection_section, replace(example.plan, by_class=seen)).blocks
     assert said.text == (
@@ -84,7 +75,7 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
     )
 
 
-def test_levels_of_traffic_have_a_table_of_their_own(example):
+def test_levels_and_error_profiles_have_tables(example):
     rows = (BreakdownRow("thin traffic", judged(0.97)), BreakdownRow("dense traffic", judged(0.9)))
     plain, section = (
         read(performance.detection_section, example.plan),
@@ -96,9 +87,6 @@ def test_levels_of_traffic_have_a_table_of_their_own(example):
         block.caption for block in section.blocks if getattr(block, "caption", "").startswith("By level of traffic")
     ]
     assert said[0].startswith("By level of traffic, AP ranges from 0.900 at “dense traffic” to 0.970 at “thin traffic”")
-
-
-def test_error_profiles_have_a_table_of_their_own(example):
     rows = (BreakdownRow("paper", judged(0.97), 80.0), BreakdownRow("poor", judged(0.9), 60.0))
     plain, section = (
         read(performance.detection_section, example.plan),
@@ -112,7 +100,7 @@ def test_error_profiles_have_a_table_of_their_own(example):
 SHARES = GroundShares((0.8, 0.5, 0.25), 0.2, 0.05, {"d0": 400.0, "d1": 1000.0}, 2000.0, 400.0)
 
 
-def test_shares_are_said_in_words(example):
+def test_shares_and_density_are_those_of_lanes(example):
     section = read(performance.ground_section, replace(example.plan, ground=SHARES), example.site, example.ground)
     assert section.conclusion == (
         "At least one sensor sees 80% of the open ground, and two or more see 50%; no sensor sees 400 m², or 5% of the "
@@ -123,9 +111,6 @@ def test_shares_are_said_in_words(example):
     assert "50% of the open ground" in maps[0].caption
     assert maps[2].caption.startswith("400 m², 20% of the open ground,")
     assert [[cell.text for cell in row] for row in areas.rows] == [["d0", "400", "20.0"], ["d1", "1,000", "50.0"]]
-
-
-def test_density_is_that_of_the_lanes_by_all_sensors(example):
     ground = example.ground
     density = np.zeros_like(ground.density)
     density[0][ground.lanes], density[1][ground.lanes] = 1.5, 1.0
@@ -136,16 +121,13 @@ def test_density_is_that_of_the_lanes_by_all_sensors(example):
     )
     assert section.blocks[1].caption.startswith("Half of the lanes' ground gets 2.5 points per m² or more")
     assert "25% of it gets fewer than 1" in section.blocks[1].caption
-
-
-def test_without_lanes_or_ground(example):
     bare = replace(example.ground, lanes=np.zeros_like(example.ground.lanes))
     section = read(performance.ground_section, example.plan, example.site, bare)
     assert section.blocks[1].caption.startswith("No lane lies in the area")
     assert read(performance.ground_section, example.plan, example.site, None).blocks == ()
 
 
-def test_worth_and_synergy(example):
+def test_worth_and_synergy_of_one_two_and_many(example):
     mine = (
         SensorWorth("a", 0.6, {"b": 0.05, "c": -0.1}),
         SensorWorth("b", 0.3, {"a": 0.05, "c": 0.0}),
@@ -158,22 +140,16 @@ def test_worth_and_synergy(example):
     )
     assert section.blocks[1].caption == "a accounts for 60% of what all sensors add."
     assert [cell.text for cell in section.blocks[2].rows[0]] == ["a", "0.600", "–", "+0.050", "-0.100"]
-
-
-def test_two_that_see_the_same_do_not_complement_each_other(example):
-    mine = (SensorWorth("a", 0.7, {"b": -0.09}), SensorWorth("b", 0.2, {"a": -0.09}))
-    assert read(performance.worth_section, replace(example.plan, worth=mine)).conclusion == (
+    two = (SensorWorth("a", 0.7, {"b": -0.09}), SensorWorth("b", 0.2, {"a": -0.09}))
+    assert read(performance.worth_section, replace(example.plan, worth=two)).conclusion == (
         "a is worth most, 0.700 AP, and b least, 0.200. a and b duplicate each other most (-0.090)."
     )
-
-
-def test_one_sensor_has_no_synergy(example):
     section = read(performance.worth_section, replace(example.plan, worth=(SensorWorth("a", 0.6, {}),)))
     assert section.conclusion == "There is one sensor, a, and all of the AP is its own: 0.600."
     assert section.blocks == ()
 
 
-def test_the_worst_failure_of_one_and_of_two(example):
+def test_failures_and_the_order_of_building(example):
     section = read(performance.failures_section, example.plan)
     assert section.conclusion == (
         "All sensors together give AP 0.962 (0.932–0.992, 412 vehicles). If 1 sensor fails, the worst loss is that of "
@@ -184,9 +160,6 @@ def test_the_worst_failure_of_one_and_of_two(example):
         "In 3 of 6 cases the loss is so small that the interval still overlaps that of the whole set."
     )
     assert [cell.text for cell in section.blocks[1].rows[0]][-1] == "0.052"
-
-
-def test_the_order_of_building(example):
     section = read(performance.order_section, example.plan)
     assert section.conclusion == (
         "Build d3 first: for 1.50 EUR it alone gives AP 0.710 (0.680–0.740, 412 vehicles); the last, d5, brings it to "

@@ -17,7 +17,7 @@ def read(section, plan, *others):
     return Section("key", "Title", *section(plan, *chosen, *others))
 
 
-def test_the_answer_comes_first_with_what_excludes_what(example):
+def test_the_answer_comes_first_and_explains_its_ap(example):
     plan = replace(example.plan, verdict=Verdict(False, "No.", ("Links are too small.",)))
     section = read(recommendation.requirement_section, plan)
     assert section.conclusion == "No."
@@ -28,9 +28,6 @@ def test_the_answer_comes_first_with_what_excludes_what(example):
         ("min ap", "0.95"),
         ("max kbit", "not given"),
     ]
-
-
-def test_ap_is_explained_once_with_the_iou_of_the_plan(example):
     (said,) = [
         block.text
         for block in read(recommendation.requirement_section, example.plan).blocks
@@ -39,6 +36,8 @@ def test_ap_is_explained_once_with_the_iou_of_the_plan(example):
     assert "AP (average precision)" in said
     assert "at least 0.7 of their union" in said
     assert "95% confidence" in said
+    plan = replace(example.plan, verdict=Verdict(None, "The best."))
+    assert build_document(plan, example.site, None).sections[0].title == "The answer"
 
 
 def test_values_value_text():
@@ -46,7 +45,7 @@ def test_values_value_text():
     assert [value_text(value) for value in ("", (), 0, False)] == ["not given", "not given", "0", "no"]
 
 
-def test_the_chosen_set(example):
+def test_the_chosen_set_stands_beside_front_and_alternatives(example):
     section = read(recommendation.chosen_section, example.plan, example.site, example.ground)
     assert section.conclusion == (
         "Build 4 sensors, d0, d1, d3 and d5, for 6 EUR: the detector reaches AP 0.962 (0.932–0.992, 412 vehicles); "
@@ -56,15 +55,9 @@ def test_the_chosen_set(example):
     assert bullets.items == example.plan.why
     assert view.caption == "4 sensors on 4 poles; 2 poles that could carry one stay free."
     assert scene.kind == "scene"
-
-
-def test_poles_that_the_site_does_not_have_are_counted_and_not_drawn(example):
     plan = replace(example.plan, poles_unused=("no such pole",))
     view = read(recommendation.chosen_section, plan, example.site, example.ground).blocks[1]
     assert "1 pole that could carry one stays free." in view.caption
-
-
-def test_the_front(example):
     section = read(recommendation.front_section, example.plan)
     assert section.conclusion == (
         "No set beats these 4 in AP, data sent and price at once: prices start at 1.50 EUR, and the highest "
@@ -75,9 +68,6 @@ def test_the_front(example):
     assert read(recommendation.front_section, replace(example.plan, front=unjudged)).conclusion.endswith(
         "the cheapest costs 1.50 EUR."
     )
-
-
-def test_alternatives_stand_beside_the_chosen_set(example):
     section = read(recommendation.alternatives_section, example.plan)
     assert section.conclusion == (
         "The judged traffic cannot tell 1 other set from the chosen one, because the intervals overlap; none of them "
@@ -106,11 +96,6 @@ def test_two_figures_of_the_chosen_set_are_explained(example):
         assert chosen[2].text == "1.000"
 
 
-def test_without_a_requirement_the_answer_is_not_about_one(example):
-    plan = replace(example.plan, verdict=Verdict(None, "The best."))
-    assert build_document(plan, example.site, None).sections[0].title == "The answer"
-
-
 def test_what_sets_are_compared_by_is_said(example):
     chosen = example.plan.chosen
     plain = read(recommendation.chosen_section, example.plan, example.site, example.ground)
@@ -127,7 +112,7 @@ def test_what_sets_are_compared_by_is_said(example):
     assert "AP 0.500 (0.500–0.500, 412 vehicles) over the levels of traffic and over the error profiles, as" in said
 
 
-def test_links_that_are_too_small_are_named(example):
+def test_bills_schedules_and_links_are_listed(example):
     section = read(recommendation.links_section, example.plan)
     assert section.conclusion == "1 link of 4 cannot carry what is sent: post00."
     assert section.blocks[0].caption.startswith("All links together carry 12.48 Mbit/s")
@@ -137,9 +122,6 @@ def test_links_that_are_too_small_are_named(example):
         "Every link carries what is sent; the fullest, at post01, is used to 16%: its largest frames need 4.02 of "
         "20.00 Mbit/s."
     )
-
-
-def test_bill_of_materials(example):
     section = read(recommendation.materials_section, example.plan)
     assert section.conclusion == (
         "The total is 6 EUR; the largest part, 4 EUR, is “pole with power and link” (4 at 1 EUR)."
@@ -150,18 +132,12 @@ def test_bill_of_materials(example):
     )
     assert bare.conclusion == "The total is 1 unit; the largest part, 1 unit, is “pole” (1 at 1 unit)."
     assert bare.blocks[0].text == "Prices are in units of one ordinary pole."
-
-
-def test_mounting_schedule(example):
     section = read(recommendation.schedule_section, example.plan)
     assert section.conclusion == "Mount 4 sensors on 4 poles, 5.2 m above the foot of the pole."
     assert [cell.text for cell in section.blocks[1].rows[0]] == [
         *("d0", "post00", "depth camera", "40.90", "8.10", "5.20"),
         *("14.423500", "50.081200", "45.0", "20.0"),
     ]
-
-
-def test_a_site_that_is_nowhere_on_earth(example):
     first, *others = example.plan.sensors
     plan = replace(example.plan, sensors=(replace(first, longitude=None, latitude=None, height=3.0), *others))
     section = read(recommendation.schedule_section, plan)

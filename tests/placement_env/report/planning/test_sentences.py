@@ -59,7 +59,7 @@ def test_cases_of_the_ap(ask, asked, words):
         assert compared == ["The AP by which sets are compared is that at the worst of 3 levels of traffic."]
 
 
-def test_error_profiles(ask):
+def test_verdicts_on_cases_and_error_profiles(ask):
     both = ask(SITE, errors=("paper", "poor"))
     assert describe_cases(both) == ", at the worst of the error profiles paper and poor,"
     said = assume(both)
@@ -70,9 +70,6 @@ def test_error_profiles(ask):
     assert "Poses are exact" in assume(ask(SITE))
     named = "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
     assert named in assume(ask(SITE, errors=("typical",)))
-
-
-def test_verdicts(ask):
     asked = build_verdict(ask(SITE), OPTION, OPTION, ())
     assert asked.met is None
     words = "AP 0.910 (95 % interval 0.850 to 0.950, 812 vehicles in 120 frames) at IoU 0.7 with 2 sensors"
@@ -86,7 +83,7 @@ def test_verdicts(ask):
     assert "is not met" in missed.sentence
 
 
-def test_the_choice_is_explained_with_figures(ask):
+def test_choices_and_assumptions_follow_the_question(ask):
     schemes = (SchemeFigures("early", 0.7, FINAL, 500.0), SchemeFigures("late", 0.7, FINAL, 2.0))
     failures = (FailureCase(("a",), FINAL), FailureCase(("b",), Judgement(0.4, 0.3, 0.5, 0.4, 0.9, 812, 120)))
     said = " ".join(explain(ask(SITE), 12345, near=(OPTION,), schemes=schemes, failures=failures))
@@ -95,9 +92,6 @@ def test_the_choice_is_explained_with_figures(ask):
     assert "1 other judged set has an interval that overlaps its own" in said
     assert "late 0.910 for 2.0 kbit" in said
     assert "The failure of b hurts most: AP 0.400 is left" in said
-
-
-def test_assumptions_follow_the_question(ask):
     plain = assume(ask(SITE, seed=4))
     assert "seeds 4, 5 and 6" in plain
     assert "No AP is asked for cyclist, pedestrian, heavy" in plain
@@ -111,20 +105,14 @@ def test_assumptions_follow_the_question(ask):
     assert "searches went by coverage" in other
     assert "For a set this large" in other
     assert "AP is of pedestrian alone, centred" in assume(ask(SITE, classes=Classes(("pedestrian",))))
-
-
-def test_how_bits_are_counted_is_said(ask):
     assert "kbit count 96 bits for a point and 256 for a box" in assume(ask(SITE))
     assert "kbit are of messages as RangeImages(step=0.04) writes" in assume(ask(SITE, codec=RangeImages(0.04)))
     assert "kbit are of messages as RangeImages(step=0.02) writes" in assume(ask(SITE, scheme="foreground"))
-
-
-def test_an_interval_without_width_is_named():
     assert len(list_unknowns(FINAL)) == 4
     assert "How far AP 1.000 may be off" in list_unknowns(Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 3, 4))[-1]
 
 
-def test_refusals(ask, street):
+def test_refusals_say_how_short_of_the_requirement(ask, street):
     assert "budget is 0 sensors" in refuse_question(ask(street.site, sensors=0))[0]
     question = ask(street.site)
     assert "has no road network" in refuse_question(question)[0]
@@ -133,9 +121,6 @@ def test_refusals(ask, street):
         "change --seed, or enlarge the area.",
     )
     assert refuse_traffic(question, ["cyclist", "heavy"], 3, "judging")[0].startswith("No cyclist and no heavy enters")
-
-
-def test_short_of_the_requirement(ask, street):
     final = Judgement(0.8, 0.7, 0.9, 0.8, 1.0, 50, 20)
     best = PlanOption(("a", "b"), 5500.0, 1.0, 2.0, 0.9, replace(final, ap=0.85))
     question = ask(street.site, sensors=2, money=6000.0, min_ap=0.95)

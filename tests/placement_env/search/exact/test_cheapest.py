@@ -138,14 +138,11 @@ def test_by_a_surrogate_whichever_sensor_fails_and_at_each_level(junction, asked
     assert ("whichever sensor fails" in none.certificate.note) == ("failing" in asked)
 
 
-def test_a_bound_under_failures_is_no_less_than_without(junction):
+def test_bounds_under_failures_and_steps_of_shares(junction):
     objective = junction("surrogate", 5)
     plain, failing = (cheapest.search(objective, 4, demand=Demand(at_least=0.3, failing=each)) for each in (0, 1))
     assert len(failing.best.subset) >= 2
     assert plain.certificate.bound < failing.certificate.bound
-
-
-def test_steps_of_several_shares_have_parties_of_their_own(junction):
     surrogate = junction("surrogate", 1).scored_by
     halves = [surrogate.in_frames(np.arange(4)), surrogate.in_frames(np.arange(4, 8))]
     both = cheapest.join_levels([cheapest.build_levels(half, above=True) for half in halves])
@@ -154,32 +151,25 @@ def test_steps_of_several_shares_have_parties_of_their_own(junction):
     assert (both.parties.sum(axis=0) == 1).all()
     for chosen in ([0], [1, 4], [0, 3, 9]):
         assert both.worth(chosen) == min(one.worth(chosen) for one in each)
-
-
-def test_steps_of_bulky_objects_are_worth_less_and_no_less_than_the_truth(junction):
-    surrogate = junction("surrogate", 1).scored_by
-    plain = cheapest.build_levels(surrogate, above=True)
+    usual = cheapest.build_levels(surrogate, above=True)
     surrogate._parts[0].evidence.visibility.boxes[:20, 3:6] = 8.0, 2.0, 2.0
     bulky = Surrogate(surrogate._parts[0].evidence.visibility, "early", replace(MODEL, bulk=1.0))
     levels = cheapest.build_levels(bulky, above=True)
-    np.testing.assert_array_equal(levels.known, plain.known)
-    np.testing.assert_allclose(levels.gain[:, :20], plain.gain[:, :20] / 2, atol=1)
-    np.testing.assert_array_equal(levels.gain[:, 20:], plain.gain[:, 20:])
+    np.testing.assert_array_equal(levels.known, usual.known)
+    np.testing.assert_allclose(levels.gain[:, :20], usual.gain[:, :20] / 2, atol=1)
+    np.testing.assert_array_equal(levels.gain[:, 20:], usual.gain[:, 20:])
     for chosen in ([0], [1, 4], [0, 3, 9]):
         row = np.isin(np.arange(10), chosen)[None]
         assert levels.worth(chosen) / GAINS >= bulky(row).recall[0]
 
 
-def test_money_and_impossible_demands(junction):
+def test_impossible_demands_and_what_it_cannot_prove(junction, make):
     objective = junction("coverage", 1, most_price=1.0)
     found = cheapest.search(objective, 4, demand=Demand(at_least=0.99))
     assert found.best.subset == ()
     assert found.certificate.note == "no set within the budget covers 99% of the objects"
     best = junction("surrogate", 1, most_price=1.0)
     assert cheapest.search(best, 4, demand=Demand(at_least=0.99)).best.subset == ()
-
-
-def test_it_refuses_what_it_cannot_prove(junction, make):
     with pytest.raises(ValueError, match="must lie above 0 and up to 1, got 90"):
         cheapest.search(junction("coverage"), 2, demand=Demand(at_least=90.0))
     with pytest.raises(ValueError, match="0 or 1 sensor may fail here, got failing=2"):

@@ -42,14 +42,7 @@ def test_equals_trying_all(seed, mounts, poses, budget, views, density):
     assert len(set(mount[cover.chosen])) == len(cover.chosen) <= budget
 
 
-def test_what_may_not_stand_does_not(make):
-    seen = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
-    cover = cpsat.cover_most(seen, Poles.single(np.arange(3)), 1, may_stand=np.array([False, True, True]))
-    assert cover.covered == 1
-    assert 0 not in cover.chosen
-
-
-def test_stopped_early_it_still_has_the_start_and_a_bound():
+def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
     rng = np.random.default_rng(0)
     seen, mount = rng.random((300, 400)) < 0.1, np.repeat(np.arange(30), 10)
     start = cpsat.greedy_cover(seen, np.ones(400, np.int64), mount, 5, 1)
@@ -57,6 +50,15 @@ def test_stopped_early_it_still_has_the_start_and_a_bound():
     assert (seen[cover.chosen].sum(axis=0) > 0).sum() == cover.covered >= (seen[start].sum(axis=0) > 0).sum()
     assert cover.covered <= cover.bound <= 400
     assert not cover.optimal
+    seen = np.array([[1, 1, 0, 0, 1], [0, 0, 1, 0, 1]], bool)
+    ones = np.ones((1, 5), np.int64)
+    objects, weight = cpsat.merge_objects(seen, np.arange(2), 1, ones)
+    assert sorted(zip(objects.T.tolist(), weight[0].tolist(), strict=True)) == [
+        ([False, True], 1),
+        ([True, False], 2),
+        ([True, True], 1),
+    ]
+    assert cpsat.merge_objects(seen, np.zeros(2, np.int64), 2, ones)[1].size == 0
 
 
 @pytest.mark.parametrize("views", [1, 2])
@@ -67,18 +69,6 @@ def test_bound_holds_wherever_it_is_taken(seed, views):
     weight = np.ones(30, np.int64)
     for chosen in ([], [0], [0, 4], cpsat.greedy_cover(seen, weight, mount, 3, views)):
         assert cpsat.prove_bound(seen, weight, mount, 3, views=views, chosen=chosen) >= most(seen, mount, 3, views)
-
-
-def test_merging_keeps_every_object():
-    seen = np.array([[1, 1, 0, 0, 1], [0, 0, 1, 0, 1]], bool)
-    ones = np.ones((1, 5), np.int64)
-    objects, weight = cpsat.merge_objects(seen, np.arange(2), 1, ones)
-    assert sorted(zip(objects.T.tolist(), weight[0].tolist(), strict=True)) == [
-        ([False, True], 1),
-        ([True, False], 2),
-        ([True, True], 1),
-    ]
-    assert cpsat.merge_objects(seen, np.zeros(2, np.int64), 2, ones)[1].size == 0
 
 
 def visible(objective, seed=0, objects=80):
@@ -105,17 +95,18 @@ def test_search_beats_greedy_and_proves_it(make, views):
     assert found.best.reward >= greedy.search(objective, 3).best.reward
 
 
-def test_another_objective_gets_the_score_of_the_best_coverage(make):
+def test_other_objectives_and_seeds_have_their_answers(make):
     objective = make(6, 2)
     seen = visible(objective)
     found = cpsat.search(objective, 3, visibility=seen)
     assert found.best.reward == objective.score(found.best.subset).reward
     with pytest.raises(ValueError, match="pass visibility="):
         cpsat.search(objective, 3)
-
-
-def test_same_seed_same_answer(make):
     objective = make(8, 3)
     seen = visible(objective)
     first, again = (cpsat.search(objective, 3, visibility=seen, seed=3).best.subset for _ in range(2))
     assert first == again
+    seen = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
+    cover = cpsat.cover_most(seen, Poles.single(np.arange(3)), 1, may_stand=np.array([False, True, True]))
+    assert cover.covered == 1
+    assert 0 not in cover.chosen

@@ -25,19 +25,18 @@ BY = (Sees([1, 1, 1], [1, 1, 0]), Sees([1, 0, 0], [0, 1, 1]))
 SETS = np.array([[1, 1], [1, 0], [0, 1], [0, 0]], bool)
 
 
-def test_the_least_over_shares_and_failures():
+def test_the_least_over_shares_and_failures_breaks_ties_and_is_in_words():
     third = pytest.approx([1.0, 1 / 3, 2 / 3, 0.0])
     assert Demand(0.9).reach(BY, SETS) == third
     assert Demand(0.9, 1).reach(BY[:1], SETS) == pytest.approx([2 / 3, 0.0, 0.0, 0.0])
     assert Demand(0.9, 1).reach(BY, SETS) == pytest.approx([1 / 3, 0.0, 0.0, 0.0])
     assert Demand(0.9, 1).reach(BY, SETS[:0]).shape == (0,)
-
-
-def test_equal_sets_are_told_apart_by_a_trace_of_the_intact_one():
     found = DemandFidelity(BY[0], BY, Demand(0.9, 1))(SETS)
     assert found.ap == pytest.approx([1 / 3 + 1e-6, 1e-6, 2e-6 / 3, 0.0], abs=1e-12)
     assert found.recall == pytest.approx([1.0, 1.0, 2 / 3, 0.0])
     assert found.kbit.tolist() == [20.0, 10.0, 10.0, 0.0]
+    assert Demand(0.9).describe(1) == ""
+    assert Demand(0.9, 1, parts=4).describe(3) == " in each of 3 parts of the traffic, whichever sensor fails"
 
 
 @pytest.fixture
@@ -74,8 +73,3 @@ def test_shares_of_the_traffic(seen, make):
 def test_what_does_not_fit_is_refused(asked, message):
     with pytest.raises(ValueError, match=message):
         Demand(**asked)
-
-
-def test_in_words():
-    assert Demand(0.9).describe(1) == ""
-    assert Demand(0.9, 1, parts=4).describe(3) == " in each of 3 parts of the traffic, whichever sensor fails"

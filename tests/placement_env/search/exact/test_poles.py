@@ -8,20 +8,12 @@ PRICES = Prices(np.array([5, 7, 20]), np.array([10, 10, 0]), np.array([0, 0, 1])
 POLES = Poles(np.array([0, 0, 0, 1]), np.array([2, 2, 2, 1]), np.array([LINK // 2, LINK // 2, LINK // 2 + 1, 0]))
 
 
-def test_a_shared_pole_is_paid_once():
+def test_shared_poles_are_paid_once(make):
     assert PRICES.total([0, 1, 2]) == 42
     assert PRICES.total([1]) == 17
     assert PRICES.total([]) == 0
     some = PRICES.select(np.array([1, 2]))
     assert (some.total([0]), some.most, some.total([0, 1])) == (17, 40, 37)
-
-
-def test_places_of_a_pole_are_apart_for_bounds():
-    assert POLES.apart.tolist() == [2, 3, 4, 1]
-    assert Poles.single(np.array([0, 0, 1])).apart.tolist() == [0, 0, 1]
-
-
-def test_rounding_excludes_nothing_that_may_be_paid(make):
     objective = make(3, 2)
     assert Prices.of(objective) is None
     price = objective.candidates.prices
@@ -30,3 +22,8 @@ def test_rounding_excludes_nothing_that_may_be_paid(make):
     assert prices is not None
     assert prices.total([0, 2]) <= prices.most < prices.total([0, 2]) + 2**20
     assert prices.shared.tolist() == [0] * 6
+
+
+def test_places_of_a_pole_are_apart_for_bounds():
+    assert POLES.apart.tolist() == [2, 3, 4, 1]
+    assert Poles.single(np.array([0, 0, 1])).apart.tolist() == [0, 0, 1]

@@ -91,19 +91,22 @@ def test_what_is_left_without_some_equals_trying_all(seed):
     assert (most.figure, most.optimal) == (max(map(left, sets)), True)
 
 
-def test_steps_above_are_worth_no_less_whatever_the_count():
+def test_steps_are_worth_no_less_and_survive_failures_or_stay_unproven():
     """A millionth has no whole number of parts for each of 7 objects: the parts are rounded up."""
     model = HitModel("early", 0.7, -6.0, 1.8, 1.0, 0.8, 0.3, "made up")
     above = levels_of_hits(np.full((1, 7), 1e5), model, above=True)
     assert above.worth([0]) >= GAINS
-
-
-def test_what_survives_a_failure():
     levels = levels_of_coverage(np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]], bool))
     assert levels.worth([0, 1]) == 3
     assert levels.surviving([0, 1]) == 2
     assert levels.surviving([0, 1, 2]) == 3  # without the first the first object is lost, and so on
     assert (levels.surviving([0]), levels.whole) == (0, 4)
+    rng = np.random.default_rng(0)
+    levels = levels_of_coverage(rng.random((200, 300)) < 0.05)
+    mount = np.arange(200)
+    programme = Programme(levels, 20, Poles.single(mount), np.ones(200, bool))
+    found = solve(programme, SolverLimits(seconds=0.01), at_least=290, cost=priced(np.ones(200, np.int64), mount))
+    assert (found.chosen, found.optimal) == (None, False)
 
 
 @pytest.mark.parametrize("floor", [0.0, 30.0])
@@ -123,12 +126,3 @@ def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
             assert np.abs(steps - p).mean() < 0.12
     nothing = levels_of_hits(np.zeros((2, 3)), model, above=True)
     assert nothing.worth([0, 1]) == 0
-
-
-def test_out_of_time_nothing_is_proven():
-    rng = np.random.default_rng(0)
-    levels = levels_of_coverage(rng.random((200, 300)) < 0.05)
-    mount = np.arange(200)
-    programme = Programme(levels, 20, Poles.single(mount), np.ones(200, bool))
-    found = solve(programme, SolverLimits(seconds=0.01), at_least=290, cost=priced(np.ones(200, np.int64), mount))
-    assert (found.chosen, found.optimal) == (None, False)
