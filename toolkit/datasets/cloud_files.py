@@ -1,4 +1,4 @@
-"""Fuse recorded clouds from point files and sensor poses.
+"""Recorded clouds from point files, and sensor poses to fuse them.
 
     .ply .pcd .npz       with all their attributes
     .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row, or under a line
@@ -7,12 +7,10 @@
     .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z intensity ring
     .feather             columns x, y, z and others, as Argoverse 2 has them (needs pyarrow)
 
-A pose is world_SE3_sensor; `inverted` means that the file gives the extrinsic matrix instead, world → sensor. It is
-16 numbers (4×4 by rows), 12 (the first three rows, as KITTI) or 7 (qw qx qy qz tx ty tz, metres).
-
-A pose file is JSON or text. JSON holds one pose, a list of poses, or an object {name: pose}. Text holds one pose a
-line, with or without its name before it, or one pose in four lines. A pose's name is its cloud's file name without the
-ending. Everything is float64, so that map coordinates of a million metres keep their millimetres.
+A pose is world_SE3_sensor (world → sensor with `inverted`): 16 numbers (4×4 by rows), 12 (the first three rows, as
+KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON (one pose, a list of poses, or an object {name: pose})
+or text (one pose a line, with or without its name before it, or one pose in four lines). A pose's name is its cloud's
+file name without the ending. All is float64, so that map coordinates of a million metres keep their millimetres.
 """
 
 from __future__ import annotations
@@ -20,32 +18,34 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.clouds import PointCloud, attributes, crop, from_attributes, fuse, load, positions
 from toolkit.geometry import check_pose, invert, transform
 from toolkit.point_files import Attributes, missing_axes, name_attributes
 from toolkit.runtime.files import load_arrays, parse_json
+
+if TYPE_CHECKING:  # Open3D takes long to load, and simulated recordings do without
+    from toolkit.clouds import PointCloud
 
 Pose = Float64[np.ndarray, "4 4"]
 
 
 def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud:
-    """Return one float64 cloud in the poses' common frame.
+    """Return one float64 cloud in the poses' common frame: sensor k recorded paths[k] and stood at poses[k].
 
-    Sensor k recorded paths[k] and stood at poses[k]. Normals turn with their pose. Attributes that all files have
-    stay; a warning names the others, see `fuse`.
-
-    Raises FileNotFoundError, and ValueError for a file without points or an invalid pose.
+    Normals turn with their pose. Attributes that all files have stay; a warning names the others, see `fuse`. Raises
+    FileNotFoundError, and ValueError for a file without points or an invalid pose.
     """
+    from toolkit.clouds import from_attributes, fuse
+
     if len(paths) != len(poses):
         raise ValueError(f"{len(paths)} cloud files but {len(poses)} poses: give one pose for each file")
     parts = []
     for number, (path, pose) in enumerate(zip(paths, poses, strict=True)):
-        checked, recorded = check_pose(pose, f"pose of {path}"), read_attributes(path)
+        checked, recorded = check_pose(pose, f"pose of {path}"), _finite(read_recorded(path))
         placed = {"positions": transform(checked, recorded.pop("positions"))}
         if "normals" in recorded:
             placed["normals"] = recorded.pop("normals") @ checked[:3, :3].T.astype(np.float32)
@@ -56,11 +56,12 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud
 def crop_area(
     cloud: PointCloud, area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
 ) -> PointCloud:
-    """Crop a cloud with `toolkit.clouds.crop`, keeping at least one point.
+    """Crop a cloud with `toolkit.clouds.crop`.
 
-    remedy: advice for the caller, added to the error. Raises ValueError, which says where the points lie, if none is
-    left.
+    Raises ValueError, which says where the points lie and ends with `remedy`, if none is left.
     """
+    from toolkit.clouds import crop, positions
+
     cropped = crop(cloud, area, height, floor=floor)
     if not len(positions(cropped)):
         points = positions(cloud)
@@ -74,23 +75,19 @@ def crop_area(
 
 def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
     """Finite points of one file, as they stand in it."""
-    return read_attributes(path)["positions"]
+    return _finite(read_recorded(path))["positions"]
 
 
-def read_attributes(path: str | Path) -> Attributes:
-    """All point attributes of one file, finite points only.
-
-    The dict holds `positions` (float64) and the other attributes by name.
-
-    Raises FileNotFoundError, and ValueError for a file that holds no points.
-    """
-    recorded = read_recorded(path)
+def _finite(recorded: Attributes) -> Attributes:
     finite = np.isfinite(recorded["positions"]).all(axis=1)
     return {name: column[finite] for name, column in recorded.items()}
 
 
 def read_recorded(path: str | Path) -> Attributes:
-    """Read attributes like `read_attributes`, including points that are not finite."""
+    """Attributes of one file by name, `positions` (float64) among them, also of points that are not finite.
+
+    Raises FileNotFoundError, and ValueError for a file that holds no points.
+    """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
@@ -108,7 +105,7 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
     try:
         text = _text(path)  # once: it may be a pipe, which has no ending either
         is_json = path.suffix.lower() == ".json" or text.lstrip()[:1] in ("[", "{")
-        numbers = _poses_of_json(parse_json(text)) if is_json else _poses_of_text(text)
+        numbers: Mapping[str, object] = _poses_of_json(parse_json(text)) if is_json else _poses_of_text(text)
     except ValueError as error:
         raise ValueError(f"{path} holds no poses: {error}") from None
     poses = {name: parse_pose(values, f"pose {name!r} of {path}") for name, values in numbers.items()}
@@ -116,17 +113,17 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
 
 
 def load_poses(paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False) -> list[Pose]:
-    """Load the pose of each cloud file. The poses come from one pose file for all clouds, or from one each."""
+    """Load the pose of each cloud file from one pose file for all clouds, or from one each."""
     if len(files) == 1:
         return match_poses(paths, read_poses(files[0], inverted=inverted))
-    each = [read_poses(file, inverted=inverted) for file in files]
+    each = [list(read_poses(file, inverted=inverted).values()) for file in files]
     if len(files) != len(paths) or any(len(poses) != 1 for poses in each):
         raise ValueError(f"give one pose file for all {len(paths)} clouds, or {len(paths)} files of one pose each")
-    return [pose for poses in each for pose in poses.values()]
+    return [pose for (pose,) in each]
 
 
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
-    """Pose of each cloud, matched by file name. If no pose has a name, they are matched by position."""
+    """Pose of each cloud, matched by file name, or by position if no pose has a name."""
     stems = [Path(path).stem.removesuffix(".pcd") for path in paths]
     if all(stem in poses for stem in stems) and len(set(stems)) == len(stems):
         return [poses[stem] for stem in stems]
@@ -135,10 +132,8 @@ def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[
     raise ValueError(f"cannot tell which pose is whose: files {', '.join(stems)}, poses {', '.join(poses)}")
 
 
-def parse_pose(numbers: Any, name: str = "pose") -> Pose:
-    """Parse a pose of numbers.
-
-    It has 16, 12 or 7 numbers, nested or flat.
+def parse_pose(numbers: object, name: str = "pose") -> Pose:
+    """Parse a pose of 16, 12 or 7 numbers, nested or flat.
 
     >>> parse_pose([1, 0, 0, 0, 5, 6, 7])[:3, 3]
     array([5., 6., 7.])
@@ -160,9 +155,7 @@ def parse_pose(numbers: Any, name: str = "pose") -> Pose:
 
 
 def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]) -> Pose:
-    """Pose from a unit quaternion and a translation.
-
-    The quaternion is w x y z; the translation is in metres.
+    """Pose from a unit quaternion w x y z and a translation (m).
 
     >>> quaternion_pose(np.array([0.0, 0, 0, 1]), np.zeros(3))[:2, :2]
     array([[-1., 0.], [ 0., -1.]])
@@ -200,6 +193,8 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
 def _read(path: Path) -> Attributes:
     ending = path.suffix.lower()
     if ending in (".ply", ".pcd", ".npz"):
+        from toolkit.clouds import attributes, load
+
         return {name: column for name, column in attributes(load(path)).items() if name != "sensor"}
     if ending in (".xyz", ".txt", ".csv"):
         return name_attributes(_columns_of_text(path))
@@ -207,7 +202,10 @@ def _read(path: Path) -> Attributes:
         return _array(path)
     if ending == ".bin":
         names = ("x", "y", "z", "intensity", "ring")[: 5 if path.name.lower().endswith(".pcd.bin") else 4]
-        return name_attributes(dict(zip(names, _floats(path, len(names)).T, strict=True)))
+        size, count = path.stat().st_size, len(names)
+        if size % (4 * count):
+            raise ValueError(f"{path} must hold rows of {count} float32, but {size} bytes are no whole number of them")
+        return name_attributes(dict(zip(names, np.fromfile(path, "<f4").reshape(-1, count).T, strict=True)))
     if ending == ".feather":
         table = read_table(path)
         if missing_axes(tuple(table)):
@@ -233,11 +231,7 @@ def _array(path: Path) -> Attributes:
 
 
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a text file by name.
-
-    x, y and z are found by position, or by the names in the first line. Other columns are kept if they are named and
-    purely numeric.
-    """
+    """Columns of a text file: x, y and z by position or name, others if they are named and purely numeric."""
     rows = _rows(_text(path))
     columns, others = dict(zip("xyz", range(3), strict=True)), {}
     if rows and not any(map(_is_number, rows[0])):
@@ -275,14 +269,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _floats(path: Path, columns: int) -> np.ndarray:
-    size = path.stat().st_size
-    if size % (4 * columns):
-        raise ValueError(f"{path} must hold rows of {columns} float32, but {size} bytes are no whole number of them")
-    return np.fromfile(path, "<f4").reshape(-1, columns)
-
-
-def _poses_of_json(content: Any) -> dict[str, Any]:
+def _poses_of_json(content: object) -> dict[str, object]:
     if isinstance(content, dict):
         if not content:
             raise ValueError("it is empty")
@@ -294,7 +281,7 @@ def _poses_of_json(content: Any) -> dict[str, Any]:
     return {str(k): pose for k, pose in enumerate([content] if single else content)}
 
 
-def _poses_of_text(text: str) -> dict[str, Any]:
+def _poses_of_text(text: str) -> Mapping[str, object]:
     rows = [[cell for cell in row if cell] for row in _rows(text)]
     if not rows:
         raise ValueError("it is empty")
