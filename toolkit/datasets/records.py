@@ -1,7 +1,7 @@
-"""Shared reading tools of all layouts.
+"""Shared reading tools of all layouts: records, poses, labels, clouds and our own files of boxes.
 
-They read entries and numbers of records and rigid motions, and report damage as one line that names a file. Numbers may
-be strings (DAIR-V2X, and YAML's 1e-05), and rotations may be a little off; anything worse is a ValueError.
+Damage becomes one line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and rotations may be a
+little off; anything worse is a ValueError.
 """
 
 from __future__ import annotations
@@ -20,11 +20,14 @@ from toolkit.arrays import Float64, Int64, Shaped
 from toolkit.datasets.cloud_files import read_recorded
 from toolkit.datasets.published_layout import FARTHEST_OBJECT, LARGEST_EXTENT
 from toolkit.frame import Frame, OtherObjects, SensorCloud
-from toolkit.geometry import check_pose
+from toolkit.geometry import check_pose, transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections, Objects
 from toolkit.point_files import pcd_bytes
 from toolkit.runtime.files import parse_json, replace_infinite, write_bytes, write_text
 from toolkit.sites.site import Site
+
+Json = Any  # value of a file, not yet checked
+Problems = dict[str, int]  # number of labels and points left out, by kind
 
 NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ArithmeticError, RecursionError)
@@ -51,7 +54,7 @@ class Listing:
 
 @contextmanager
 def named_damage(path: str | Path, what: str) -> Iterator[None]:
-    """Turn damage met in the block into one ValueError. It names the file. Numbers that overflow give no warnings."""
+    """Turn damage met in the block into one ValueError that names the file. Overflowing numbers give no warnings."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -67,12 +70,12 @@ def load_text(path: str | Path) -> str:
     return Path(path).read_text(encoding="utf-8-sig")
 
 
-def load_json(path: str | Path) -> Any:
+def load_json(path: str | Path) -> Json:
     """Values of a JSON file; call it in `named_damage`."""
     return parse_json(load_text(path))
 
 
-def entry(record: Any, *keys: str) -> Any:
+def entry(record: Json, *keys: str) -> Json:
     """record[key][key]..., or ValueError that says which is missing.
 
     >>> entry({"a": {"b": 3}}, "a", "b")
@@ -86,7 +89,7 @@ def entry(record: Any, *keys: str) -> Any:
     return value
 
 
-def as_number(value: Any, name: str = "entry") -> float:
+def as_number(value: Json, name: str = "entry") -> float:
     """A number, also where it is written as a string.
 
     >>> as_number("1e-05")
@@ -98,7 +101,7 @@ def as_number(value: Any, name: str = "entry") -> float:
         raise ValueError(f"{name} must be a number, got {str(value)[:40]!r}") from None
 
 
-def numbers(values: Any, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
+def numbers(values: Json, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
     """Return `count` numbers, nested or flat, also as strings. Raises ValueError for another count."""
     try:
         flat = np.array(values, dtype=np.float64).ravel()
@@ -109,22 +112,20 @@ def numbers(values: Any, count: int, name: str = "entry") -> Float64[np.ndarray,
     return flat
 
 
-def xyz(record: Any, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
+def xyz(record: Json, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
     """Numbers of an entry {x: .., y: .., z: ..}."""
     return np.array([as_number(entry(record, name, axis), f"{name}.{axis}") for axis in axes])
 
 
-def records(content: Any, name: str = "it") -> list[Any]:
+def as_list(content: Json, name: str = "it") -> list[Json]:
     """A list, or ValueError."""
     if not isinstance(content, list):
         raise ValueError(f"{name} must be a list, got {str(content)[:40]!r}")
     return content
 
 
-def rigid(rotation: Any, translation: Any, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
-    """Pose of a 3×3 rotation and a translation.
-
-    A rotation that is a little off becomes the nearest one (SVD).
+def rigid(rotation: Json, translation: Json, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+    """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation.
 
     >>> rigid([[1, 0, 0], [0, 1, 0.001], [0, 0, 1]], [["1"], ["2"], ["3"]]).round(3)[:, 3].tolist()
     [1.0, 2.0, 3.0, 1.0]
@@ -141,17 +142,15 @@ def rigid(rotation: Any, translation: Any, name: str = "pose") -> Float64[np.nda
     return check_pose(pose, name)
 
 
-def rigid_matrix(values: Any, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
-    """Pose of 16 or 12 numbers by rows. Its rotation is made a true one."""
+def rigid_matrix(values: Json, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+    """Pose of 16 or 12 numbers by rows, as `rigid`."""
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
     return rigid(matrix[:3, :3], matrix[:3, 3], name)
 
 
-def heading(target_SE3_source: Float64[np.ndarray, "4 4"], yaw: Any) -> Float64[np.ndarray, "*n"]:
-    """Yaw (rad) in the target frame of source-frame headings.
-
-    It is the yaw of the turned forward direction, seen from above.
+def heading(target_SE3_source: Float64[np.ndarray, "4 4"], yaw: object) -> Float64[np.ndarray, "*n"]:
+    """Yaw (rad) in the target frame of source-frame headings: that of the turned forward direction, from above.
 
     >>> heading(np.eye(4), [0.5])
     array([0.5])
@@ -185,12 +184,11 @@ _NAMES = {  # datasets' names of our classes, in lower case
 CATEGORIES = {name: label for label, names in _NAMES.items() for name in names.split()}
 
 
-class Labelled(NamedTuple):
-    """Labels of one frame, as `toolkit.frame.Frame` holds them.
+COMMON_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}  # when written
 
-    They are the objects, the dataset's names of them, its own counts of their points if it has some, and its labels
-    beside our classes.
-    """
+
+class Labelled(NamedTuple):
+    """Labels of one frame as `toolkit.frame.Frame` holds them: objects, their names, own counts of points, others."""
 
     objects: Objects
     categories: tuple[str, ...]
@@ -201,13 +199,11 @@ class Labelled(NamedTuple):
 def labelled(
     boxes: Shaped[np.ndarray, "n 7"],
     categories: Sequence[str],
-    ids: Sequence[Any] | None,
-    problems: dict[str, int],
+    ids: Sequence[object] | None,
+    problems: Problems,
     counts: Sequence[int] | Int64[np.ndarray, " n"] | None = None,
 ) -> Labelled:
-    """Turn label rows, world frame, into objects.
-
-    Left-out rows are added to `problems`.
+    """Turn label rows, world frame, into objects. Left-out rows are added to `problems`.
 
     ids: track ids of any kind; row numbers if None. counts: the dataset's own, below 0 if nobody counted.
     """
@@ -223,23 +219,40 @@ def labelled(
         keep &= sound
     rows = np.flatnonzero(keep)
     named = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
-    first = _first_of_equals(np.column_stack([boxes[rows], named[rows]]))
+    compared = np.column_stack([boxes, named])
+    first: list[int] = []  # rows that differ from every earlier one
+    for row in rows.tolist():
+        if not first or (np.abs(compared[first] - compared[row]) > SAME).any(axis=1).all():
+            first.append(row)
     add_problem(problems, DOUBLED, len(rows) - len(first))
-    rows = rows[first]
+    rows = np.array(first, np.int64)
     yaws = np.where(finite, boxes[:, 6], 0.0)
     boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
-    own = None if counts is None else np.asarray(counts, np.int64)
     count_full_turns(yaws[rows], problems)
-    others = rows[classes[rows] < 0]
+    own = np.full(len(boxes), -1) if counts is None else np.asarray(counts, np.int64)
+    others, rows = rows[classes[rows] < 0], rows[classes[rows] >= 0]
     add_problem(problems, OTHER_KINDS, len(others))
-    rows = rows[classes[rows] >= 0]
-    tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows], np.int64)
+    tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
+    known, known_others = (None if counts is None or (own[some] < 0).any() else own[some] for some in (rows, others))
     return Labelled(
         Objects(boxes[rows], classes[rows], tracks),
-        tuple(str(categories[k]) for k in rows),
-        _known(own, rows),
-        OtherObjects(boxes[others], tuple(str(categories[k]) for k in others), _known(own, others)),
+        tuple(str(categories[k]) for k in rows.tolist()),
+        known,
+        OtherObjects(boxes[others], tuple(str(categories[k]) for k in others.tolist()), known_others),
     )
+
+
+def move_boxes(target_SE3_source: Float64[np.ndarray, "4 4"], boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
+    """Boxes of the source frame in the target frame, upright. Invalid numbers give no warnings."""
+    with np.errstate(all="ignore"):
+        centres = transform(target_SE3_source, boxes[:, :3])
+        return np.column_stack([centres, boxes[:, 3:6], heading(target_SE3_source, boxes[:, 6])])
+
+
+def list_rows(objects: Objects, names: Mapping[str, str]) -> list[tuple[list[float], str, int]]:
+    """Box, name and track of each object, to be written. names: by class."""
+    rows = zip(objects.boxes.tolist(), objects.labels.tolist(), objects.ids.tolist(), strict=True)
+    return [(box, names[LABELS[label]], track) for box, label, track in rows]
 
 
 def no_labels() -> Labelled:
@@ -247,26 +260,20 @@ def no_labels() -> Labelled:
     return labelled(np.zeros((0, 7)), [], None, {})
 
 
-def _known(counts: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
-    return None if counts is None or (counts[rows] < 0).any() else counts[rows]
-
-
-def add_problem(problems: dict[str, int], kind: str, number: int) -> None:
+def add_problem(problems: Problems, kind: str, number: int) -> None:
     """Add to the count of a kind of problem. Adding zero changes nothing."""
     if number:
         problems[kind] = problems.get(kind, 0) + number
 
 
-def add_problems(total: dict[str, int], problems: Mapping[str, int]) -> None:
+def add_problems(total: Problems, problems: Mapping[str, int]) -> None:
     """Add the problems of one frame to the total."""
     for kind, number in problems.items():
         add_problem(total, kind, number)
 
 
-def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: dict[str, int]) -> None:
-    """Count yaws that no file in radians has.
-
-    They are added to the problems, for layouts whose yaws are turned into another frame.
+def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None:
+    """Add to the problems the number of yaws that no file in radians has.
 
     >>> problems = {}
     >>> count_full_turns(np.array([3.0, -90.0, 7.0, np.nan]), problems)
@@ -276,10 +283,8 @@ def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: dict[str, int]) -
     add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN).sum()))
 
 
-def track_number(name: Any) -> int:
-    """Track id as a number.
-
-    An integer, also as text, stays itself. Any other id becomes a number of its text, the same in every frame.
+def track_number(name: object) -> int:
+    """Track id as a number: an integer, also as text, stays itself, any other id becomes a number of its text.
 
     >>> track_number("17"), track_number("b1d0") == track_number("b1d0")
     (17, True)
@@ -288,15 +293,6 @@ def track_number(name: Any) -> int:
     if text.removeprefix("-").isascii() and text.removeprefix("-").isdigit() and len(text) < 18:
         return int(text)
     return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big") >> 1
-
-
-def _first_of_equals(rows: np.ndarray) -> np.ndarray:
-    """The rows, in order, that differ from every earlier one."""
-    kept: list[int] = []
-    for k, row in enumerate(rows):
-        if not kept or (np.abs(rows[kept] - row) > SAME).any(axis=1).all():
-            kept.append(k)
-    return np.array(kept, np.int64)
 
 
 ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
@@ -314,7 +310,7 @@ def read_cloud(
     path: str | Path,
     name: str,
     world_SE3_sensor: Float64[np.ndarray, "4 4"],
-    problems: dict[str, int],
+    problems: Problems,
     *,
     frame: Literal["sensor", "world"] = "sensor",
 ) -> SensorCloud:
@@ -326,39 +322,54 @@ def build_cloud(
     attributes: Mapping[str, np.ndarray],
     name: str,
     world_SE3_sensor: Float64[np.ndarray, "4 4"],
-    problems: dict[str, int],
+    problems: Problems,
     *,
     frame: Literal["sensor", "world"] = "sensor",
 ) -> SensorCloud:
     """A cloud of `positions` and other columns."""
     recorded = np.asarray(attributes["positions"], np.float64)
-    finite = np.isfinite(recorded).all(axis=1)
     with np.errstate(invalid="ignore"):
-        near = (np.abs(recorded) <= FARTHEST_POINT).all(axis=1)
+        sound = (np.abs(recorded) <= FARTHEST_POINT).all(axis=1)  # NaN is not
     returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
-    keep = finite & near & returned
-    add_problem(problems, NOT_FINITE_POINTS, int((~finite | ~near).sum()))
-    add_problem(problems, NO_RETURN_POINTS, int((finite & near & ~returned).sum()))
+    keep = sound & returned
+    add_problem(problems, NOT_FINITE_POINTS, int((~sound).sum()))
+    add_problem(problems, NO_RETURN_POINTS, int((sound & ~returned).sum()))
     add_problem(problems, EMPTY, int(not keep.any()))
-    columns = {key: np.asarray(column) for key, column in attributes.items()}
+
+    def columns(names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
+        """Columns of these names, the first where one is `wide`."""
+        for column in (np.asarray(attributes[key]) for key in names if key in attributes):
+            if len(column) == len(keep) and (wide or column.size == len(keep)):
+                yield (column if column.ndim == 1 else column[:, 0])[keep]
+
+    intensity = next(columns(_INTENSITIES, wide=True), None)  # OPV2V keeps it in the red
+    whole = (ring for ring in columns(_RINGS) if ring.dtype.kind in "iu" or _is_ring(ring))
+    time, ring = next(columns(_TIMES), None), next(whole, None)
     return SensorCloud(
-        name,
-        recorded[keep].astype(np.float32),
-        world_SE3_sensor,
-        frame,
-        _seconds(columns, keep),
-        _intensity(columns, keep),
-        _ring(columns, keep),
+        *(name, recorded[keep].astype(np.float32), world_SE3_sensor, frame),
+        time=None if time is None else _seconds(time),
+        intensity=None if intensity is None else intensity.astype(np.float32),
+        ring=None if ring is None else ring.astype(np.int64),
     )
 
 
-def write_cloud(path: str | Path, cloud: SensorCloud, *, in_world: bool = False) -> None:
-    """Write a cloud as a binary PCD file.
+def _is_ring(values: np.ndarray) -> bool:
+    return bool((np.abs(values) < _MOST_RINGS).all() and (values % 1 == 0).all())
 
-    It holds x y z intensity, and ring if known, in the sensor's frame or in the world's.
-    """
-    points = cloud.in_world() if in_world else cloud.points
-    columns = dict(zip("xyz", points.astype(np.float32).T, strict=True))
+
+def _seconds(time: np.ndarray) -> np.ndarray:
+    """Seconds since the first point. Whole numbers are nanoseconds."""
+    if time.dtype.kind in "iu":
+        ticks = time.astype(np.int64)
+        return (ticks - ticks.min(initial=ticks[0] if len(ticks) else 0)).astype(np.float64) * 1e-9
+    seconds = time.astype(np.float64)
+    seconds = np.where(np.isfinite(seconds), seconds, 0.0)
+    return seconds - (seconds.min() if len(seconds) else 0.0)
+
+
+def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
+    """Write x y z, intensity, and ring if known, of a cloud, in its frame, as a binary PCD file."""
+    columns = dict(zip("xyz", cloud.points.astype(np.float32).T, strict=True))
     ring = {} if cloud.ring is None else {"ring": cloud.ring.astype(np.int32)}
     write_bytes(path, pcd_bytes(columns | {"intensity": get_intensity(cloud)} | ring))
 
@@ -377,95 +388,44 @@ def get_intensity(cloud: SensorCloud) -> np.ndarray:
     return np.zeros(len(cloud.points), np.float32) if cloud.intensity is None else cloud.intensity
 
 
-def _intensity(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarray | None:
-    for name in _INTENSITIES:
-        if name in columns and len(columns[name]) == len(keep):
-            first = columns[name] if columns[name].ndim == 1 else columns[name][:, 0]  # OPV2V keeps it in the red
-            return first[keep].astype(np.float32)
-    return None
-
-
-def _ring(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarray | None:
-    for name in _RINGS:
-        if name in columns and columns[name].size == len(keep):
-            numbers = columns[name].reshape(-1)[keep]
-            if numbers.dtype.kind in "iu" or bool((np.abs(numbers) < _MOST_RINGS).all() and (numbers % 1 == 0).all()):
-                return numbers.astype(np.int64)
-    return None
-
-
-def _seconds(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarray | None:
-    for name in _TIMES:
-        if name in columns and columns[name].size == len(keep):
-            column = columns[name].reshape(-1)[keep]
-            if column.dtype.kind in "iu":
-                ticks = column.astype(np.int64)
-                return (ticks - ticks.min(initial=ticks[0] if len(ticks) else 0)).astype(np.float64) * 1e-9
-            seconds = column.astype(np.float64)
-            seconds = np.where(np.isfinite(seconds), seconds, 0.0)
-            return seconds - (seconds.min() if len(seconds) else 0.0)
-    return None
-
-
 _VERSION = 1
 _SIZES = ("x", "y", "z", "length", "width", "height")
 
 
 def boxes_record(
     name: str, time: float, boxes: Objects | Detections, *, counts: Sequence[int] | np.ndarray | None = None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return one frame's entry of the file."""
     objects = []
     for k, (box, label) in enumerate(zip(boxes.boxes.tolist(), boxes.labels, strict=True)):
-        row: dict[str, Any] = {"label": LABELS[label], **dict(zip(_SIZES, box[:6], strict=True))}
-        row["yaw_deg"] = float(np.rad2deg(box[6]))
-        if isinstance(boxes, Detections):
-            row["score"] = float(boxes.scores[k])
-        else:
-            row["id"] = int(boxes.ids[k])
-        if counts is not None:
-            row["points"] = int(counts[k])
-        objects.append(row)
+        row = {"label": LABELS[label], **dict(zip(_SIZES, box[:6], strict=True)), "yaw_deg": float(np.rad2deg(box[6]))}
+        row |= {"score": float(boxes.scores[k])} if isinstance(boxes, Detections) else {"id": int(boxes.ids[k])}
+        objects.append(row if counts is None else row | {"points": int(counts[k])})
     return {"name": name, "time": time, "objects": objects}
 
 
-def write_boxes(path: str | Path, entries: Sequence[dict[str, Any]], **more: Any) -> None:
-    """Write a file of frame entries. It is written whole or not at all. more: further fields of the file."""
+def write_boxes(path: str | Path, entries: Sequence[Mapping[str, object]], **more: object) -> None:
+    """Write a file of frame entries, whole or not at all. more: further fields of the file."""
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": list(entries)}
     write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False))
 
 
-def read_entries(path: str | Path) -> dict[str, dict[str, Any]]:
+def read_entries(path: str | Path) -> dict[str, Json]:
     """Entries of a file by the names of their frames. Raises ValueError, which names the file."""
     with named_damage(path, "file of boxes"):
         content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
             raise ValueError(f"it must say coview boxes, version {_VERSION}: see toolkit.datasets.records")
-        return {str(entry(each, "name")): each for each in records(entry(content, "samples"), "samples")}
+        return {str(entry(each, "name")): each for each in as_list(entry(content, "samples"), "samples")}
 
 
-def parse_objects(path: str | Path, each: dict[str, Any], problems: dict[str, int]) -> Labelled:
+def parse_objects(path: str | Path, each: Json, problems: Problems) -> Labelled:
     """The labels of one entry."""
     with named_damage(path, "file of boxes"):
-        rows = records(entry(each, "objects"), "objects")
-        boxes = np.array([_box(row) for row in rows]).reshape(-1, 7)
+        rows = as_list(entry(each, "objects"), "objects")
+        columns = (*_SIZES, "yaw_deg")
+        boxes = np.array([[as_number(entry(row, key), key) for key in columns] for row in rows]).reshape(-1, 7)
+        boxes[:, 6] = np.deg2rad(boxes[:, 6])
         names = [str(entry(row, "label")) for row in rows]
-        ids = [row.get("id", k) for k, row in enumerate(rows)]
         counts = [int(as_number(row.get("points", -1), "points")) for row in rows]
-        return labelled(boxes, names, ids, problems, counts)
-
-
-def parse_detections(path: str | Path, each: dict[str, Any]) -> Detections:
-    """Parse the detections of one entry. Raises ValueError for a detection without a score, or with an invalid box."""
-    with named_damage(path, "file of boxes"):
-        rows = records(entry(each, "objects"), "objects")
-        boxes = np.array([_box(row) for row in rows]).reshape(-1, 7)
-        scores = np.array([as_number(entry(row, "score"), "score") for row in rows])
-        if not (np.isfinite(boxes).all() and np.isfinite(scores).all() and (boxes[:, 3:6] > 0).all()):
-            raise ValueError("boxes and scores of detections must be finite, and sizes positive")
-        return Detections(boxes, scores, np.array([str(entry(row, "label")) for row in rows]))
-
-
-def _box(row: Any) -> list[float]:
-    values = [as_number(entry(row, name), name) for name in (*_SIZES, "yaw_deg")]
-    return [*values[:6], float(np.deg2rad(values[6]))]
+        return labelled(boxes, names, [row.get("id", k) for k, row in enumerate(rows)], problems, counts)

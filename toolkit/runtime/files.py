@@ -50,7 +50,7 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     try:
-        with _explained(path):
+        with _name_errors(path):
             target.parent.mkdir(parents=True, exist_ok=True)
             if unfinished is None:
                 ending = f".unfinished{target.suffix}"
@@ -78,7 +78,7 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
     missing = [each for each in (target, *target.parents) if not each.exists()]
     unfinished = None
     try:
-        with _explained(folder):
+        with _name_errors(folder):
             target.mkdir(parents=True, exist_ok=True)
             unfinished = Path(tempfile.mkdtemp(".unfinished", ".", target))
             yield unfinished
@@ -95,7 +95,7 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _explained(path: str | Path) -> Iterator[None]:
+def _name_errors(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.records import parse_detections, read_entries
+from toolkit.datasets.records import parse_objects, read_entries
 from toolkit.detection.detect import Detected, describe_summary, detect_frames, file_name, summarise, write_detections
 from toolkit.detection.place import Place, Stand, find_middle, level_frames
 from toolkit.frame import Frame, Rectangle, SensorCloud
@@ -154,7 +154,7 @@ def test_boxes_in_one_file_or_one_for_each_sample(found, tmp_path):
     assert list(write_detections(iter(found), tmp_path / "b.json", weights="general")) == found
     entries = read_entries(tmp_path / "b.json")
     assert list(entries) == ["a/0", "a/1"]
-    np.testing.assert_allclose(parse_detections("b.json", entries["a/0"]).boxes, BOX, atol=1e-12)
+    np.testing.assert_allclose(parse_objects("b.json", entries["a/0"], {}).objects.boxes, BOX, atol=1e-12)
     assert json.loads((tmp_path / "b.json").read_text())["weights"] == "general"
     list(write_detections(iter(found), tmp_path / "o", "openlabel"))
     list(write_detections(iter(found), tmp_path / "k", "kitti"))

@@ -1,6 +1,4 @@
-"""DAIR-V2X (I, V, C) and V2X-Seq: velodyne/*.pcd, calib/, label/.
-
-The cooperative part has two sides and world labels.
+"""DAIR-V2X (I, V, C) and V2X-Seq: velodyne/*.pcd, calib/, label/; the cooperative part has two sides, world labels.
 
 World frame: of one side its lidar's; of the cooperative part the infrastructure's **virtual lidar**. Its x-y plane is
 level with the ground, and the clouds of velodyne/ are in it already.
@@ -20,93 +18,88 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets.records import (
+    COMMON_NAMES,
+    Json,
     Labelled,
     Listing,
+    Problems,
+    as_list,
     as_number,
     count_full_turns,
     entry,
-    heading,
     labelled,
+    list_rows,
     load_json,
+    move_boxes,
     named_damage,
     one_cloud,
     read_cloud,
-    records,
     rigid,
     write_cloud,
     xyz,
 )
 from toolkit.frame import Frame
-from toolkit.geometry import invert, transform
-from toolkit.objects import LABELS
+from toolkit.geometry import invert
 from toolkit.runtime.files import write_text
 
-_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}
 _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
-_COOPERATIVE = "label_world", "label"
+_COOPERATIVE = "cooperative/label_world", "cooperative/label"
 
 
 def dair(path: Path) -> Listing:
     """Frames of one side's folder or of the cooperative part. Raises FileNotFoundError for any other folder."""
-    inner = next((each for each in (path, path / "cooperative-vehicle-infrastructure") if _is_pair(each)), None)
-    if inner is not None:
-        return _pairs(inner)
+    for root in (path, path / "cooperative-vehicle-infrastructure"):
+        if (root / "cooperative").is_dir() and (root / "infrastructure-side").is_dir():
+            return _pairs(root)
     names = tuple(sorted(file.stem for file in (path / "velodyne").glob("*.pcd")))
     if not names:
         raise FileNotFoundError(f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/")
-    return Listing(names, lambda name: _one_side(path, name))
+
+    def load(name: str) -> Frame:
+        problems: Problems = {}
+        cloud = read_cloud(path / "velodyne" / f"{name}.pcd", "lidar", np.eye(4), problems)
+        found = read_annotations(_first(path, _LABELS, name), np.eye(4), problems)
+        return Frame.of_clouds(name, (cloud,), *found, problems=problems)
+
+    return Listing(names, load)
 
 
-def _is_pair(path: Path) -> bool:
-    return (path / "cooperative").is_dir() and (path / "infrastructure-side").is_dir()
-
-
-def _one_side(folder: Path, name: str) -> Frame:
-    problems: dict[str, int] = {}
-    cloud = read_cloud(folder / "velodyne" / f"{name}.pcd", "lidar", np.eye(4), problems)
-    labels = next(
-        (folder / each / f"{name}.json" for each in _LABELS if (folder / each / f"{name}.json").is_file()), None
-    )
-    found = read_annotations(labels, np.eye(4), problems)
-    return Frame.of_clouds(name, (cloud,), *found, problems=problems)
+def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
+    return next((file for folder in folders if (file := root / folder / f"{name}.json").is_file()), None)
 
 
 def _pairs(root: Path) -> Listing:
     index = root / "cooperative" / "data_info.json"
     with named_damage(index, "list of pairs"):
-        pairs = {_stem(each, "infrastructure_pointcloud_path", "infrastructure_frame"): each
-                 for each in records(load_json(index))}  # fmt: skip
-    return Listing(tuple(pairs), lambda name: _pair(root, name, pairs[name]))
-
-
-def _stem(pair: Any, path: str, frame: str) -> str:
-    return Path(str(pair[path])).stem if path in pair else str(entry(pair, frame))
-
-
-def _pair(root: Path, name: str, pair: dict[str, Any]) -> Frame:
-    problems: dict[str, int] = {}
-    with named_damage(root / "cooperative" / "data_info.json", "list of pairs"):
-        vehicle = _stem(pair, "vehicle_pointcloud_path", "vehicle_frame")
-        offset = _offset(pair.get("system_error_offset"))
+        pairs = {_stem(each, "infrastructure"): each for each in as_list(load_json(index))}
     road, car = root / "infrastructure-side", root / "vehicle-side"
-    map_SE3_road = read_transform(road / "calib" / "virtuallidar_to_world" / f"{name}.json", offset)
-    novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
-    map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
-    road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
-    clouds = (
-        read_cloud(road / "velodyne" / f"{name}.pcd", "infrastructure", np.eye(4), problems),
-        read_cloud(car / "velodyne" / f"{vehicle}.pcd", "vehicle", road_SE3_car, problems),
-    )
-    files = [root / "cooperative" / each / f"{vehicle}.json" for each in _COOPERATIVE]
-    labels = next((file for file in files if file.is_file()), None)
-    found = read_annotations(labels, invert(map_SE3_road), problems)
-    return Frame.of_clouds(name, clouds, *found, map_SE3_world=map_SE3_road, problems=problems)
+
+    def load(name: str) -> Frame:
+        problems: Problems = {}
+        with named_damage(index, "list of pairs"):
+            vehicle, offset = _stem(pairs[name], "vehicle"), _offset(pairs[name].get("system_error_offset"))
+        map_SE3_road = read_transform(road / "calib" / "virtuallidar_to_world" / f"{name}.json", offset)
+        novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
+        map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
+        road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
+        clouds = (
+            read_cloud(road / "velodyne" / f"{name}.pcd", "infrastructure", np.eye(4), problems),
+            read_cloud(car / "velodyne" / f"{vehicle}.pcd", "vehicle", road_SE3_car, problems),
+        )
+        found = read_annotations(_first(root, _COOPERATIVE, vehicle), invert(map_SE3_road), problems)
+        return Frame.of_clouds(name, clouds, *found, map_SE3_world=map_SE3_road, problems=problems)
+
+    return Listing(tuple(pairs), load)
+
+
+def _stem(pair: Json, side: str) -> str:
+    path = f"{side}_pointcloud_path"
+    return Path(str(pair[path])).stem if path in pair else str(entry(pair, f"{side}_frame"))
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
@@ -119,7 +112,7 @@ def read_transform(path: str | Path, offset: tuple[float, float] | None = None) 
     return matrix
 
 
-def _offset(value: Any) -> tuple[float, float] | None:
+def _offset(value: Json) -> tuple[float, float] | None:
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
     delta = as_number(entry(value, "delta_x"), "delta_x"), as_number(entry(value, "delta_y"), "delta_y")
@@ -128,41 +121,30 @@ def _offset(value: Any) -> tuple[float, float] | None:
     return delta
 
 
-def read_annotations(
-    path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: dict[str, int]
-) -> Labelled:
+def read_annotations(path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: Problems) -> Labelled:
     """Objects of a label file, in the world frame. Empty without a file."""
-    boxes: list[list[float]] = []
-    names: list[str] = []
-    ids: list[Any] = []
-    if path is not None:
-        with named_damage(path, "list of labels"):
-            for k, each in enumerate(records(load_json(path))):
-                size = xyz(each, "3d_dimensions", "lwh")
-                boxes.append([*xyz(each, "3d_location"), *size, as_number(entry(each, "rotation"), "rotation")])
-                names.append(str(entry(each, "type")))
-                ids.append(each.get("track_id", each.get("id", k)))
-    rows = np.array(boxes, np.float64).reshape(-1, 7)
+    with named_damage(path or "", "list of labels"):
+        labels = [] if path is None else as_list(load_json(path))
+        parts = [(xyz(each, "3d_location"), xyz(each, "3d_dimensions", "lwh")) for each in labels]
+        yaws = [as_number(entry(each, "rotation"), "rotation") for each in labels]
+        names = [str(entry(each, "type")) for each in labels]
+        ids = [each.get("track_id", each.get("id", k)) for k, each in enumerate(labels)]
+    rows = np.array([[*place, *size, yaw] for (place, size), yaw in zip(parts, yaws, strict=True)]).reshape(-1, 7)
     count_full_turns(rows[:, 6], problems)
-    with np.errstate(all="ignore"):
-        rows = np.column_stack(
-            [transform(world_SE3_labels, rows[:, :3]), rows[:, 3:6], heading(world_SE3_labels, rows[:, 6])]
-        )
-    return labelled(rows, names, ids, problems)
+    return labelled(move_boxes(world_SE3_labels, rows), names, ids, problems)
 
 
-def written_labels(sample: Frame) -> list[dict[str, Any]]:
+def written_labels(sample: Frame) -> list[dict[str, object]]:
     """Format a frame's objects for a label file, world frame."""
-    rows = zip(sample.objects.boxes.tolist(), sample.objects.labels, sample.objects.ids.tolist(), strict=True)
     return [
         {
-            "type": _NAMES[LABELS[label]],
+            "type": name,
             "track_id": str(track),
             "3d_dimensions": dict(zip("lwh", box[3:6], strict=True)),
             "3d_location": dict(zip("xyz", box[:3], strict=True)),
             "rotation": box[6],
         }
-        for box, label, track in rows
+        for box, name, track in list_rows(sample.objects, COMMON_NAMES)
     ]
 
 
@@ -170,11 +152,10 @@ def write_dair(samples: Iterable[Frame], folder: Path) -> int:
     """Write frames as one infrastructure side; return how many. The clouds of each become one, in its world frame."""
     written = 0
     for written, sample in enumerate(samples, 1):
-        name = f"{written - 1:06d}"
+        name, placed = f"{written - 1:06d}", sample.map_SE3_world
         write_cloud(folder / "velodyne" / f"{name}.pcd", one_cloud(sample))
         write_text(folder / "label" / "virtuallidar" / f"{name}.json", json.dumps(written_labels(sample), indent=1))
-        placed = sample.map_SE3_world
-        calib = {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3:].tolist(),
-                 "relative_error": {"delta_x": "", "delta_y": ""}}  # fmt: skip
+        calib = {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3:].tolist()}
+        calib["relative_error"] = {"delta_x": "", "delta_y": ""}
         write_text(folder / "calib" / "virtuallidar_to_world" / f"{name}.json", json.dumps(calib))
     return written

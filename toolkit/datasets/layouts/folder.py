@@ -1,6 +1,4 @@
-"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd.
-
-They may hold poses.json (or .txt) and labels.json.
+"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd, with poses.json (or .txt) and labels.json or without.
 
 World frame: that of the poses, world_SE3_sensor; without a pose file the clouds are taken to be in it already.
 
@@ -23,6 +21,7 @@ from toolkit.datasets.cloud_files import Pose, read_poses
 from toolkit.datasets.records import (
     ENDINGS,
     Listing,
+    Problems,
     boxes_record,
     no_labels,
     parse_objects,
@@ -46,21 +45,28 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     poses: a file of poses, the folder's own if None; inverted: it gives world → sensor. Raises FileNotFoundError if
     there are no clouds.
     """
-    names = _named({ALONE: [path]} if path.is_file() else _clouds(path))
+    if path.is_file():
+        clouds = {ALONE: [path]}
+    elif path.is_dir():
+        below = {each.name: _files(each) for each in sorted(path.iterdir()) if each.is_dir()}
+        clouds = {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
+    else:
+        raise FileNotFoundError(f"no such folder or cloud file: {path}")
+    names = _match(clouds)
     if not names:
         raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: give --layout?")
     base = path.parent if path.is_file() else path
-    own = next((base / each for each in POSES if (base / each).is_file()), None)
-    given = poses or own
+    given = poses or next((base / each for each in POSES if (base / each).is_file()), None)
     placed = {} if given is None else read_poses(given, inverted=inverted)
-    sensors = {sensor for files in names.values() for sensor in files}
-    if poses and not placed.keys() & _keys(names):
-        raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {', '.join(sorted(sensors))}")
+    files = [(sensor, file.stem) for each in names.values() for sensor, file in each.items()]
+    if poses and not placed.keys() & {key for sensor, stem in files for key in (sensor, stem, f"{sensor}/{stem}")}:
+        sensors = ", ".join(sorted({sensor for sensor, _ in files}))
+        raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {sensors}")
     labels = base / LABELS_FILE
     entries = read_entries(labels) if labels.is_file() else {}
 
     def load(name: str) -> Frame:
-        problems: dict[str, int] = {}
+        problems: Problems = {}
         clouds = tuple(
             read_cloud(file, sensor, _pose(placed, sensor, file), problems) for sensor, file in names[name].items()
         )
@@ -70,21 +76,13 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     return Listing(tuple(names), load)
 
 
-def _clouds(path: Path) -> dict[str, list[Path]]:
-    if not path.is_dir():
-        raise FileNotFoundError(f"no such folder or cloud file: {path}")
-    below = {each.name: _files(each) for each in sorted(path.iterdir()) if each.is_dir()}
-    return {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
-
-
 def _files(path: Path) -> list[Path]:
-    return sorted(
-        file for file in path.iterdir()
-        if file.suffix.lower() in ENDINGS and file.name not in POSES and not file.name.startswith(".")
-    )  # fmt: skip
+    clouds = (file for file in path.iterdir() if file.suffix.lower() in ENDINGS and file.name not in POSES)
+    return sorted(file for file in clouds if not file.name.startswith("."))
 
 
-def _named(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
+def _match(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
+    """Files of each frame by sensor."""
     by_stem: dict[str, dict[str, Path]] = {}
     for sensor, files in clouds.items():
         for file in files:
@@ -96,17 +94,12 @@ def _named(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
     return dict(sorted(by_stem.items()))
 
 
-def _keys(names: Mapping[str, Mapping[str, Path]]) -> set[str]:
-    files = [(sensor, file.stem) for each in names.values() for sensor, file in each.items()]
-    return {key for sensor, stem in files for key in (sensor, stem, f"{sensor}/{stem}")}
-
-
 def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
     stem = file.stem.removesuffix(".pcd")
     for key in (f"{sensor}/{stem}", stem, sensor):
         if key in placed:
             return placed[key]
-    if placed and len(placed) == 1 and next(iter(placed)) == "0":
+    if list(placed) == ["0"]:
         return placed["0"]  # the one pose of a file without names
     if placed:
         raise ValueError(f"there is no pose of {sensor}/{stem}: the pose file has {', '.join(list(placed)[:8])}")
@@ -114,9 +107,7 @@ def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
 
 
 def parse_epoch(name: str) -> float:
-    """Parse a name as seconds since 1970.
-
-    Returns NaN for a name without a time.
+    """Parse a name as seconds since 1970, NaN for a name without a time.
 
     >>> round(parse_epoch("1646667310.044"), 6), round(parse_epoch("1646667310044000000"), 6)
     (1646667310.044, 1646667310.044)
@@ -129,17 +120,14 @@ def parse_epoch(name: str) -> float:
 
 
 def write_folder(samples: Iterable[Frame], path: Path) -> int:
-    """Write frames as SENSOR/000000.pcd and on; return how many.
-
-    labels.json and the pose of every cloud are written too.
-    """
+    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses.txt; return how many."""
     entries, lines = [], []
     for k, sample in enumerate(samples):
         name = f"{k:06d}"
         for cloud in sample.clouds:
-            placed = cloud.world_SE3_sensor
             write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
-            lines.append(f"{cloud.name}/{name} " + " ".join(f"{value:.17g}" for value in placed[:3].ravel()))
+            numbers = " ".join(f"{value:.17g}" for value in cloud.world_SE3_sensor[:3].ravel())
+            lines.append(f"{cloud.name}/{name} {numbers}")
         entries.append(boxes_record(name, sample.time, sample.objects, counts=sample.counts))
     if entries:
         write_boxes(path / LABELS_FILE, entries)

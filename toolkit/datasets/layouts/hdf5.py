@@ -33,7 +33,7 @@ import h5py
 import numpy as np
 
 from toolkit.datasets.dataset import CLOUDS_KIND, CoopDataset
-from toolkit.datasets.records import Listing, as_number, entry, named_damage, records, rigid_matrix
+from toolkit.datasets.records import Listing, as_list, as_number, entry, named_damage, rigid_matrix
 from toolkit.frame import Frame, OtherObjects, Recording, SensorCloud, parse_region
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5 as reader
@@ -66,7 +66,7 @@ def hdf5_clouds(path: Path) -> Listing:
         version = reader.read_node_attributes(file, "the file").get("version")
         if version != _VERSION:
             raise ValueError(f"its version is {version}: this coview reads version {_VERSION}")
-        names = [str(name) for name in records(parse_json(reader.text(file, "names")), "names")]
+        names = [str(name) for name in as_list(parse_json(reader.text(file, "names")), "names")]
         if len(set(names)) < len(names):
             raise ValueError("samples have the same name")
     places = {name: k for k, name in enumerate(names)}
@@ -81,7 +81,7 @@ def hdf5_clouds(path: Path) -> Listing:
 def _sample(file: h5py.File, place: str, name: str) -> Frame:
     about = parse_json(reader.text(file, f"{place}/about"))
     clouds = tuple(
-        _cloud(file, f"{place}/clouds/{k}", each) for k, each in enumerate(records(entry(about, "sensors"), "sensors"))
+        _cloud(file, f"{place}/clouds/{k}", each) for k, each in enumerate(as_list(entry(about, "sensors"), "sensors"))
     )
     labels = Objects(
         _boxes(file, f"{place}/boxes"),
@@ -90,7 +90,7 @@ def _sample(file: h5py.File, place: str, name: str) -> Frame:
     )
     others = OtherObjects(
         _boxes(file, f"{place}/others"),
-        tuple(str(each) for each in records(entry(about, "others"), "others")),
+        tuple(str(each) for each in as_list(entry(about, "others"), "others")),
         _counts(file, f"{place}/others_counts"),
     )
     if others.categories and len(others.categories) != len(others.boxes):
@@ -100,7 +100,7 @@ def _sample(file: h5py.File, place: str, name: str) -> Frame:
         name,
         clouds,
         labels,
-        tuple(str(each) for each in records(entry(about, "categories"), "categories")),
+        tuple(str(each) for each in as_list(entry(about, "categories"), "categories")),
         _counts(file, f"{place}/counts"),
         others,
         complete=parse_region(entry(about, "complete")),

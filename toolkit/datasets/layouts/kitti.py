@@ -1,6 +1,4 @@
-"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt.
-
-The files are in the folder or in training/ below it.
+"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt in the folder or in training/ below it.
 
 World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground.
 
@@ -18,13 +16,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets.records import (
+    COMMON_NAMES,
     Listing,
+    Problems,
     as_number,
     count_full_turns,
     get_intensity,
@@ -43,13 +42,8 @@ from toolkit.objects import LABELS, Detections
 from toolkit.runtime.files import write_bytes, write_text
 
 IMAGE = 1242, 375  # pixels, used without an image
-_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}
+_CAMERA = invert(BODY_SE3_CAMERA)  # camera_SE3_lidar of what is written
 _FOCAL = 721.5377  # of the camera that is written where a recording has none
-
-
-class _Calibration(NamedTuple):
-    camera_SE3_lidar: np.ndarray
-    projection: np.ndarray  # (3, 4) of camera 2, rectified camera → pixels
 
 
 def kitti(path: Path) -> Listing:
@@ -64,32 +58,27 @@ def kitti(path: Path) -> Listing:
 
 
 def _sample(folder: Path, name: str) -> Frame:
-    problems: dict[str, int] = {}
+    problems: Problems = {}
     cloud = read_cloud(folder / "velodyne" / f"{name}.bin", "velodyne", np.eye(4), problems)
     labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
     if not labels.is_file():
         return Frame.of_clouds(name, (cloud,), *no_labels(), problems=problems)
     with named_damage(calib, "calibration"):
-        calibration = _calibration(load_text(calib))
+        camera_SE3_lidar, projection = _parse_calibration(load_text(calib))
     with named_damage(labels, "list of labels"):
         rows = [line.split() for line in load_text(labels).splitlines() if line.strip()]
-        values = np.array([_values(row) for row in rows]).reshape(-1, 14)
+        for row in rows:
+            if len(row) not in (15, 16):
+                raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}")
+        values = np.array([[as_number(cell) for cell in row[1:15]] for row in rows]).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
-        boxes = _boxes(values[real], invert(calibration.camera_SE3_lidar))
+        boxes = _boxes(values[real], invert(camera_SE3_lidar))
         count_full_turns(values[real, 13], problems)
     found = labelled(boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems)
-    wedge = ImageWedge(
-        calibration.projection @ calibration.camera_SE3_lidar,
-        *_image_size(folder / "image_2" / f"{name}.png"),
-        tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist()),
-    )
+    width, height = _image_size(folder / "image_2" / f"{name}.png")
+    ignored = tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist())
+    wedge = ImageWedge(projection @ camera_SE3_lidar, width, height, ignored)
     return Frame.of_clouds(name, (cloud,), *found, complete=wedge, problems=problems)
-
-
-def _values(row: list[str]) -> list[float]:
-    if len(row) not in (15, 16):
-        raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}")
-    return [as_number(cell) for cell in row[1:15]]
 
 
 def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> Float64[np.ndarray, "n 7"]:
@@ -102,105 +91,86 @@ def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> Float64[np.ndarr
     return np.column_stack([transform(lidar_SE3_camera, centre), length, width, height, yaw])
 
 
-def _calibration(text: str) -> _Calibration:
+def _parse_calibration(text: str) -> tuple[np.ndarray, np.ndarray]:
+    """camera_SE3_lidar, and the projection (3, 4) of camera 2, rectified camera → pixels."""
     lines = [line.split() for line in text.splitlines() if line.strip()]
     entries = {words[0].removesuffix(":"): words[1:] for words in lines}
 
-    def named(*names: str) -> list[str]:
+    def find(*names: str) -> list[str]:
         for name in names:
             if name in entries:
                 return entries[name]
         raise ValueError(f"it has no {names[0]}")
 
-    rectification = rigid(named("R0_rect", "R_rect", "R_rect_00"), np.zeros(3), "R0_rect")
-    camera_SE3_lidar = rectification @ rigid_matrix(named("Tr_velo_to_cam", "Tr_velo_cam"), "Tr_velo_to_cam")
-    projection = numbers(named("P2"), 12, "P2").reshape(3, 4)
+    rectification = rigid(find("R0_rect", "R_rect", "R_rect_00"), np.zeros(3), "R0_rect")
+    camera_SE3_lidar = rectification @ rigid_matrix(find("Tr_velo_to_cam", "Tr_velo_cam"), "Tr_velo_to_cam")
+    projection = numbers(find("P2"), 12, "P2").reshape(3, 4)
     if not np.isfinite(projection).all():
         raise ValueError("P2 holds NaN or infinite numbers")
-    return _Calibration(camera_SE3_lidar, projection)
+    return camera_SE3_lidar, projection
 
 
 def _image_size(image: Path) -> tuple[int, int]:
-    """Width and height in the header of a PNG. Without a file they are the usual ones."""
+    """Width and height in the header of a PNG, the usual ones without a file."""
     head = image.open("rb").read(24) if image.is_file() else b""
-    if len(head) == 24 and head[:8] == b"\x89PNG\r\n\x1a\n":
-        width, height = struct.unpack(">II", head[16:24])
-        return (width, height) if 0 < width < 1 << 16 and 0 < height < 1 << 16 else IMAGE
-    return IMAGE
+    if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n":
+        return IMAGE
+    width, height = struct.unpack(">II", head[16:24])
+    return (width, height) if 0 < width < 1 << 16 and 0 < height < 1 << 16 else IMAGE
 
 
 def write_kitti(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as training/ of KITTI; return how many.
+    """Write frames as training/ of KITTI, numbered from 000000; return how many.
 
-    They are numbered from 000000. The clouds of a frame become one, in its world frame. The camera is that of the
-    frame's labels, else one at the origin that looks along x.
+    The clouds of a frame become one, in its world frame. The camera is that of the frame's labels, else one at the
+    origin that looks along x.
     """
-    written = 0
+    written, place = 0, folder / "training"
     for written, sample in enumerate(samples, 1):
-        name, place = f"{written - 1:06d}", folder / "training"
+        name = f"{written - 1:06d}"
         points = [np.column_stack([cloud.in_world(), get_intensity(cloud)]) for cloud in sample.clouds]
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
-        camera_SE3_lidar = invert(BODY_SE3_CAMERA)
-        wedge, projection = _camera(sample.complete, camera_SE3_lidar)
         write_bytes(place / "velodyne" / f"{name}.bin", cloud.tobytes())
-        write_text(place / "label_2" / f"{name}.txt", kitti_text(sample, camera_SE3_lidar, wedge))
-        write_text(place / "calib" / f"{name}.txt", _calib_text(camera_SE3_lidar, projection))
+        write_text(place / "label_2" / f"{name}.txt", kitti_text(sample))
+        projection = _camera(sample.complete)[1]
+        entries = {f"P{k}": projection for k in range(4)}
+        entries |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": _CAMERA[:3], "Tr_imu_to_velo": np.eye(4)[:3]}
+        lines = [f"{key}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n" for key, matrix in entries.items()]
+        write_text(place / "calib" / f"{name}.txt", "".join(lines))
     return written
 
 
-def kitti_text(
-    sample: Frame,
-    camera_SE3_lidar: np.ndarray | None = None,
-    wedge: ImageWedge | None = None,
-    *,
-    found: Detections | None = None,
-) -> str:
-    """Format a frame's labels, or its detections, as label_2.
-
-    Detections have scores. Lines are in the frame of a camera; the default one stands at the origin and looks along x.
-    """
-    camera = invert(BODY_SE3_CAMERA) if camera_SE3_lidar is None else camera_SE3_lidar
-    wedge = _camera(sample.complete, camera)[0] if wedge is None else wedge
+def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
+    """Format a frame's labels, or its detections with their scores, as label_2 of `write_kitti`."""
+    wedge, _ = _camera(sample.complete)
     shown = sample.objects if found is None else found
     own = sample.categories if found is None else ()
-    names = [_NAMES[LABELS[label]] for label in shown.labels]
+    names = [COMMON_NAMES[LABELS[label]] for label in shown.labels]
     names = [category if category in _OWN else name for category, name in zip(own or names, names, strict=True)]
     ends = [""] * len(names) if found is None else [f" {score:.6f}" for score in found.scores]
-    rows = zip(shown.boxes, names, wedge.rectangles(shown.boxes), ends, strict=True)
-    lines = [kitti_line(box, name, camera, rectangle) + end for box, name, rectangle, end in rows]
+    lines = []
+    for box, name, rectangle, end in zip(shown.boxes, names, wedge.rectangles(shown.boxes), ends, strict=True):
+        *_, length, width, height, yaw = box
+        x, y, z = transform(_CAMERA, box[None, :3])[0]
+        ahead = _CAMERA[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
+        turn = np.arctan2(-ahead[2], ahead[0])
+        alpha = np.arctan2(np.sin(turn - np.arctan2(x, z)), np.cos(turn - np.arctan2(x, z)))
+        image = " ".join(f"{edge:.2f}" for edge in rectangle)
+        sizes, place = f"{height:.6f} {width:.6f} {length:.6f}", f"{x:.6f} {y + height / 2:.6f} {z:.6f}"
+        lines.append(f"{name} 0 0 {alpha:.6f} {image} {sizes} {place} {turn:.6f}{end}\n")
     for left, top, right, bottom in wedge.ignored if found is None else ():
-        lines.append(f"DontCare -1 -1 -10 {left:.2f} {top:.2f} {right:.2f} {bottom:.2f} -1 -1 -1 -1000 -1000 -1000 -10")
-    return "".join(line + "\n" for line in lines)
+        edges = f"{left:.2f} {top:.2f} {right:.2f} {bottom:.2f}"
+        lines.append(f"DontCare -1 -1 -10 {edges} -1 -1 -1 -1000 -1000 -1000 -10\n")
+    return "".join(lines)
 
 
 _OWN = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc"}
 
 
-def kitti_line(box: np.ndarray, name: str, camera_SE3_lidar: np.ndarray, rectangle: np.ndarray) -> str:
-    """Format one box as a line of label_2. Its rectangle in the image is given."""
-    *_, length, width, height, yaw = box
-    x, y, z = transform(camera_SE3_lidar, box[None, :3])[0]
-    ahead = camera_SE3_lidar[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
-    turn = np.arctan2(-ahead[2], ahead[0])
-    alpha = np.arctan2(np.sin(turn - np.arctan2(x, z)), np.cos(turn - np.arctan2(x, z)))
-    image = " ".join(f"{edge:.2f}" for edge in rectangle)
-    sizes = f"{height:.6f} {width:.6f} {length:.6f}"
-    return f"{name} 0 0 {alpha:.6f} {image} {sizes} {x:.6f} {y + height / 2:.6f} {z:.6f} {turn:.6f}"
-
-
-def _camera(complete: Region, camera_SE3_lidar: np.ndarray) -> tuple[ImageWedge, np.ndarray]:
-    """Wedge of the labels, and its projection from the camera.
-
-    The camera is the frame's own, or one that looks along x.
-    """
+def _camera(complete: Region) -> tuple[ImageWedge, np.ndarray]:
+    """Wedge of the labels, the frame's own or that of a camera that looks along x; its projection from the camera."""
     if isinstance(complete, ImageWedge):
-        return complete, complete.projection @ invert(camera_SE3_lidar)
+        return complete, complete.projection @ invert(_CAMERA)
     width, height = IMAGE
     own = np.array([[_FOCAL, 0, width / 2, 0], [0, _FOCAL, height / 2, 0], [0, 0, 1, 0]])
-    return ImageWedge(own @ camera_SE3_lidar, width, height), own
-
-
-def _calib_text(camera_SE3_lidar: np.ndarray, projection: np.ndarray) -> str:
-    entries = {f"P{k}": projection for k in range(4)}
-    entries |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": camera_SE3_lidar[:3], "Tr_imu_to_velo": np.eye(4)[:3]}
-    return "".join(f"{k}: {' '.join(f'{v:.12e}' for v in m.ravel())}\n" for k, m in entries.items())
+    return ImageWedge(own @ _CAMERA, width, height), own

@@ -1,6 +1,4 @@
-"""ASAM OpenLABEL, as the TUM Traffic (A9) sets write it.
-
-There is one JSON file per cloud; *.pcd lies beside or below it.
+"""ASAM OpenLABEL, as the TUM Traffic (A9) sets write it: one JSON file per cloud; *.pcd lies beside or below it.
 
 World frame: that of the cuboids, which in TUM Traffic is the lidar's own, z roughly up. Clouds are placed by the file's
 coordinate systems if these give a sensor's pose.
@@ -17,16 +15,17 @@ coordinate systems if these give a sensor's pose.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.records import (
     ENDINGS,
+    Json,
     Listing,
+    Problems,
     as_number,
     entry,
     labelled,
@@ -62,7 +61,7 @@ def openlabel(path: Path) -> Listing:
 
 
 def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
-    problems: dict[str, int] = {}
+    problems: Problems = {}
     with named_damage(file, "OpenLABEL file"):
         content = entry(load_json(file), "openlabel")
         frame = entry(content, "frames", key)
@@ -71,30 +70,27 @@ def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
         seconds = float("nan") if time is None else as_number(time, "timestamp")
         names = properties.get("point_cloud_file_names") or [f"{file.stem}{ending}" for ending in ENDINGS]
         files = [clouds[Path(str(each)).name] for each in names if Path(str(each)).name in clouds]
-        poses = [_pose(content, _sensor(each, properties, k)) for k, each in enumerate(files)]
+        # a cloud's sensor is the stream that the frame names in its place, else the cloud's folder
+        streams = list(properties.get("streams", {}))
+        sensors = [streams[k] if k < len(streams) else each.parent.name for k, each in enumerate(files)]
+        poses = [_pose(content, sensor) for sensor in sensors]
         boxes, kinds, ids, counts = [], [], [], []
         for track, each in frame.get("objects", {}).items():
             kind = entry(content, "objects", track, "type") if "type" not in entry(each, "object_data") else None
-            for cuboid in _cuboids(each["object_data"]):
+            cuboids = each["object_data"].get("cuboid", [])
+            for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
                 boxes.append(_box(cuboid["val"]))
                 kinds.append(str(kind or each["object_data"]["type"]))
                 ids.append(track)
-                counts.append(_points(cuboid))
+                nums = [num for num in cuboid.get("attributes", {}).get("num", []) if num.get("name") == "num_points"]
+                counts.append(int(as_number(nums[0]["val"], "num_points")) if nums else -1)
     found = labelled(np.array(boxes).reshape(-1, 7), kinds, ids, problems, counts)
-    measured = tuple(
-        read_cloud(each, _sensor(each, properties, k), where, problems)
-        for k, (each, where) in enumerate(zip(files, poses, strict=True))
-    )
+    placed = zip(files, sensors, poses, strict=True)
+    measured = tuple(read_cloud(each, sensor, where, problems) for each, sensor, where in placed)
     return Frame.of_clouds(name, measured, *found, time=seconds, problems=problems)
 
 
-def _sensor(file: Path, properties: dict[str, Any], place: int) -> str:
-    """Sensor of a cloud. It is the stream that the frame names in its place, else the cloud's folder."""
-    streams = list(properties.get("streams", {}))
-    return streams[place] if place < len(streams) else file.parent.name
-
-
-def _pose(content: dict[str, Any], sensor: str) -> np.ndarray:
+def _pose(content: Json, sensor: str) -> np.ndarray:
     """Pose of a sensor, if the coordinate systems name it."""
     system = content.get("coordinate_systems", {}).get(sensor, {})
     if not system.get("pose_wrt_parent"):
@@ -102,12 +98,7 @@ def _pose(content: dict[str, Any], sensor: str) -> np.ndarray:
     return rigid_matrix(entry(system, "pose_wrt_parent", "matrix4x4"), f"pose of {sensor}")
 
 
-def _cuboids(data: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    cuboid = data.get("cuboid", [])
-    yield from cuboid if isinstance(cuboid, list) else [cuboid]
-
-
-def _box(value: Any) -> np.ndarray:
+def _box(value: Json) -> np.ndarray:
     if np.size(np.array(value, dtype=object)) == 9:
         x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
         turned = pose(roll=roll, pitch=pitch, yaw=yaw)
@@ -116,13 +107,6 @@ def _box(value: Any) -> np.ndarray:
         finite = np.isfinite([qx, qy, qz, qw]).all()
         turned = quaternion_pose(np.array([qw, qx, qy, qz]), np.zeros(3)) if finite else np.full((4, 4), np.nan)
     return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])
-
-
-def _points(cuboid: dict[str, Any]) -> int:
-    for each in cuboid.get("attributes", {}).get("num", []):
-        if each.get("name") == "num_points":
-            return int(as_number(each["val"], "num_points"))
-    return -1
 
 
 def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
@@ -135,9 +119,8 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
         for cloud in sample.clouds:
             place = f"{name}_{cloud.name}.pcd"
             write_cloud(folder / "point_clouds" / cloud.name / place, cloud.in_own_frame())
-            placed = cloud.world_SE3_sensor
-            systems[cloud.name] = {"type": "sensor", "parent": "world", "children": [],
-                                   "pose_wrt_parent": {"matrix4x4": placed.ravel().tolist()}}  # fmt: skip
+            placed = {"pose_wrt_parent": {"matrix4x4": cloud.world_SE3_sensor.ravel().tolist()}}
+            systems[cloud.name] = {"type": "sensor", "parent": "world", "children": [], **placed}
             systems["world"]["children"].append(cloud.name)
             frame["frame_properties"]["point_cloud_file_names"].append(place)
             frame["frame_properties"]["streams"][cloud.name] = {}
@@ -145,34 +128,26 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
     return written
 
 
-def openlabel_content(sample: Frame, found: Detections | None = None) -> dict[str, Any]:
-    """Return a frame's objects as one OpenLABEL document.
-
-    If `found` is given, it holds the detections instead, with scores as attributes.
-    """
+def openlabel_content(sample: Frame, found: Detections | None = None) -> Json:
+    """Return a frame's objects, or the detections `found` with scores as attributes, as one OpenLABEL document."""
     shown: Objects | Detections = sample.objects if found is None else found
     ids = sample.objects.ids if found is None else np.arange(len(found))
-    counts = sample.counts if found is None else None
     objects = {}
     for k, (box, label) in enumerate(zip(shown.boxes, shown.labels, strict=True)):
-        nums = [] if counts is None else [{"name": "num_points", "val": int(counts[k])}]
         if found is not None:
-            nums.append({"name": "score", "val": float(found.scores[k])})
-        data = {"name": f"{_NAMES[LABELS[label]]}_{ids[k]}", "type": _NAMES[LABELS[label]],
-                "cuboid": {"name": "shape3D", "val": _value(box), "attributes": {"num": nums}}}  # fmt: skip
-        objects[str(ids[k])] = {"object_data": data}
-    properties: dict[str, Any] = {"point_cloud_file_names": [], "streams": {}}
-    if np.isfinite(sample.time):
-        properties["timestamp"] = sample.time
+            nums = [{"name": "score", "val": float(found.scores[k])}]
+        else:
+            nums = [] if sample.counts is None else [{"name": "num_points", "val": int(sample.counts[k])}]
+        kind, half = _NAMES[LABELS[label]], box[6] / 2
+        value = [*box[:3].tolist(), 0.0, 0.0, float(np.sin(half)), float(np.cos(half)), *box[3:6].tolist()]
+        cuboid = {"name": "shape3D", "val": value, "attributes": {"num": nums}}
+        objects[str(ids[k])] = {"object_data": {"name": f"{kind}_{ids[k]}", "type": kind, "cuboid": cuboid}}
+    properties: Json = {"point_cloud_file_names": [], "streams": {}}
+    time = {"timestamp": sample.time} if np.isfinite(sample.time) else {}
     return {
         "openlabel": {
             "metadata": {"schema_version": "1.0.0"},
             "coordinate_systems": {"world": {"type": "scene_cs", "parent": "", "children": [], "pose_wrt_parent": {}}},
-            "frames": {"0": {"frame_properties": properties, "objects": objects}},
+            "frames": {"0": {"frame_properties": properties | time, "objects": objects}},
         }
     }
-
-
-def _value(box: np.ndarray) -> list[float]:
-    half = box[6] / 2
-    return [*box[:3].tolist(), 0.0, 0.0, float(np.sin(half)), float(np.cos(half)), *box[3:6].tolist()]

@@ -1,6 +1,4 @@
-"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd.
-
-Each vehicle or roadside unit has one folder.
+"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd, a folder per vehicle or roadside unit.
 
 World frame: level, its origin at the first agent's lidar, x where that lidar faces; `map_SE3_world` is its place.
 
@@ -20,18 +18,22 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets.records import (
+    COMMON_NAMES,
     ENDINGS,
+    Json,
     Listing,
+    Problems,
     entry,
     heading,
     labelled,
+    list_rows,
     load_text,
+    move_boxes,
     named_damage,
     numbers,
     read_cloud,
@@ -40,12 +42,10 @@ from toolkit.datasets.records import (
     write_cloud,
 )
 from toolkit.frame import Frame, SensorCloud
-from toolkit.geometry import invert, pose, transform
-from toolkit.objects import LABELS
+from toolkit.geometry import invert, pose
 from toolkit.runtime.files import write_text
 
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
-_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}
 
 
 def opv2v(path: Path, *, left_handed: bool = True) -> Listing:
@@ -72,7 +72,7 @@ def _agent(file: Path) -> tuple[int, int | str]:
 
 
 def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
-    problems: dict[str, int] = {}
+    problems: Problems = {}
     contents, poses = [], []
     for file in files:
         with named_damage(file, "YAML file of an agent"):
@@ -80,25 +80,22 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
             poses.append(_pose(contents[-1].get("lidar_pose"), mirror))
     map_SE3_world = pose(*poses[0][:3, 3], yaw=float(heading(poses[0], 0.0)))
     clouds: list[SensorCloud] = []
-    rows: dict[Any, np.ndarray] = {}
-    kinds: dict[Any, str] = {}
+    rows: dict[object, np.ndarray] = {}
+    kinds: dict[object, str] = {}
     for file, content, placed in zip(files, contents, poses, strict=True):
         recorded = next(file.with_suffix(end) for end in ENDINGS if file.with_suffix(end).is_file())
         cloud = read_cloud(recorded, file.parent.name, invert(map_SE3_world) @ placed, problems)
-        clouds.append(_mirrored(cloud, mirror))
+        clouds.append(_mirror(cloud, mirror))
         with named_damage(file, "YAML file of an agent"):
             for track, each in (content.get("vehicles") or {}).items():
                 rows.setdefault(track, _box(each, mirror))
                 kinds.setdefault(track, str(each.get("obj_type", each.get("object_type", "Car"))))
     boxes = np.array(list(rows.values()), np.float64).reshape(-1, 7)
-    world_SE3_map = invert(map_SE3_world)
-    with np.errstate(all="ignore"):
-        centres, yaw = transform(world_SE3_map, boxes[:, :3]), heading(world_SE3_map, boxes[:, 6])
-    found = labelled(np.column_stack([centres, boxes[:, 3:6], yaw]), list(kinds.values()), list(rows), problems)
+    found = labelled(move_boxes(invert(map_SE3_world), boxes), list(kinds.values()), list(rows), problems)
     return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
 
 
-def _yaml(file: Path) -> dict[str, Any]:
+def _yaml(file: Path) -> Json:
     import yaml
 
     try:
@@ -110,24 +107,21 @@ def _yaml(file: Path) -> dict[str, Any]:
     return content
 
 
-def _pose(value: Any, mirror: np.ndarray) -> np.ndarray:
+def _pose(value: Json, mirror: np.ndarray) -> np.ndarray:
     if value is None:
         raise ValueError("it has no entry lidar_pose")
     if np.array(value, dtype=object).size == 16:
         placed = rigid_matrix(value, "lidar_pose")
     else:
         x, y, z, roll, yaw, pitch = numbers(value, 6, "lidar_pose")
-        placed = unreal_pose(roll, yaw, pitch)
-        placed = rigid(placed[:3, :3], [x, y, z], "lidar_pose")
+        placed = rigid(unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose")
     if not np.isfinite(placed).all():
         raise ValueError("lidar_pose holds NaN or infinite numbers")
     return mirror @ placed @ mirror
 
 
 def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "4 4"]:
-    """Rotation of Unreal's angles in its left-handed axes.
-
-    It is yaw about z, then pitch, which lifts x, then roll.
+    """Rotation of Unreal's angles in its left-handed axes: yaw about z, then pitch, which lifts x, then roll.
 
     >>> unreal_pose(0.0, 90.0, 0.0)[:3, 0].round(6).tolist()
     [0.0, 1.0, 0.0]
@@ -137,7 +131,7 @@ def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
-def _box(vehicle: Any, mirror: np.ndarray) -> np.ndarray:
+def _box(vehicle: Json, mirror: np.ndarray) -> np.ndarray:
     place = numbers(entry(vehicle, "location"), 3, "location") + numbers(entry(vehicle, "center"), 3, "center")
     roll, yaw, pitch = numbers(entry(vehicle, "angle"), 3, "angle")
     sizes = 2 * numbers(entry(vehicle, "extent"), 3, "extent")
@@ -145,53 +139,35 @@ def _box(vehicle: Any, mirror: np.ndarray) -> np.ndarray:
     return np.array([*(mirror[:3, :3] @ place), *sizes, turn])
 
 
-def _mirrored(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
-    points = cloud.points * np.diag(mirror)[:3].astype(np.float32)
-    return replace(cloud, points=points)
+def _mirror(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
+    return replace(cloud, points=cloud.points * np.diag(mirror)[:3].astype(np.float32))
 
 
 def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> int:
-    """Write frames as a scenario; return how many.
-
-    Each sensor is an agent, numbered from 0. Each agent lists all objects.
-    """
+    """Write frames as a scenario; return how many. Each sensor is an agent, from 0, that lists all objects."""
     import yaml
 
     mirror, written = MIRROR if left_handed else np.eye(4), 0
     for written, sample in enumerate(samples, 1):
-        name = f"{written - 1:05d}"
+        name, flat = f"{written - 1:05d}", mirror @ sample.map_SE3_world
+        vehicles = {}
+        for box, kind, track in list_rows(sample.objects, COMMON_NAMES):
+            ahead = flat[:3, :3] @ [np.cos(box[6]), np.sin(box[6]), 0]
+            vehicles[track] = {
+                "angle": [0.0, float(np.rad2deg(np.arctan2(ahead[1], ahead[0]))), 0.0],
+                "center": [0.0, 0.0, 0.0],
+                "extent": [size / 2 for size in box[3:6]],
+                "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),
+                "obj_type": kind,
+            }
         for agent, cloud in enumerate(sample.clouds):
-            placed = mirror @ sample.map_SE3_world @ cloud.world_SE3_sensor @ mirror
-            content = {"lidar_pose": [*placed[:3, 3].tolist(), *_angles(placed)], "vehicles": _vehicles(sample, mirror)}
-            write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirrored(cloud.in_own_frame(), mirror))
+            placed = flat @ cloud.world_SE3_sensor @ mirror
+            roll, yaw = np.arctan2(-placed[2, 1], placed[2, 2]), np.arctan2(placed[1, 0], placed[0, 0])
+            angles = np.rad2deg([roll, yaw, np.arcsin(np.clip(placed[2, 0], -1, 1))]).tolist()  # as Unreal has them
+            content = {"lidar_pose": [*placed[:3, 3].tolist(), *angles], "vehicles": vehicles}
+            write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirror(cloud.in_own_frame(), mirror))
             write_text(folder / "scenario" / str(agent) / f"{name}.yaml", yaml.safe_dump(content))
     return written
 
 
 write_v2xreal = partial(write_opv2v, left_handed=False)
-
-
-def _angles(placed: np.ndarray) -> list[float]:
-    """Roll, yaw and pitch (degrees) as Unreal has them."""
-    yaw, pitch = np.arctan2(placed[1, 0], placed[0, 0]), np.arcsin(np.clip(placed[2, 0], -1, 1))
-    roll = np.arctan2(-placed[2, 1], placed[2, 2])
-    return [float(np.rad2deg(angle)) for angle in (roll, yaw, pitch)]
-
-
-def _vehicles(sample: Frame, mirror: np.ndarray) -> dict[int, dict[str, Any]]:
-    flat = mirror @ sample.map_SE3_world
-    rows = zip(sample.objects.ids.tolist(), sample.objects.boxes, sample.objects.labels, strict=True)
-    return {
-        track: {
-            "angle": [
-                0.0,
-                float(np.rad2deg(np.arctan2(*(flat[:3, :3] @ [np.cos(box[6]), np.sin(box[6]), 0])[1::-1]))),
-                0.0,
-            ],
-            "center": [0.0, 0.0, 0.0],
-            "extent": (box[3:6] / 2).tolist(),
-            "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),
-            "obj_type": _NAMES[LABELS[label]],
-        }
-        for track, box, label in rows
-    }

@@ -14,28 +14,15 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from toolkit.datasets.records import (
-    ENDINGS,
-    Listing,
-    entry,
-    labelled,
-    load_json,
-    named_damage,
-    one_cloud,
-    read_cloud,
-    records,
-    write_cloud,
-    xyz,
-)
+from toolkit.datasets import records
+from toolkit.datasets.records import ENDINGS, Listing, entry, xyz
 from toolkit.frame import Frame
-from toolkit.objects import LABELS
 from toolkit.runtime.files import write_text
 
-_NAMES = {"vehicle": "Car", "cyclist": "Bicycle", "pedestrian": "Pedestrian", "heavy": "Truck"}
+_NAMES = records.COMMON_NAMES | {"cyclist": "Bicycle"}
 
 
 def sustech(path: Path) -> Listing:
@@ -47,46 +34,29 @@ def sustech(path: Path) -> Listing:
 
 
 def _sample(folder: Path, name: str, file: Path) -> Frame:
-    problems: dict[str, int] = {}
-    cloud = read_cloud(file, "lidar", np.eye(4), problems)
-    labels = folder / "label" / f"{name}.json"
-    boxes: list[list[float]] = []
-    names: list[str] = []
-    ids: list[Any] = []
-    if labels.is_file():
-        with named_damage(labels, "list of labels"):
-            for each in records(load_json(labels)):
-                psr = entry(each, "psr")
-                boxes.append([*xyz(psr, "position"), *xyz(psr, "scale"), xyz(psr, "rotation")[2]])
-                names.append(str(entry(each, "obj_type")))
-                ids.append(each.get("obj_id", len(ids)))
-    found = labelled(np.array(boxes).reshape(-1, 7), names, ids, problems)
+    problems: records.Problems = {}
+    cloud = records.read_cloud(file, "lidar", np.eye(4), problems)
+    path = folder / "label" / f"{name}.json"
+    with records.named_damage(path, "list of labels"):
+        labels = records.as_list(records.load_json(path)) if path.is_file() else []
+        poses = [entry(each, "psr") for each in labels]
+        boxes = [[*xyz(psr, "position"), *xyz(psr, "scale"), xyz(psr, "rotation")[2]] for psr in poses]
+        names = [str(entry(each, "obj_type")) for each in labels]
+        ids = [each.get("obj_id", k) for k, each in enumerate(labels)]
+    found = records.labelled(np.array(boxes).reshape(-1, 7), names, ids, problems)
     return Frame.of_clouds(name, (cloud,), *found, problems=problems)
 
 
 def write_sustech(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as a scene; return how many.
-
-    They are numbered from 000000.
-
-    The clouds of a frame become one, in its world frame.
-    """
+    """Write frames as a scene, numbered from 000000; return how many. The clouds of a frame become one."""
     written = 0
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:06d}"
-        write_cloud(folder / "lidar" / f"{name}.pcd", one_cloud(sample))
-        rows = zip(sample.objects.boxes.tolist(), sample.objects.labels, sample.objects.ids.tolist(), strict=True)
-        content = [
-            {
-                "obj_id": str(track),
-                "obj_type": _NAMES[LABELS[label]],
-                "psr": {
-                    "position": dict(zip("xyz", box[:3], strict=True)),
-                    "rotation": {"x": 0.0, "y": 0.0, "z": box[6]},
-                    "scale": dict(zip("xyz", box[3:6], strict=True)),
-                },
-            }
-            for box, label, track in rows
-        ]
+        records.write_cloud(folder / "lidar" / f"{name}.pcd", records.one_cloud(sample))
+        content = []
+        for box, kind, track in records.list_rows(sample.objects, _NAMES):
+            position, scale = (dict(zip("xyz", part, strict=True)) for part in (box[:3], box[3:6]))
+            psr = {"position": position, "rotation": {"x": 0.0, "y": 0.0, "z": box[6]}, "scale": scale}
+            content.append({"obj_id": str(track), "obj_type": kind, "psr": psr})
         write_text(folder / "label" / f"{name}.json", json.dumps(content, indent=1))
     return written
