@@ -22,27 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.records import (
-    COMMON_NAMES,
-    Json,
-    Labelled,
-    Listing,
-    Problems,
-    as_list,
-    as_number,
-    count_full_turns,
-    entry,
-    labelled,
-    list_rows,
-    load_json,
-    move_boxes,
-    named_damage,
-    one_cloud,
-    read_cloud,
-    rigid,
-    write_cloud,
-    xyz,
-)
+from toolkit.datasets import records
 from toolkit.frame import Frame
 from toolkit.geometry import invert
 from toolkit.runtime.files import write_text
@@ -51,7 +31,7 @@ _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
 _COOPERATIVE = "cooperative/label_world", "cooperative/label"
 
 
-def dair(path: Path) -> Listing:
+def dair(path: Path) -> records.Listing:
     """Frames of one side's folder or of the cooperative part. Raises FileNotFoundError for any other folder."""
     for root in (path, path / "cooperative-vehicle-infrastructure"):
         if (root / "cooperative").is_dir() and (root / "infrastructure-side").is_dir():
@@ -61,77 +41,82 @@ def dair(path: Path) -> Listing:
         raise FileNotFoundError(f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/")
 
     def load(name: str) -> Frame:
-        problems: Problems = {}
-        cloud = read_cloud(path / "velodyne" / f"{name}.pcd", "lidar", np.eye(4), problems)
+        problems: records.Problems = {}
+        cloud = records.read_cloud(path / "velodyne" / f"{name}.pcd", "lidar", np.eye(4), problems)
         found = read_annotations(_first(path, _LABELS, name), np.eye(4), problems)
         return Frame.of_clouds(name, (cloud,), *found, problems=problems)
 
-    return Listing(names, load)
+    return records.Listing(names, load)
 
 
 def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
     return next((file for folder in folders if (file := root / folder / f"{name}.json").is_file()), None)
 
 
-def _pairs(root: Path) -> Listing:
+def _pairs(root: Path) -> records.Listing:
     index = root / "cooperative" / "data_info.json"
-    with named_damage(index, "list of pairs"):
-        pairs = {_stem(each, "infrastructure"): each for each in as_list(load_json(index))}
+    with records.named_damage(index, "list of pairs"):
+        pairs = {_stem(each, "infrastructure"): each for each in records.as_list(records.load_json(index))}
     road, car = root / "infrastructure-side", root / "vehicle-side"
 
     def load(name: str) -> Frame:
-        problems: Problems = {}
-        with named_damage(index, "list of pairs"):
+        problems: records.Problems = {}
+        with records.named_damage(index, "list of pairs"):
             vehicle, offset = _stem(pairs[name], "vehicle"), _offset(pairs[name].get("system_error_offset"))
         map_SE3_road = read_transform(road / "calib" / "virtuallidar_to_world" / f"{name}.json", offset)
         novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
         map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
         road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
         clouds = (
-            read_cloud(road / "velodyne" / f"{name}.pcd", "infrastructure", np.eye(4), problems),
-            read_cloud(car / "velodyne" / f"{vehicle}.pcd", "vehicle", road_SE3_car, problems),
+            records.read_cloud(road / "velodyne" / f"{name}.pcd", "infrastructure", np.eye(4), problems),
+            records.read_cloud(car / "velodyne" / f"{vehicle}.pcd", "vehicle", road_SE3_car, problems),
         )
         found = read_annotations(_first(root, _COOPERATIVE, vehicle), invert(map_SE3_road), problems)
         return Frame.of_clouds(name, clouds, *found, map_SE3_world=map_SE3_road, problems=problems)
 
-    return Listing(tuple(pairs), load)
+    return records.Listing(tuple(pairs), load)
 
 
-def _stem(pair: Json, side: str) -> str:
+def _stem(pair: records.Json, side: str) -> str:
     path = f"{side}_pointcloud_path"
-    return Path(str(pair[path])).stem if path in pair else str(entry(pair, f"{side}_frame"))
+    return Path(str(pair[path])).stem if path in pair else str(records.entry(pair, f"{side}_frame"))
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
     """Pose of a calibration file, made rigid. offset: added to x and y, the file's own relative_error if None."""
-    with named_damage(path, "calibration"):
-        content = load_json(path)
+    with records.named_damage(path, "calibration"):
+        content = records.load_json(path)
         inner = content.get("transform", content)
-        matrix = rigid(entry(inner, "rotation"), entry(inner, "translation"))
+        matrix = records.rigid(records.entry(inner, "rotation"), records.entry(inner, "translation"))
         matrix[:2, 3] += offset or _offset(content.get("relative_error")) or (0.0, 0.0)
     return matrix
 
 
-def _offset(value: Json) -> tuple[float, float] | None:
+def _offset(value: records.Json) -> tuple[float, float] | None:
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
-    delta = as_number(entry(value, "delta_x"), "delta_x"), as_number(entry(value, "delta_y"), "delta_y")
+    delta = (
+        records.as_number(records.entry(value, "delta_x"), "delta_x"),
+        records.as_number(records.entry(value, "delta_y"), "delta_y"),
+    )
     if not np.isfinite(delta).all():
         raise ValueError(f"delta_x and delta_y must be finite numbers, got {delta}")
     return delta
 
 
-def read_annotations(path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: Problems) -> Labelled:
+def read_annotations(
+    path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: records.Problems
+) -> records.Labelled:
     """Objects of a label file, in the world frame. Empty without a file."""
-    with named_damage(path or "", "list of labels"):
-        labels = [] if path is None else as_list(load_json(path))
-        parts = [(xyz(each, "3d_location"), xyz(each, "3d_dimensions", "lwh")) for each in labels]
-        yaws = [as_number(entry(each, "rotation"), "rotation") for each in labels]
-        names = [str(entry(each, "type")) for each in labels]
+    with records.named_damage(path or "", "list of labels"):
+        labels = [] if path is None else records.as_list(records.load_json(path))
+        parts = [(records.xyz(each, "3d_location"), records.xyz(each, "3d_dimensions", "lwh")) for each in labels]
+        yaws = [records.as_number(records.entry(each, "rotation"), "rotation") for each in labels]
+        names = [str(records.entry(each, "type")) for each in labels]
         ids = [each.get("track_id", each.get("id", k)) for k, each in enumerate(labels)]
     rows = np.array([[*place, *size, yaw] for (place, size), yaw in zip(parts, yaws, strict=True)]).reshape(-1, 7)
-    count_full_turns(rows[:, 6], problems)
-    return labelled(move_boxes(world_SE3_labels, rows), names, ids, problems)
+    records.count_full_turns(rows[:, 6], problems)
+    return records.labelled(records.move_boxes(world_SE3_labels, rows), names, ids, problems)
 
 
 def written_labels(sample: Frame) -> list[dict[str, object]]:
@@ -144,7 +129,7 @@ def written_labels(sample: Frame) -> list[dict[str, object]]:
             "3d_location": dict(zip("xyz", box[:3], strict=True)),
             "rotation": box[6],
         }
-        for box, name, track in list_rows(sample.objects, COMMON_NAMES)
+        for box, name, track in records.list_rows(sample.objects, records.COMMON_NAMES)
     ]
 
 
@@ -153,7 +138,7 @@ def write_dair(samples: Iterable[Frame], folder: Path) -> int:
     written = 0
     for written, sample in enumerate(samples, 1):
         name, placed = f"{written - 1:06d}", sample.map_SE3_world
-        write_cloud(folder / "velodyne" / f"{name}.pcd", one_cloud(sample))
+        records.write_cloud(folder / "velodyne" / f"{name}.pcd", records.one_cloud(sample))
         write_text(folder / "label" / "virtuallidar" / f"{name}.json", json.dumps(written_labels(sample), indent=1))
         calib = {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3:].tolist()}
         calib["relative_error"] = {"delta_x": "", "delta_y": ""}

@@ -17,19 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from toolkit.datasets import records
 from toolkit.datasets.cloud_files import Pose, read_poses
-from toolkit.datasets.records import (
-    ENDINGS,
-    Listing,
-    Problems,
-    boxes_record,
-    no_labels,
-    parse_objects,
-    read_cloud,
-    read_entries,
-    write_boxes,
-    write_cloud,
-)
 from toolkit.frame import Frame
 from toolkit.runtime.files import write_text
 
@@ -39,7 +28,7 @@ ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
 _EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 
 
-def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> Listing:
+def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> records.Listing:
     """Frames of a folder, or of one cloud file.
 
     poses: a file of poses, the folder's own if None; inverted: it gives world → sensor. Raises FileNotFoundError if
@@ -63,21 +52,22 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         sensors = ", ".join(sorted({sensor for sensor, _ in files}))
         raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {sensors}")
     labels = base / LABELS_FILE
-    entries = read_entries(labels) if labels.is_file() else {}
+    entries = records.read_entries(labels) if labels.is_file() else {}
 
     def load(name: str) -> Frame:
-        problems: Problems = {}
+        problems: records.Problems = {}
         clouds = tuple(
-            read_cloud(file, sensor, _pose(placed, sensor, file), problems) for sensor, file in names[name].items()
+            records.read_cloud(file, sensor, _pose(placed, sensor, file), problems)
+            for sensor, file in names[name].items()
         )
-        found = parse_objects(labels, entries[name], problems) if name in entries else no_labels()
+        found = records.parse_objects(labels, entries[name], problems) if name in entries else records.no_labels()
         return Frame.of_clouds(name, clouds, *found, time=parse_epoch(name), problems=problems)
 
-    return Listing(tuple(names), load)
+    return records.Listing(tuple(names), load)
 
 
 def _files(path: Path) -> list[Path]:
-    clouds = (file for file in path.iterdir() if file.suffix.lower() in ENDINGS and file.name not in POSES)
+    clouds = (file for file in path.iterdir() if file.suffix.lower() in records.ENDINGS and file.name not in POSES)
     return sorted(file for file in clouds if not file.name.startswith("."))
 
 
@@ -125,11 +115,11 @@ def write_folder(samples: Iterable[Frame], path: Path) -> int:
     for k, sample in enumerate(samples):
         name = f"{k:06d}"
         for cloud in sample.clouds:
-            write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
+            records.write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
             numbers = " ".join(f"{value:.17g}" for value in cloud.world_SE3_sensor[:3].ravel())
             lines.append(f"{cloud.name}/{name} {numbers}")
-        entries.append(boxes_record(name, sample.time, sample.objects, counts=sample.counts))
+        entries.append(records.boxes_record(name, sample.time, sample.objects, counts=sample.counts))
     if entries:
-        write_boxes(path / LABELS_FILE, entries)
+        records.write_boxes(path / LABELS_FILE, entries)
         write_text(path / "poses.txt", "\n".join(lines) + "\n")
     return len(entries)

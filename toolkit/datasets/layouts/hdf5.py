@@ -1,13 +1,6 @@
-"""HDF5 files: our own recordings and the paper's.
+"""HDF5 files: our own recordings and the paper's, of images (`toolkit.datasets.dataset`) or recorded clouds.
 
-They hold depth or range images, or recorded clouds.
-
-Images are read by `toolkit.datasets.dataset`: world frame the site's, labels complete in its detection area. A
-published file that shows no built-in site needs one.
-
-Recorded clouds are kept in one file, nothing lost: points, times, intensities, poses, boxes and regions.
-
-Each frame is a group of its own:
+Recorded clouds are kept in one file, nothing lost. Each frame is a group of its own:
 
     coview                      attribute "clouds", version 1
     names                       JSON: the frames' names, in order
@@ -27,13 +20,13 @@ import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import h5py
 import numpy as np
 
 from toolkit.datasets.dataset import CLOUDS_KIND, CoopDataset
-from toolkit.datasets.records import Listing, as_list, as_number, entry, named_damage, rigid_matrix
+from toolkit.datasets.records import Json, Listing, as_list, as_number, entry, named_damage, rigid_matrix
 from toolkit.frame import Frame, OtherObjects, Recording, SensorCloud, parse_region
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5 as reader
@@ -46,12 +39,12 @@ _FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "
 
 def holds_clouds(path: str | Path) -> bool:
     """Return True for an HDF5 file of recorded clouds. Raises OSError for any other kind of file."""
-    with _opened(path) as file:
+    with _open(path) as file:
         return str(reader.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND
 
 
 @contextmanager
-def _opened(path: str | Path) -> Iterator[h5py.File]:
+def _open(path: str | Path) -> Iterator[h5py.File]:
     """Open a file to read. Any damage is reported in one line, which names the file."""
     with reader.open_hdf5(path) as file, named_damage(path, "recording of clouds"):
         try:
@@ -62,7 +55,7 @@ def _opened(path: str | Path) -> Iterator[h5py.File]:
 
 def hdf5_clouds(path: Path) -> Listing:
     """Frames of a file of recorded clouds. Raises ValueError, in one line, for a damaged file."""
-    with _opened(path) as file:
+    with _open(path) as file:
         version = reader.read_node_attributes(file, "the file").get("version")
         if version != _VERSION:
             raise ValueError(f"its version is {version}: this coview reads version {_VERSION}")
@@ -72,7 +65,7 @@ def hdf5_clouds(path: Path) -> Listing:
     places = {name: k for k, name in enumerate(names)}
 
     def load(name: str) -> Frame:
-        with _opened(path) as file:
+        with _open(path) as file:
             return _sample(file, f"samples/{places[name]}", name)
 
     return Listing(tuple(names), load)
@@ -80,29 +73,20 @@ def hdf5_clouds(path: Path) -> Listing:
 
 def _sample(file: h5py.File, place: str, name: str) -> Frame:
     about = parse_json(reader.text(file, f"{place}/about"))
-    clouds = tuple(
-        _cloud(file, f"{place}/clouds/{k}", each) for k, each in enumerate(as_list(entry(about, "sensors"), "sensors"))
+    sensors = enumerate(as_list(entry(about, "sensors"), "sensors"))
+    clouds = tuple(_cloud(file, f"{place}/clouds/{k}", each) for k, each in sensors)
+    labels, ids = (
+        reader.array(file, f"{place}/{key}", axes=1, kinds="iu").astype(np.int64) for key in ("labels", "ids")
     )
-    labels = Objects(
-        _boxes(file, f"{place}/boxes"),
-        reader.array(file, f"{place}/labels", axes=1, kinds="iu").astype(np.int64),
-        reader.array(file, f"{place}/ids", axes=1, kinds="iu").astype(np.int64),
-    )
-    others = OtherObjects(
-        _boxes(file, f"{place}/others"),
-        tuple(str(each) for each in as_list(entry(about, "others"), "others")),
-        _counts(file, f"{place}/others_counts"),
-    )
-    if others.categories and len(others.categories) != len(others.boxes):
-        raise ValueError(f"{len(others.boxes)} other boxes but {len(others.categories)} names")
+    objects = Objects(_boxes(file, f"{place}/boxes"), labels, ids)
+    names = tuple(str(each) for each in as_list(entry(about, "others"), "others"))
+    others = OtherObjects(_boxes(file, f"{place}/others"), names, _counts(file, f"{place}/others_counts"))
+    if names and len(names) != len(others.boxes):
+        raise ValueError(f"{len(others.boxes)} other boxes but {len(names)} names")
+    categories = tuple(str(each) for each in as_list(entry(about, "categories"), "categories"))
     time = entry(about, "time")
     return Frame.of_clouds(
-        name,
-        clouds,
-        labels,
-        tuple(str(each) for each in as_list(entry(about, "categories"), "categories")),
-        _counts(file, f"{place}/counts"),
-        others,
+        *(name, clouds, objects, categories, _counts(file, f"{place}/counts"), others),
         complete=parse_region(entry(about, "complete")),
         time=float("nan") if time is None else as_number(time, "time"),
         map_SE3_world=rigid_matrix(reader.array(file, f"{place}/map_SE3_world", axes=2), "map_SE3_world"),
@@ -110,32 +94,24 @@ def _sample(file: h5py.File, place: str, name: str) -> Frame:
     )
 
 
-def _cloud(file: h5py.File, place: str, about: Any) -> SensorCloud:
+def _cloud(file: h5py.File, place: str, about: Json) -> SensorCloud:
     points = reader.array(file, f"{place}/points", axes=2).astype(np.float32)
     if points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"{place}/points must be finite, 3 to a row, got shape {points.shape}")
-    columns = {
-        name: reader.array(file, f"{place}/{name}", axes=1).astype(kind)
-        if reader.contains(file, f"{place}/{name}")
-        else None
-        for name, kind in (("time", np.float64), ("intensity", np.float32))
-    }
-    if reader.contains(file, f"{place}/ring"):
-        columns["ring"] = reader.array(file, f"{place}/ring", axes=1, kinds="iu").astype(np.int64)
-    for name, column in columns.items():
+    columns: dict[str, np.ndarray] = {}
+    for name, kind, kinds in (("time", np.float64, "fiu"), ("intensity", np.float32, "fiu"), ("ring", np.int64, "iu")):
+        column = reader.find_array(file, f"{place}/{name}", axes=1, kinds=kinds)
         if column is not None and len(column) != len(points):
             raise ValueError(f"{place}/{name} must be of {len(points)} points, got {len(column)}")
+        columns |= {} if column is None else {name: column.astype(kind)}
     frame = _FRAMES.get(str(entry(about, "frame")))
     if frame is None:
         raise ValueError(f"{place} must be in the frame of the sensor or the world, got {about['frame']!r}")
-    placed = reader.array(file, f"{place}/pose", axes=2)
-    return SensorCloud(str(entry(about, "name")), points, _rigid(placed, f"{place}/pose"), frame, **columns)
-
-
-def _rigid(stored: np.ndarray, name: str) -> np.ndarray:
-    """A pose to the bit where it is one."""
-    made = rigid_matrix(stored, name)
-    return stored.astype(np.float64) if np.allclose(made, stored, atol=1e-9) else made
+    stored = reader.array(file, f"{place}/pose", axes=2)
+    pose = rigid_matrix(stored, f"{place}/pose")
+    if np.allclose(pose, stored, atol=1e-9):  # to the bit where it is one
+        pose = stored.astype(np.float64)
+    return SensorCloud(str(entry(about, "name")), points, pose, frame, **columns)
 
 
 def _boxes(file: h5py.File, name: str) -> np.ndarray:
@@ -146,18 +122,14 @@ def _boxes(file: h5py.File, name: str) -> np.ndarray:
 
 
 def _counts(file: h5py.File, name: str) -> np.ndarray | None:
-    if not reader.contains(file, name):
-        return None
-    return reader.array(file, name, axes=1, kinds="iu").astype(np.int64)
+    column = reader.find_array(file, name, axes=1, kinds="iu")
+    return None if column is None else column.astype(np.int64)
 
 
 def write_hdf5(samples: Iterable[Frame], path: Path) -> int:
-    """Write frames as one file; return how many.
-
-    It is written whole or not at all. Raises ValueError for two frames of the same name.
-    """
+    """Write frames as one file, whole or not at all; return how many. Raises ValueError for two of the same name."""
     names: list[str] = []
-    with writing(path) as unfinished, h5py.File(unfinished, "w") as file:
+    with writing(path) as unfinished, reader.hdf5_file(unfinished) as (file, _):
         file.attrs["coview"], file.attrs["version"] = CLOUDS_KIND, _VERSION
         for sample in samples:
             _write(file.create_group(f"samples/{len(names)}"), sample)
@@ -169,21 +141,18 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> int:
 
 
 def _write(group: h5py.Group, sample: Frame) -> None:
-    group["about"] = json.dumps(replace_infinite({
-        "time": sample.time,
-        "sensors": [{"name": cloud.name, "frame": cloud.frame} for cloud in sample.clouds],
-        "categories": sample.categories,
-        "complete": sample.complete.record(),
-        "others": sample.others.categories,
-        "problems": dict(sample.problems),
-    }))  # fmt: skip
-    columns = {"map_SE3_world": sample.map_SE3_world, "boxes": sample.objects.boxes, "labels": sample.objects.labels,
-               "ids": sample.objects.ids, "counts": sample.counts, "others": sample.others.boxes,
-               "others_counts": sample.others.counts}  # fmt: skip
+    sensors = [{"name": cloud.name, "frame": cloud.frame} for cloud in sample.clouds]
+    about = {"time": sample.time, "sensors": sensors, "categories": sample.categories}
+    about |= {"complete": sample.complete.record(), "others": sample.others.categories}
+    group["about"] = json.dumps(replace_infinite(about | {"problems": dict(sample.problems)}))
+    objects, others = sample.objects, sample.others
+    columns: dict[str, np.ndarray | None] = {"map_SE3_world": sample.map_SE3_world, "boxes": objects.boxes}
+    columns |= {"labels": objects.labels, "ids": objects.ids, "counts": sample.counts, "others": others.boxes}
+    columns |= {"others_counts": others.counts}
     for k, cloud in enumerate(sample.clouds):
-        columns |= {f"clouds/{k}/points": cloud.points, f"clouds/{k}/pose": cloud.world_SE3_sensor,
-                    f"clouds/{k}/time": cloud.time, f"clouds/{k}/intensity": cloud.intensity,
-                    f"clouds/{k}/ring": cloud.ring}  # fmt: skip
+        own: dict[str, np.ndarray | None] = {"points": cloud.points, "pose": cloud.world_SE3_sensor, "time": cloud.time}
+        own |= {"intensity": cloud.intensity, "ring": cloud.ring}
+        columns |= {f"clouds/{k}/{name}": column for name, column in own.items()}
     for name, column in columns.items():
         if column is not None:
             packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if column.size > 100 else {}
@@ -195,8 +164,6 @@ def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) ->
 
     site, drop_invalid: see `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`.
     """
-    return (
-        hdf5_clouds(path)
-        if path.is_file() and holds_clouds(path)
-        else CoopDataset(path, site, drop_invalid=drop_invalid)
-    )
+    if path.is_file() and holds_clouds(path):
+        return hdf5_clouds(path)
+    return CoopDataset(path, site, drop_invalid=drop_invalid)

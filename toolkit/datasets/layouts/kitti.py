@@ -20,22 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.records import (
-    COMMON_NAMES,
-    Listing,
-    Problems,
-    as_number,
-    count_full_turns,
-    get_intensity,
-    labelled,
-    load_text,
-    named_damage,
-    no_labels,
-    numbers,
-    read_cloud,
-    rigid,
-    rigid_matrix,
-)
+from toolkit.datasets import records
 from toolkit.frame import Frame, ImageWedge, Region
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
@@ -46,7 +31,7 @@ _CAMERA = invert(BODY_SE3_CAMERA)  # camera_SE3_lidar of what is written
 _FOCAL = 721.5377  # of the camera that is written where a recording has none
 
 
-def kitti(path: Path) -> Listing:
+def kitti(path: Path) -> records.Listing:
     """Frames of a folder. Raises FileNotFoundError if it is not one of KITTI's."""
     folder = next((each for each in (path, path / "training", path / "testing") if (each / "velodyne").is_dir()), None)
     if folder is None:
@@ -54,27 +39,27 @@ def kitti(path: Path) -> Listing:
     names = tuple(sorted(file.stem for file in (folder / "velodyne").glob("*.bin")))
     if not names:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
-    return Listing(names, lambda name: _sample(folder, name))
+    return records.Listing(names, lambda name: _sample(folder, name))
 
 
 def _sample(folder: Path, name: str) -> Frame:
-    problems: Problems = {}
-    cloud = read_cloud(folder / "velodyne" / f"{name}.bin", "velodyne", np.eye(4), problems)
+    problems: records.Problems = {}
+    cloud = records.read_cloud(folder / "velodyne" / f"{name}.bin", "velodyne", np.eye(4), problems)
     labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
     if not labels.is_file():
-        return Frame.of_clouds(name, (cloud,), *no_labels(), problems=problems)
-    with named_damage(calib, "calibration"):
-        camera_SE3_lidar, projection = _parse_calibration(load_text(calib))
-    with named_damage(labels, "list of labels"):
-        rows = [line.split() for line in load_text(labels).splitlines() if line.strip()]
+        return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
+    with records.named_damage(calib, "calibration"):
+        camera_SE3_lidar, projection = _parse_calibration(records.load_text(calib))
+    with records.named_damage(labels, "list of labels"):
+        rows = [line.split() for line in records.load_text(labels).splitlines() if line.strip()]
         for row in rows:
             if len(row) not in (15, 16):
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}")
-        values = np.array([[as_number(cell) for cell in row[1:15]] for row in rows]).reshape(-1, 14)
+        values = np.array([[records.as_number(cell) for cell in row[1:15]] for row in rows]).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
         boxes = _boxes(values[real], invert(camera_SE3_lidar))
-        count_full_turns(values[real, 13], problems)
-    found = labelled(boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems)
+        records.count_full_turns(values[real, 13], problems)
+    found = records.labelled(boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems)
     width, height = _image_size(folder / "image_2" / f"{name}.png")
     ignored = tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist())
     wedge = ImageWedge(projection @ camera_SE3_lidar, width, height, ignored)
@@ -102,9 +87,9 @@ def _parse_calibration(text: str) -> tuple[np.ndarray, np.ndarray]:
                 return entries[name]
         raise ValueError(f"it has no {names[0]}")
 
-    rectification = rigid(find("R0_rect", "R_rect", "R_rect_00"), np.zeros(3), "R0_rect")
-    camera_SE3_lidar = rectification @ rigid_matrix(find("Tr_velo_to_cam", "Tr_velo_cam"), "Tr_velo_to_cam")
-    projection = numbers(find("P2"), 12, "P2").reshape(3, 4)
+    rectification = records.rigid(find("R0_rect", "R_rect", "R_rect_00"), np.zeros(3), "R0_rect")
+    camera_SE3_lidar = rectification @ records.rigid_matrix(find("Tr_velo_to_cam", "Tr_velo_cam"), "Tr_velo_to_cam")
+    projection = records.numbers(find("P2"), 12, "P2").reshape(3, 4)
     if not np.isfinite(projection).all():
         raise ValueError("P2 holds NaN or infinite numbers")
     return camera_SE3_lidar, projection
@@ -128,7 +113,7 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> int:
     written, place = 0, folder / "training"
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:06d}"
-        points = [np.column_stack([cloud.in_world(), get_intensity(cloud)]) for cloud in sample.clouds]
+        points = [np.column_stack([cloud.in_world(), records.get_intensity(cloud)]) for cloud in sample.clouds]
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
         write_bytes(place / "velodyne" / f"{name}.bin", cloud.tobytes())
         write_text(place / "label_2" / f"{name}.txt", kitti_text(sample))
@@ -145,7 +130,7 @@ def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
     wedge, _ = _camera(sample.complete)
     shown = sample.objects if found is None else found
     own = sample.categories if found is None else ()
-    names = [COMMON_NAMES[LABELS[label]] for label in shown.labels]
+    names = [records.COMMON_NAMES[LABELS[label]] for label in shown.labels]
     names = [category if category in _OWN else name for category, name in zip(own or names, names, strict=True)]
     ends = [""] * len(names) if found is None else [f" {score:.6f}" for score in found.scores]
     lines = []

@@ -21,24 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Float64
+from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose
-from toolkit.datasets.records import (
-    Json,
-    Listing,
-    Problems,
-    as_list,
-    as_number,
-    entry,
-    get_intensity,
-    heading,
-    labelled,
-    list_rows,
-    load_json,
-    move_boxes,
-    named_damage,
-    numbers,
-    read_cloud,
-)
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
@@ -52,84 +36,91 @@ _NAMES = {
 }
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
-Row = dict[str, Json]
+Row = dict[str, records.Json]
 
 
-def nuscenes(path: Path) -> Listing:
+def nuscenes(path: Path) -> records.Listing:
     """Frames, by time, of a data root or its folder of tables. Raises FileNotFoundError for any other folder."""
     folder = next((each for each in (path, *sorted(path.glob("v1.0*"))) if (each / "sample_data.json").is_file()), None)
     if folder is None:
         raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
     tables = {}
     for name in _TABLES:
-        with named_damage(folder / f"{name}.json", "table"):
-            rows = as_list(load_json(folder / f"{name}.json"))
-            tables[name] = {str(entry(row, "token")): row for row in rows}
+        with records.named_damage(folder / f"{name}.json", "table"):
+            rows = records.as_list(records.load_json(folder / f"{name}.json"))
+            tables[name] = {str(records.entry(row, "token")): row for row in rows}
     lidars: dict[str, list[Row]] = {}
-    with named_damage(folder / "sample_data.json", "table"):
+    with records.named_damage(folder / "sample_data.json", "table"):
         for row in tables["sample_data"].values():
             if row.get("is_key_frame", True) and _sensor(tables, row, "modality") == "lidar":
-                lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
+                lidars.setdefault(str(records.entry(row, "sample_token")), []).append(row)
     labels: dict[str, list[Row]] = {}
-    with named_damage(folder / "sample_annotation.json", "table"):
+    with records.named_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
-            labels.setdefault(str(entry(row, "sample_token")), []).append(row)
-    with named_damage(folder / "sample.json", "table"):
-        order = sorted(lidars, key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"))
-    return Listing(tuple(order), lambda token: _sample(folder, token, tables, lidars[token], labels.get(token, [])))
+            labels.setdefault(str(records.entry(row, "sample_token")), []).append(row)
+    with records.named_damage(folder / "sample.json", "table"):
+        order = sorted(
+            lidars,
+            key=lambda token: records.as_number(records.entry(tables["sample"], token, "timestamp"), "timestamp"),
+        )
+    return records.Listing(
+        tuple(order), lambda token: _sample(folder, token, tables, lidars[token], labels.get(token, []))
+    )
 
 
 def _sensor(tables: dict[str, Row], row: Row, key: str) -> str:
     """Entry of the sensor of a row of sample_data."""
-    mounted = entry(tables["calibrated_sensor"], str(entry(row, "calibrated_sensor_token")))
-    return str(entry(tables["sensor"], str(entry(mounted, "sensor_token")), key))
+    mounted = records.entry(tables["calibrated_sensor"], str(records.entry(row, "calibrated_sensor_token")))
+    return str(records.entry(tables["sensor"], str(records.entry(mounted, "sensor_token")), key))
 
 
 def _sample(folder: Path, token: str, tables: dict[str, Row], data: list[Row], labels: list[Row]) -> Frame:
-    problems: Problems = {}
-    with named_damage(folder / "ego_pose.json", "table"):
+    problems: records.Problems = {}
+    with records.named_damage(folder / "ego_pose.json", "table"):
         placed = [_placed(tables["ego_pose"], row, "ego_pose_token") for row in data]
-    with named_damage(folder / "calibrated_sensor.json", "table"):
+    with records.named_damage(folder / "calibrated_sensor.json", "table"):
         mounted = [_placed(tables["calibrated_sensor"], row, "calibrated_sensor_token") for row in data]
-    with named_damage(folder / "sample_data.json", "table"):
-        files = [folder.parent / str(entry(row, "filename")) for row in data]
+    with records.named_damage(folder / "sample_data.json", "table"):
+        files = [folder.parent / str(records.entry(row, "filename")) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
-        time = as_number(entry(data[0], "timestamp"), "timestamp") * 1e-6
+        time = records.as_number(records.entry(data[0], "timestamp"), "timestamp") * 1e-6
     map_SE3_ego = placed[0]
     clouds = tuple(
-        read_cloud(file, name, invert(map_SE3_ego) @ ego @ pose, problems)
+        records.read_cloud(file, name, invert(map_SE3_ego) @ ego @ pose, problems)
         for file, name, ego, pose in zip(files, names, placed, mounted, strict=True)
     )
-    with named_damage(folder / "sample_annotation.json", "table"):
+    with records.named_damage(folder / "sample_annotation.json", "table"):
         boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
-        counts = np.array([int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
-        instances = [str(entry(row, "instance_token")) for row in labels]
-    with named_damage(folder / "instance.json", "table"):
+        counts = np.array([int(records.as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
+        instances = [str(records.entry(row, "instance_token")) for row in labels]
+    with records.named_damage(folder / "instance.json", "table"):
         kinds = [_kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)]
-    found = labelled(move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts)
+    found = records.labelled(records.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts)
     return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
 
 
 def _placed(table: Row, row: Row, key: str) -> Float64[np.ndarray, "4 4"]:
-    where = entry(table, str(entry(row, key)))
-    turned = numbers(entry(where, "rotation"), 4, "rotation")
-    moved = numbers(entry(where, "translation"), 3, "translation")
+    where = records.entry(table, str(records.entry(row, key)))
+    turned = records.numbers(records.entry(where, "rotation"), 4, "rotation")
+    moved = records.numbers(records.entry(where, "translation"), 3, "translation")
     if not (np.isfinite(turned).all() and np.isfinite(moved).all()):
         raise ValueError(f"{key} holds NaN or infinite numbers")
     return quaternion_pose(turned, moved)
 
 
 def _box(row: Row) -> np.ndarray:
-    width, length, height = numbers(entry(row, "size"), 3, "size")
-    turned = numbers(entry(row, "rotation"), 4, "rotation")
-    yaw = heading(quaternion_pose(turned, np.zeros(3)), 0.0) if np.isfinite(turned).all() else np.nan
-    return np.array([*numbers(entry(row, "translation"), 3, "translation"), length, width, height, yaw])
+    width, length, height = records.numbers(records.entry(row, "size"), 3, "size")
+    turned = records.numbers(records.entry(row, "rotation"), 4, "rotation")
+    yaw = records.heading(quaternion_pose(turned, np.zeros(3)), 0.0) if np.isfinite(turned).all() else np.nan
+    return np.array([*records.numbers(records.entry(row, "translation"), 3, "translation"), length, width, height, yaw])
 
 
 def _kind(tables: dict[str, Row], row: Row, instance: str) -> str:
     if "category_name" in row:
         return str(row["category_name"])
-    return str(entry(tables["category"], str(entry(tables["instance"], instance, "category_token")), "name"))
+    return str(
+        records.entry(tables["category"], str(records.entry(tables["instance"], instance, "category_token")), "name")
+    )
 
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
@@ -148,7 +139,7 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
             channel = cloud.name if cloud.name.startswith("LIDAR") else f"LIDAR_{cloud.name}"
             key, file = f"{token}_{channel}", f"samples/{channel}/{token}.pcd.bin"
             points = transform(invert(cloud.world_SE3_sensor), cloud.in_world())
-            rows = np.column_stack([points, get_intensity(cloud), np.zeros(len(points))]).astype("<f4")
+            rows = np.column_stack([points, records.get_intensity(cloud), np.zeros(len(points))]).astype("<f4")
             write_bytes(folder / file, rows.tobytes())
             tables["sensor"].append({"token": key, "channel": channel, "modality": "lidar"})
             mounted = {"token": key, "sensor_token": key, "camera_intrinsic": []}
@@ -156,12 +147,12 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
             tokens = {"token": key, "sample_token": token, "ego_pose_token": token, "calibrated_sensor_token": key}
             data = {"timestamp": stamp, "is_key_frame": True, "fileformat": "pcd", "filename": file, **alone}
             tables["sample_data"].append({**tokens, **data})
-        for k, (box, label, track) in enumerate(list_rows(sample.objects, {name: name for name in LABELS})):
+        for k, (box, label, track) in enumerate(records.list_rows(sample.objects, {name: name for name in LABELS})):
             # objects of recordings without tracks are counted anew in each frame: a number may have several classes
             instance = str(track) if instances.setdefault(str(track), label) == label else f"{track}_{label}"
             instances.setdefault(instance, label)
             placed, row = sample.map_SE3_world, np.array(box)
-            yaw = float(heading(placed, row[6]))
+            yaw = float(records.heading(placed, row[6]))
             counted = {} if sample.counts is None else {"num_lidar_pts": int(sample.counts[k]), "num_radar_pts": 0}
             tokens = {"token": f"{written}_{k}", "sample_token": token, "instance_token": instance}
             place = {"translation": transform(placed, row[None, :3])[0].tolist(), "size": row[[4, 3, 5]].tolist()}

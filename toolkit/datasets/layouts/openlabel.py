@@ -20,22 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose
-from toolkit.datasets.records import (
-    ENDINGS,
-    Json,
-    Listing,
-    Problems,
-    as_number,
-    entry,
-    labelled,
-    load_json,
-    named_damage,
-    numbers,
-    read_cloud,
-    rigid_matrix,
-    write_cloud,
-)
 from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.objects import LABELS, Detections, Objects
@@ -44,31 +30,31 @@ from toolkit.runtime.files import write_text
 _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
 
 
-def openlabel(path: Path) -> Listing:
+def openlabel(path: Path) -> records.Listing:
     """Frames of one label file, or of all below a folder. Raises FileNotFoundError if there are none."""
     files = [path] if path.is_file() else sorted(path.rglob("*.json"))
     if not files:
         raise FileNotFoundError(f"{path} holds no OpenLABEL files (*.json)")
     root = path.parent if path.is_file() else path
-    clouds = {file.name: file for file in sorted(root.rglob("*")) if file.suffix.lower() in ENDINGS}
+    clouds = {file.name: file for file in sorted(root.rglob("*")) if file.suffix.lower() in records.ENDINGS}
     frames: dict[str, tuple[Path, str]] = {}
     for file in files:
-        with named_damage(file, "OpenLABEL file"):
-            keys = list(entry(load_json(file), "openlabel", "frames"))
+        with records.named_damage(file, "OpenLABEL file"):
+            keys = list(records.entry(records.load_json(file), "openlabel", "frames"))
         stem = file.relative_to(root).with_suffix("").as_posix()
         frames |= {stem if len(keys) == 1 else f"{stem}#{key}": (file, key) for key in keys}
-    return Listing(tuple(frames), lambda name: _sample(name, *frames[name], clouds))
+    return records.Listing(tuple(frames), lambda name: _sample(name, *frames[name], clouds))
 
 
 def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
-    problems: Problems = {}
-    with named_damage(file, "OpenLABEL file"):
-        content = entry(load_json(file), "openlabel")
-        frame = entry(content, "frames", key)
+    problems: records.Problems = {}
+    with records.named_damage(file, "OpenLABEL file"):
+        content = records.entry(records.load_json(file), "openlabel")
+        frame = records.entry(content, "frames", key)
         properties = frame.get("frame_properties", {})
         time = properties.get("timestamp")
-        seconds = float("nan") if time is None else as_number(time, "timestamp")
-        names = properties.get("point_cloud_file_names") or [f"{file.stem}{ending}" for ending in ENDINGS]
+        seconds = float("nan") if time is None else records.as_number(time, "timestamp")
+        names = properties.get("point_cloud_file_names") or [f"{file.stem}{ending}" for ending in records.ENDINGS]
         files = [clouds[Path(str(each)).name] for each in names if Path(str(each)).name in clouds]
         # a cloud's sensor is the stream that the frame names in its place, else the cloud's folder
         streams = list(properties.get("streams", {}))
@@ -76,34 +62,38 @@ def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
         poses = [_pose(content, sensor) for sensor in sensors]
         boxes, kinds, ids, counts = [], [], [], []
         for track, each in frame.get("objects", {}).items():
-            kind = entry(content, "objects", track, "type") if "type" not in entry(each, "object_data") else None
+            kind = (
+                records.entry(content, "objects", track, "type")
+                if "type" not in records.entry(each, "object_data")
+                else None
+            )
             cuboids = each["object_data"].get("cuboid", [])
             for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
                 boxes.append(_box(cuboid["val"]))
                 kinds.append(str(kind or each["object_data"]["type"]))
                 ids.append(track)
                 nums = [num for num in cuboid.get("attributes", {}).get("num", []) if num.get("name") == "num_points"]
-                counts.append(int(as_number(nums[0]["val"], "num_points")) if nums else -1)
-    found = labelled(np.array(boxes).reshape(-1, 7), kinds, ids, problems, counts)
+                counts.append(int(records.as_number(nums[0]["val"], "num_points")) if nums else -1)
+    found = records.labelled(np.array(boxes).reshape(-1, 7), kinds, ids, problems, counts)
     placed = zip(files, sensors, poses, strict=True)
-    measured = tuple(read_cloud(each, sensor, where, problems) for each, sensor, where in placed)
+    measured = tuple(records.read_cloud(each, sensor, where, problems) for each, sensor, where in placed)
     return Frame.of_clouds(name, measured, *found, time=seconds, problems=problems)
 
 
-def _pose(content: Json, sensor: str) -> np.ndarray:
+def _pose(content: records.Json, sensor: str) -> np.ndarray:
     """Pose of a sensor, if the coordinate systems name it."""
     system = content.get("coordinate_systems", {}).get(sensor, {})
     if not system.get("pose_wrt_parent"):
         return np.eye(4)
-    return rigid_matrix(entry(system, "pose_wrt_parent", "matrix4x4"), f"pose of {sensor}")
+    return records.rigid_matrix(records.entry(system, "pose_wrt_parent", "matrix4x4"), f"pose of {sensor}")
 
 
-def _box(value: Json) -> np.ndarray:
+def _box(value: records.Json) -> np.ndarray:
     if np.size(np.array(value, dtype=object)) == 9:
-        x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
+        x, y, z, roll, pitch, yaw, *sizes = records.numbers(value, 9, "cuboid val")
         turned = pose(roll=roll, pitch=pitch, yaw=yaw)
     else:
-        x, y, z, qx, qy, qz, qw, *sizes = numbers(value, 10, "cuboid val")
+        x, y, z, qx, qy, qz, qw, *sizes = records.numbers(value, 10, "cuboid val")
         finite = np.isfinite([qx, qy, qz, qw]).all()
         turned = quaternion_pose(np.array([qw, qx, qy, qz]), np.zeros(3)) if finite else np.full((4, 4), np.nan)
     return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])
@@ -118,7 +108,7 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
         frame, systems = content["openlabel"]["frames"]["0"], content["openlabel"]["coordinate_systems"]
         for cloud in sample.clouds:
             place = f"{name}_{cloud.name}.pcd"
-            write_cloud(folder / "point_clouds" / cloud.name / place, cloud.in_own_frame())
+            records.write_cloud(folder / "point_clouds" / cloud.name / place, cloud.in_own_frame())
             placed = {"pose_wrt_parent": {"matrix4x4": cloud.world_SE3_sensor.ravel().tolist()}}
             systems[cloud.name] = {"type": "sensor", "parent": "world", "children": [], **placed}
             systems["world"]["children"].append(cloud.name)
@@ -128,7 +118,7 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
     return written
 
 
-def openlabel_content(sample: Frame, found: Detections | None = None) -> Json:
+def openlabel_content(sample: Frame, found: Detections | None = None) -> records.Json:
     """Return a frame's objects, or the detections `found` with scores as attributes, as one OpenLABEL document."""
     shown: Objects | Detections = sample.objects if found is None else found
     ids = sample.objects.ids if found is None else np.arange(len(found))
@@ -142,7 +132,7 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> Json:
         value = [*box[:3].tolist(), 0.0, 0.0, float(np.sin(half)), float(np.cos(half)), *box[3:6].tolist()]
         cuboid = {"name": "shape3D", "val": value, "attributes": {"num": nums}}
         objects[str(ids[k])] = {"object_data": {"name": f"{kind}_{ids[k]}", "type": kind, "cuboid": cuboid}}
-    properties: Json = {"point_cloud_file_names": [], "streams": {}}
+    properties: records.Json = {"point_cloud_file_names": [], "streams": {}}
     time = {"timestamp": sample.time} if np.isfinite(sample.time) else {}
     return {
         "openlabel": {

@@ -22,25 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.records import (
-    COMMON_NAMES,
-    ENDINGS,
-    Json,
-    Listing,
-    Problems,
-    entry,
-    heading,
-    labelled,
-    list_rows,
-    load_text,
-    move_boxes,
-    named_damage,
-    numbers,
-    read_cloud,
-    rigid,
-    rigid_matrix,
-    write_cloud,
-)
+from toolkit.datasets import records
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose
 from toolkit.runtime.files import write_text
@@ -48,16 +30,18 @@ from toolkit.runtime.files import write_text
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
-def opv2v(path: Path, *, left_handed: bool = True) -> Listing:
+def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
     """Frames of all scenarios below a folder, all agents together. Raises FileNotFoundError if there are none."""
     names: dict[str, list[Path]] = {}
     for file in sorted(path.rglob("*.yaml")):
-        if any(file.with_suffix(ending).is_file() for ending in ENDINGS):
+        if any(file.with_suffix(ending).is_file() for ending in records.ENDINGS):
             names.setdefault((file.parent.parent / file.stem).relative_to(path.parent).as_posix(), []).append(file)
     if not names:
         raise FileNotFoundError(f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names")
     agents = {name: sorted(files, key=_agent) for name, files in sorted(names.items())}
-    return Listing(tuple(agents), lambda name: _sample(name, agents[name], MIRROR if left_handed else np.eye(4)))
+    return records.Listing(
+        tuple(agents), lambda name: _sample(name, agents[name], MIRROR if left_handed else np.eye(4))
+    )
 
 
 v2xreal = partial(opv2v, left_handed=False)
@@ -72,34 +56,36 @@ def _agent(file: Path) -> tuple[int, int | str]:
 
 
 def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
-    problems: Problems = {}
+    problems: records.Problems = {}
     contents, poses = [], []
     for file in files:
-        with named_damage(file, "YAML file of an agent"):
+        with records.named_damage(file, "YAML file of an agent"):
             contents.append(_yaml(file))
             poses.append(_pose(contents[-1].get("lidar_pose"), mirror))
-    map_SE3_world = pose(*poses[0][:3, 3], yaw=float(heading(poses[0], 0.0)))
+    map_SE3_world = pose(*poses[0][:3, 3], yaw=float(records.heading(poses[0], 0.0)))
     clouds: list[SensorCloud] = []
     rows: dict[object, np.ndarray] = {}
     kinds: dict[object, str] = {}
     for file, content, placed in zip(files, contents, poses, strict=True):
-        recorded = next(file.with_suffix(end) for end in ENDINGS if file.with_suffix(end).is_file())
-        cloud = read_cloud(recorded, file.parent.name, invert(map_SE3_world) @ placed, problems)
+        recorded = next(file.with_suffix(end) for end in records.ENDINGS if file.with_suffix(end).is_file())
+        cloud = records.read_cloud(recorded, file.parent.name, invert(map_SE3_world) @ placed, problems)
         clouds.append(_mirror(cloud, mirror))
-        with named_damage(file, "YAML file of an agent"):
+        with records.named_damage(file, "YAML file of an agent"):
             for track, each in (content.get("vehicles") or {}).items():
                 rows.setdefault(track, _box(each, mirror))
                 kinds.setdefault(track, str(each.get("obj_type", each.get("object_type", "Car"))))
     boxes = np.array(list(rows.values()), np.float64).reshape(-1, 7)
-    found = labelled(move_boxes(invert(map_SE3_world), boxes), list(kinds.values()), list(rows), problems)
+    found = records.labelled(
+        records.move_boxes(invert(map_SE3_world), boxes), list(kinds.values()), list(rows), problems
+    )
     return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
 
 
-def _yaml(file: Path) -> Json:
+def _yaml(file: Path) -> records.Json:
     import yaml
 
     try:
-        content = yaml.load(load_text(file), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = yaml.load(records.load_text(file), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())[:160]) from None
     if not isinstance(content, dict):
@@ -107,14 +93,14 @@ def _yaml(file: Path) -> Json:
     return content
 
 
-def _pose(value: Json, mirror: np.ndarray) -> np.ndarray:
+def _pose(value: records.Json, mirror: np.ndarray) -> np.ndarray:
     if value is None:
         raise ValueError("it has no entry lidar_pose")
     if np.array(value, dtype=object).size == 16:
-        placed = rigid_matrix(value, "lidar_pose")
+        placed = records.rigid_matrix(value, "lidar_pose")
     else:
-        x, y, z, roll, yaw, pitch = numbers(value, 6, "lidar_pose")
-        placed = rigid(unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose")
+        x, y, z, roll, yaw, pitch = records.numbers(value, 6, "lidar_pose")
+        placed = records.rigid(unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose")
     if not np.isfinite(placed).all():
         raise ValueError("lidar_pose holds NaN or infinite numbers")
     return mirror @ placed @ mirror
@@ -131,11 +117,13 @@ def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
-def _box(vehicle: Json, mirror: np.ndarray) -> np.ndarray:
-    place = numbers(entry(vehicle, "location"), 3, "location") + numbers(entry(vehicle, "center"), 3, "center")
-    roll, yaw, pitch = numbers(entry(vehicle, "angle"), 3, "angle")
-    sizes = 2 * numbers(entry(vehicle, "extent"), 3, "extent")
-    turn = heading(mirror @ unreal_pose(roll, yaw, pitch) @ mirror, 0.0)
+def _box(vehicle: records.Json, mirror: np.ndarray) -> np.ndarray:
+    place = records.numbers(records.entry(vehicle, "location"), 3, "location") + records.numbers(
+        records.entry(vehicle, "center"), 3, "center"
+    )
+    roll, yaw, pitch = records.numbers(records.entry(vehicle, "angle"), 3, "angle")
+    sizes = 2 * records.numbers(records.entry(vehicle, "extent"), 3, "extent")
+    turn = records.heading(mirror @ unreal_pose(roll, yaw, pitch) @ mirror, 0.0)
     return np.array([*(mirror[:3, :3] @ place), *sizes, turn])
 
 
@@ -151,7 +139,7 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
     for written, sample in enumerate(samples, 1):
         name, flat = f"{written - 1:05d}", mirror @ sample.map_SE3_world
         vehicles = {}
-        for box, kind, track in list_rows(sample.objects, COMMON_NAMES):
+        for box, kind, track in records.list_rows(sample.objects, records.COMMON_NAMES):
             ahead = flat[:3, :3] @ [np.cos(box[6]), np.sin(box[6]), 0]
             vehicles[track] = {
                 "angle": [0.0, float(np.rad2deg(np.arctan2(ahead[1], ahead[0]))), 0.0],
@@ -165,7 +153,7 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
             roll, yaw = np.arctan2(-placed[2, 1], placed[2, 2]), np.arctan2(placed[1, 0], placed[0, 0])
             angles = np.rad2deg([roll, yaw, np.arcsin(np.clip(placed[2, 0], -1, 1))]).tolist()  # as Unreal has them
             content = {"lidar_pose": [*placed[:3, 3].tolist(), *angles], "vehicles": vehicles}
-            write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirror(cloud.in_own_frame(), mirror))
+            records.write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirror(cloud.in_own_frame(), mirror))
             write_text(folder / "scenario" / str(agent) / f"{name}.yaml", yaml.safe_dump(content))
     return written
 

@@ -19,7 +19,7 @@ import numpy as np
 from toolkit.arrays import Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
-from toolkit.datasets.records import ENDINGS, Listing, read_cloud
+from toolkit.datasets.records import ENDINGS, Listing, Problems, read_cloud
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
@@ -52,7 +52,7 @@ def _time(file: Path) -> tuple[float, str]:
 
 
 def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Frame:
-    problems: dict[str, int] = {}
+    problems: Problems = {}
     scene, sequence, _ = name.split("/")
     clouds: list[SensorCloud] = []
     parts: list[Objects] = []
@@ -66,12 +66,12 @@ def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Frame:
         categories += found.categories
     objects, rows = merged(parts)
     time = _time(files[0][1])[0]
-    return Frame.of_clouds(name, tuple(clouds), objects, tuple(categories[k] for k in rows),
-                  time=time if np.isfinite(time) else float("nan"), problems=problems)  # fmt: skip
+    kept, known = tuple(categories[k] for k in rows), time if np.isfinite(time) else float("nan")
+    return Frame.of_clouds(name, clouds, objects, kept, time=known, problems=problems)
 
 
 def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
-    """Merge several agents' objects into one list. Returns the list and its rows among all of them."""
+    """Merge several agents' objects into one list. Returns it and its rows among all of them."""
     boxes = np.concatenate([np.zeros((0, 7)), *(part.boxes for part in parts)])
     labels = np.concatenate([np.zeros(0, np.int64), *(part.labels for part in parts)])
     ids = np.concatenate([np.zeros(0, np.int64), *(part.ids for part in parts)])

@@ -1,6 +1,4 @@
-"""ROS bags: PointCloud2 topics with tf.
-
-They are ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, or one .mcap or .db3 file).
+"""ROS bags: PointCloud2 topics with tf, of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, one .mcap or .db3 file).
 
 World frame: the root of the tf tree that the clouds' frames hang from. A cloud whose frame no tf mentions stays in its
 own, and is counted.
@@ -15,7 +13,7 @@ own, and is counted.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
@@ -27,7 +25,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
-from toolkit.datasets.records import add_problem, build_cloud, get_intensity
+from toolkit.datasets.records import Problems, add_problem, build_cloud, get_intensity
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import Objects
@@ -38,6 +36,7 @@ from toolkit.sites.site import Site
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TF, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
 NO_TF = "clouds in a frame that no tf mentions"
+RosObject = Any  # of rosbags, which has no types
 MOST_LINKS = 64  # from a sensor's frame to the root; longer chains run in a circle
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
@@ -66,11 +65,11 @@ class Bag:
         self._reading.append((index + 1, frames))
         return frame
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_reading": []}
 
     def __iter__(self) -> Iterator[Frame]:
-        clouds: dict[str, Any] = {}
+        clouds: dict[str, RosObject] = {}
         number = 0
         for topic, message in _messages(self.path, CLOUD):
             if topic in clouds:
@@ -80,28 +79,24 @@ class Bag:
         if clouds:
             yield self._sample(number, clouds)
 
-    def _sample(self, number: int, messages: dict[str, Any]) -> Frame:
-        problems: dict[str, int] = {}
+    def _sample(self, number: int, messages: Mapping[str, RosObject]) -> Frame:
+        problems: Problems = {}
         clouds = []
         with _damage(self.path):
-            stamps = [_stamp(message.header) for message in messages.values()]
-            for (topic, message), stamp in sorted(
-                zip(messages.items(), stamps, strict=True), key=lambda each: each[0][0]
-            ):
+            stamps = {topic: _stamp(message.header) for topic, message in messages.items()}
+            for topic, message in sorted(messages.items(), key=lambda each: each[0]):
                 frame = str(message.header.frame_id).lstrip("/")
                 add_problem(problems, NO_TF, int(bool(self.frames) and frame not in self.frames))
                 attributes = name_attributes(parse_columns(message))
-                clouds.append(
-                    build_cloud(attributes, topic.strip("/"), find_frame_pose(self.frames, frame, stamp), problems)
-                )
-        return Frame.of_clouds(
-            f"{number:06d}", tuple(clouds), Objects.empty(), time=stamps[0] * 1e-9, problems=problems
-        )
+                pose = find_frame_pose(self.frames, frame, stamps[topic])
+                clouds.append(build_cloud(attributes, topic.strip("/"), pose, problems))
+        time = next(iter(stamps.values())) * 1e-9
+        return Frame.of_clouds(f"{number:06d}", clouds, Objects.empty(), time=time, problems=problems)
 
 
 @dataclass(frozen=True, eq=False)
 class _Moving:
-    """One coordinate frame's poses in its parent. It has poses at some times (ns); a static frame has a single one."""
+    """Poses of a coordinate frame in its parent at some times (ns); a static frame has a single one."""
 
     parent: str
     times: np.ndarray
@@ -119,7 +114,7 @@ def rosbag(path: Path) -> Bag:
     """Frames of a bag. Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
     last: set[str] = set()
     rounds = 0
-    for topic in _topics(path, CLOUD):
+    for topic, _ in _messages(path, CLOUD, parse=False):
         if topic in last or not rounds:
             rounds, last = rounds + 1, set()
         last.add(topic)
@@ -134,9 +129,8 @@ def _frames(path: Path) -> dict[str, _Moving]:
         with _damage(path):
             for each in message.transforms:
                 where, turned = each.transform.translation, each.transform.rotation
-                pose = quaternion_pose(
-                    np.array([turned.w, turned.x, turned.y, turned.z]), np.array([where.x, where.y, where.z])
-                )
+                unit = np.array([turned.w, turned.x, turned.y, turned.z])
+                pose = quaternion_pose(unit, np.array([where.x, where.y, where.z]))
                 child = str(each.child_frame_id).lstrip("/")
                 moving.setdefault(child, {})[_stamp(each.header)] = str(each.header.frame_id).lstrip("/"), pose
     frames = {}
@@ -159,9 +153,7 @@ def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Flo
 
 
 def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share: float) -> Float64[np.ndarray, "4 4"]:
-    """Interpolate between two poses.
-
-    `share` is the part of the way from a to b: along the line, and turning evenly.
+    """Pose at a share of the way from a to b: along the line, and turning evenly.
 
     >>> between(np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0]), 0.5)[1, 0].round(6).item()
     1.0
@@ -177,63 +169,39 @@ def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share:
     return quaternion_pose(turned, a[:3, 3] + share * (b[:3, 3] - a[:3, 3]))
 
 
-def parse_columns(message: Any) -> dict[str, np.ndarray]:
+def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
     """Parse the fields of a PointCloud2, a row per point. Raises ValueError if they do not fit its bytes."""
     order = ">" if message.is_bigendian else "<"
-    count, step = int(message.width) * int(message.height), int(message.point_step)
+    width, height, step, row_step = map(int, (message.width, message.height, message.point_step, message.row_step))
     data = np.asarray(message.data, np.uint8)
     names, formats, offsets = [], [], []
     for each in message.fields:
         if each.datatype not in _TYPES or each.name in names or each.count not in (0, 1):
-            continue  # padding, or a each of several numbers
+            continue  # padding, or several numbers
         kind = np.dtype(order + _TYPES[each.datatype])
         if not 0 <= each.offset <= step - kind.itemsize:
             raise ValueError(f"field {each.name} does not fit a point of {step} bytes")
         names.append(str(each.name))
         formats.append(kind)
         offsets.append(int(each.offset))
-    if (
-        step < 1
-        or int(message.row_step) < int(message.width) * step
-        or len(data) < int(message.height) * int(message.row_step)
-    ):
-        raise ValueError(f"a cloud of {message.height} rows of {message.width} points has {len(data)} bytes only")
-    rows = data[: int(message.height) * int(message.row_step)].reshape(int(message.height), int(message.row_step))
-    packed = np.ascontiguousarray(rows[:, : int(message.width) * step]).reshape(-1)
+    if step < 1 or row_step < width * step or len(data) < height * row_step:
+        raise ValueError(f"a cloud of {height} rows of {width} points has {len(data)} bytes only")
+    packed = np.ascontiguousarray(data[: height * row_step].reshape(height, row_step)[:, : width * step])
     point = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
-    table = np.frombuffer(packed.tobytes(), point, count)
+    table = np.frombuffer(packed.tobytes(), point, width * height)
     columns = {name: table[name].astype(table[name].dtype.newbyteorder("=")) for name in names}
     if not {"x", "y", "z"} <= columns.keys():
         raise ValueError(f"a cloud has no x, y and z, but {', '.join(names)}")
     return columns
 
 
-def _stamp(header: Any) -> int:
+def _stamp(header: RosObject) -> int:
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
 @contextmanager
-def _reader(path: Path) -> Iterator[Any]:
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise ImportError("reading bags needs rosbags: pip install rosbags") from None
-    with _damage(path):
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
-    try:
-        yield reader
-    finally:
-        reader.close()
-
-
-@contextmanager
 def _damage(path: Path) -> Iterator[None]:
-    """Turn errors on damaged bags into errors of ours.
-
-    rosbags, and the parsers it uses, raise errors of any kind on damaged bags.
-    """
+    """Turn the errors of any kind that rosbags and its parsers raise on damaged bags into ValueError."""
     try:
         yield
     except OSError:
@@ -243,41 +211,41 @@ def _damage(path: Path) -> Iterator[None]:
         raise ValueError(f"{path} is no bag that can be read: {reason}") from None
 
 
-def _messages(path: Path, *kinds: str) -> Iterator[tuple[str, Any]]:
-    return _each(path, kinds, lambda reader, connection, data: reader.deserialize(data, connection.msgtype))
-
-
-def _topics(path: Path, kind: str) -> Iterator[str]:
-    return (topic for topic, _ in _each(path, (kind,), lambda *_: None))
-
-
-def _each(path: Path, kinds: tuple[str, ...], made: Callable[[Any, Any, bytes], Any]) -> Iterator[tuple[str, Any]]:
-    with _reader(path) as reader:
+def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str, RosObject]]:
+    """Yield topics and messages, None where they are not to be parsed, of some kinds."""
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise ImportError("reading bags needs rosbags: pip install rosbags") from None
+    with _damage(path):
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+    try:
         wanted = [each for each in reader.connections if each.msgtype in kinds]
-        if not wanted:
-            return
-        messages = reader.messages(connections=wanted)
+        messages = reader.messages(connections=wanted) if wanted else iter(())
         while True:
             with _damage(path):
-                try:
-                    connection, _, data = next(messages)
-                except StopIteration:
+                following = next(messages, None)
+                if following is None:
                     return
-                message = made(reader, connection, data)
+                connection, _, data = following
+                message = reader.deserialize(data, connection.msgtype) if parse else None
             yield connection.topic, message
+    finally:
+        reader.close()
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
-    """Write the clouds of frames for ROS 2.
+    """Write the clouds of frames for ROS 2: recording.mcap, a topic per sensor with tf; return how many frames.
 
-    Returns how many frames were written. They go to recording.mcap, a topic per sensor with tf. A bag cannot hold
-    labels, and a warning says so.
+    A bag cannot hold labels, and a warning says so.
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    connections: dict[str, Any] = {}
+    connections: dict[str, RosObject] = {}
     written = labels = 0
     with (
         writing_together(folder) as unfinished,
@@ -287,7 +255,8 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
         for written, sample in enumerate(samples, 1):
             labels += len(sample.objects)
             stamp = round((sample.time if np.isfinite(sample.time) else 0.1 * written) * 1e9)
-            writer.write(tf, stamp, store.serialize_cdr(_transforms(store, sample, stamp), TF))
+            links = store.types[TF](transforms=[_link(store, cloud, stamp) for cloud in sample.clouds])
+            writer.write(tf, stamp, store.serialize_cdr(links, TF))
             for cloud in sample.clouds:
                 if cloud.name not in connections:
                     connections[cloud.name] = writer.add_connection(f"/{cloud.name}", CLOUD, typestore=store)
@@ -297,35 +266,27 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
     return written
 
 
-def _header(store: Any, stamp: int, frame: str) -> Any:
-    types = store.types
-    time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    return types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+def _header(store: RosObject, stamp: int, frame: str) -> RosObject:
+    time = store.types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return store.types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
 
 
-def _transforms(store: Any, sample: Frame, stamp: int) -> Any:
-    types, each = store.types, []
-    for cloud in sample.clouds:
-        pose = cloud.world_SE3_sensor
-        w, x, y, z = compute_quaternion(pose).tolist()
-        transform = types["geometry_msgs/msg/Transform"](
-            translation=types["geometry_msgs/msg/Vector3"](*pose[:3, 3].tolist()),
-            rotation=types["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w),
-        )
-        stamped = types["geometry_msgs/msg/TransformStamped"]
-        each.append(stamped(_header(store, stamp, "world"), child_frame_id=cloud.name, transform=transform))
-    return types[TF](transforms=each)
+def _link(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
+    """Pose of a sensor in the world."""
+    names = ("Transform", "Vector3", "Quaternion", "TransformStamped")
+    make, vector, quaternion, stamped = (store.types[f"geometry_msgs/msg/{name}"] for name in names)
+    w, x, y, z = compute_quaternion(cloud.world_SE3_sensor).tolist()
+    place = vector(*cloud.world_SE3_sensor[:3, 3].tolist())
+    moved = make(translation=place, rotation=quaternion(x=x, y=y, z=z, w=w))
+    return stamped(_header(store, stamp, "world"), child_frame_id=cloud.name, transform=moved)
 
 
-def _message(store: Any, cloud: SensorCloud, stamp: int) -> Any:
-    types = store.types
+def _message(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
     points = transform(invert(cloud.world_SE3_sensor), cloud.in_world())
     table = np.column_stack([points, get_intensity(cloud)]).astype("<f4")
-    field = types["sensor_msgs/msg/PointField"]
-    fields = [
-        field(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate(("x", "y", "z", "intensity"))
-    ]
-    return types[CLOUD](
-        header=_header(store, stamp, cloud.name), height=1, width=len(table), fields=fields, is_bigendian=False,
-        point_step=16, row_step=16 * len(table), data=np.frombuffer(table.tobytes(), np.uint8), is_dense=True,
-    )  # fmt: skip
+    make = store.types["sensor_msgs/msg/PointField"]
+    names = enumerate(("x", "y", "z", "intensity"))
+    fields = [make(name=name, offset=4 * k, datatype=7, count=1) for k, name in names]
+    sizes = {"height": 1, "width": len(table), "point_step": 16, "row_step": 16 * len(table)}
+    data, header = np.frombuffer(table.tobytes(), np.uint8), _header(store, stamp, cloud.name)
+    return store.types[CLOUD](header=header, fields=fields, is_bigendian=False, data=data, is_dense=True, **sizes)
