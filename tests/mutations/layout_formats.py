@@ -212,7 +212,8 @@ def _ros2(folder: Path, sqlite: bool = False) -> Path:
         tf, cloud = (writer.add_connection(f"/{k}", kind, typestore=store) for k, kind in enumerate(kinds))
         for k, sample in enumerate(samples()):
             stamp = (k + 1) * 10**8
-            made = (writing._transforms(store, sample, stamp), writing._message(store, sample.clouds[0], stamp))
+            links = store.types[TF](transforms=[writing._link(store, each, stamp) for each in sample.clouds])
+            made = (links, writing._message(store, sample.clouds[0], stamp))
             for connection, message, kind in zip((tf, cloud), made, kinds, strict=True):
                 writer.write(connection, stamp, store.serialize_cdr(message, kind))
     return folder / "bag"
