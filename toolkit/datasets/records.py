@@ -26,7 +26,7 @@ from toolkit.point_files import pcd_bytes
 from toolkit.runtime.files import parse_json, replace_infinite, write_bytes, write_text
 from toolkit.sites.site import Site
 
-Json = Any  # value of a file, not yet checked
+Unchecked = Any  # a value of a file
 Problems = dict[str, int]  # number of labels and points left out, by kind
 
 NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
@@ -70,12 +70,12 @@ def load_text(path: str | Path) -> str:
     return Path(path).read_text(encoding="utf-8-sig")
 
 
-def load_json(path: str | Path) -> Json:
+def load_json(path: str | Path) -> Unchecked:
     """Values of a JSON file; call it in `named_damage`."""
     return parse_json(load_text(path))
 
 
-def entry(record: Json, *keys: str) -> Json:
+def entry(record: Unchecked, *keys: str) -> Unchecked:
     """record[key][key]..., or ValueError that says which is missing.
 
     >>> entry({"a": {"b": 3}}, "a", "b")
@@ -89,7 +89,7 @@ def entry(record: Json, *keys: str) -> Json:
     return value
 
 
-def as_number(value: Json, name: str = "entry") -> float:
+def as_number(value: Unchecked, name: str = "entry") -> float:
     """A number, also where it is written as a string.
 
     >>> as_number("1e-05")
@@ -101,7 +101,7 @@ def as_number(value: Json, name: str = "entry") -> float:
         raise ValueError(f"{name} must be a number, got {str(value)[:40]!r}") from None
 
 
-def numbers(values: Json, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
+def numbers(values: Unchecked, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
     """Return `count` numbers, nested or flat, also as strings. Raises ValueError for another count."""
     try:
         flat = np.array(values, dtype=np.float64).ravel()
@@ -112,19 +112,19 @@ def numbers(values: Json, count: int, name: str = "entry") -> Float64[np.ndarray
     return flat
 
 
-def xyz(record: Json, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
+def xyz(record: Unchecked, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
     """Numbers of an entry {x: .., y: .., z: ..}."""
     return np.array([as_number(entry(record, name, axis), f"{name}.{axis}") for axis in axes])
 
 
-def as_list(content: Json, name: str = "it") -> list[Json]:
+def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
     """A list, or ValueError."""
     if not isinstance(content, list):
         raise ValueError(f"{name} must be a list, got {str(content)[:40]!r}")
     return content
 
 
-def rigid(rotation: Json, translation: Json, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
     """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation.
 
     >>> rigid([[1, 0, 0], [0, 1, 0.001], [0, 0, 1]], [["1"], ["2"], ["3"]]).round(3)[:, 3].tolist()
@@ -142,7 +142,7 @@ def rigid(rotation: Json, translation: Json, name: str = "pose") -> Float64[np.n
     return check_pose(pose, name)
 
 
-def rigid_matrix(values: Json, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+def rigid_matrix(values: Unchecked, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
     """Pose of 16 or 12 numbers by rows, as `rigid`."""
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
@@ -410,7 +410,7 @@ def write_boxes(path: str | Path, entries: Sequence[Mapping[str, object]], **mor
     write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False))
 
 
-def read_entries(path: str | Path) -> dict[str, Json]:
+def read_entries(path: str | Path) -> dict[str, Unchecked]:
     """Entries of a file by the names of their frames. Raises ValueError, which names the file."""
     with named_damage(path, "file of boxes"):
         content = load_json(path)
@@ -419,7 +419,7 @@ def read_entries(path: str | Path) -> dict[str, Json]:
         return {str(entry(each, "name")): each for each in as_list(entry(content, "samples"), "samples")}
 
 
-def parse_objects(path: str | Path, each: Json, problems: Problems) -> Labelled:
+def parse_objects(path: str | Path, each: Unchecked, problems: Problems) -> Labelled:
     """The labels of one entry."""
     with named_damage(path, "file of boxes"):
         rows = as_list(entry(each, "objects"), "objects")

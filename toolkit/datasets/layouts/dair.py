@@ -77,7 +77,7 @@ def _pairs(root: Path) -> records.Listing:
     return records.Listing(tuple(pairs), load)
 
 
-def _stem(pair: records.Json, side: str) -> str:
+def _stem(pair: records.Unchecked, side: str) -> str:
     path = f"{side}_pointcloud_path"
     return Path(str(pair[path])).stem if path in pair else str(records.entry(pair, f"{side}_frame"))
 
@@ -92,7 +92,7 @@ def read_transform(path: str | Path, offset: tuple[float, float] | None = None) 
     return matrix
 
 
-def _offset(value: records.Json) -> tuple[float, float] | None:
+def _offset(value: records.Unchecked) -> tuple[float, float] | None:
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
     delta = (

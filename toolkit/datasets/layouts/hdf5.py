@@ -26,7 +26,7 @@ import h5py
 import numpy as np
 
 from toolkit.datasets.dataset import CLOUDS_KIND, CoopDataset
-from toolkit.datasets.records import Json, Listing, as_list, as_number, entry, named_damage, rigid_matrix
+from toolkit.datasets.records import Listing, Unchecked, as_list, as_number, entry, named_damage, rigid_matrix
 from toolkit.frame import Frame, OtherObjects, Recording, SensorCloud, parse_region
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5 as reader
@@ -94,7 +94,7 @@ def _sample(file: h5py.File, place: str, name: str) -> Frame:
     )
 
 
-def _cloud(file: h5py.File, place: str, about: Json) -> SensorCloud:
+def _cloud(file: h5py.File, place: str, about: Unchecked) -> SensorCloud:
     points = reader.array(file, f"{place}/points", axes=2).astype(np.float32)
     if points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"{place}/points must be finite, 3 to a row, got shape {points.shape}")

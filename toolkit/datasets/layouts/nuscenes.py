@@ -36,7 +36,7 @@ _NAMES = {
 }
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
-Row = dict[str, records.Json]
+_Row = dict[str, records.Unchecked]
 
 
 def nuscenes(path: Path) -> records.Listing:
@@ -49,12 +49,12 @@ def nuscenes(path: Path) -> records.Listing:
         with records.named_damage(folder / f"{name}.json", "table"):
             rows = records.as_list(records.load_json(folder / f"{name}.json"))
             tables[name] = {str(records.entry(row, "token")): row for row in rows}
-    lidars: dict[str, list[Row]] = {}
+    lidars: dict[str, list[_Row]] = {}
     with records.named_damage(folder / "sample_data.json", "table"):
         for row in tables["sample_data"].values():
             if row.get("is_key_frame", True) and _sensor(tables, row, "modality") == "lidar":
                 lidars.setdefault(str(records.entry(row, "sample_token")), []).append(row)
-    labels: dict[str, list[Row]] = {}
+    labels: dict[str, list[_Row]] = {}
     with records.named_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
             labels.setdefault(str(records.entry(row, "sample_token")), []).append(row)
@@ -68,13 +68,13 @@ def nuscenes(path: Path) -> records.Listing:
     )
 
 
-def _sensor(tables: dict[str, Row], row: Row, key: str) -> str:
+def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
     """Entry of the sensor of a row of sample_data."""
     mounted = records.entry(tables["calibrated_sensor"], str(records.entry(row, "calibrated_sensor_token")))
     return str(records.entry(tables["sensor"], str(records.entry(mounted, "sensor_token")), key))
 
 
-def _sample(folder: Path, token: str, tables: dict[str, Row], data: list[Row], labels: list[Row]) -> Frame:
+def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row], labels: list[_Row]) -> Frame:
     problems: records.Problems = {}
     with records.named_damage(folder / "ego_pose.json", "table"):
         placed = [_placed(tables["ego_pose"], row, "ego_pose_token") for row in data]
@@ -99,7 +99,7 @@ def _sample(folder: Path, token: str, tables: dict[str, Row], data: list[Row], l
     return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
 
 
-def _placed(table: Row, row: Row, key: str) -> Float64[np.ndarray, "4 4"]:
+def _placed(table: _Row, row: _Row, key: str) -> Float64[np.ndarray, "4 4"]:
     where = records.entry(table, str(records.entry(row, key)))
     turned = records.numbers(records.entry(where, "rotation"), 4, "rotation")
     moved = records.numbers(records.entry(where, "translation"), 3, "translation")
@@ -108,14 +108,14 @@ def _placed(table: Row, row: Row, key: str) -> Float64[np.ndarray, "4 4"]:
     return quaternion_pose(turned, moved)
 
 
-def _box(row: Row) -> np.ndarray:
+def _box(row: _Row) -> np.ndarray:
     width, length, height = records.numbers(records.entry(row, "size"), 3, "size")
     turned = records.numbers(records.entry(row, "rotation"), 4, "rotation")
     yaw = records.heading(quaternion_pose(turned, np.zeros(3)), 0.0) if np.isfinite(turned).all() else np.nan
     return np.array([*records.numbers(records.entry(row, "translation"), 3, "translation"), length, width, height, yaw])
 
 
-def _kind(tables: dict[str, Row], row: Row, instance: str) -> str:
+def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
     if "category_name" in row:
         return str(row["category_name"])
     return str(
@@ -125,7 +125,7 @@ def _kind(tables: dict[str, Row], row: Row, instance: str) -> str:
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
     """Write frames as a root with v1.0-coview/; return how many. Each sensor is a channel in its own frame."""
-    tables: dict[str, list[Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
+    tables: dict[str, list[_Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
     tables["category"] = [{"token": label, "name": _NAMES[label], "description": ""} for label in LABELS]
     instances: dict[str, str] = {}  # category by token
     written, alone = 0, {"prev": "", "next": ""}

@@ -80,7 +80,7 @@ def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
     return Frame.of_clouds(name, measured, *found, time=seconds, problems=problems)
 
 
-def _pose(content: records.Json, sensor: str) -> np.ndarray:
+def _pose(content: records.Unchecked, sensor: str) -> np.ndarray:
     """Pose of a sensor, if the coordinate systems name it."""
     system = content.get("coordinate_systems", {}).get(sensor, {})
     if not system.get("pose_wrt_parent"):
@@ -88,7 +88,7 @@ def _pose(content: records.Json, sensor: str) -> np.ndarray:
     return records.rigid_matrix(records.entry(system, "pose_wrt_parent", "matrix4x4"), f"pose of {sensor}")
 
 
-def _box(value: records.Json) -> np.ndarray:
+def _box(value: records.Unchecked) -> np.ndarray:
     if np.size(np.array(value, dtype=object)) == 9:
         x, y, z, roll, pitch, yaw, *sizes = records.numbers(value, 9, "cuboid val")
         turned = pose(roll=roll, pitch=pitch, yaw=yaw)
@@ -118,7 +118,7 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
     return written
 
 
-def openlabel_content(sample: Frame, found: Detections | None = None) -> records.Json:
+def openlabel_content(sample: Frame, found: Detections | None = None) -> records.Unchecked:
     """Return a frame's objects, or the detections `found` with scores as attributes, as one OpenLABEL document."""
     shown: Objects | Detections = sample.objects if found is None else found
     ids = sample.objects.ids if found is None else np.arange(len(found))
@@ -132,7 +132,7 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> records
         value = [*box[:3].tolist(), 0.0, 0.0, float(np.sin(half)), float(np.cos(half)), *box[3:6].tolist()]
         cuboid = {"name": "shape3D", "val": value, "attributes": {"num": nums}}
         objects[str(ids[k])] = {"object_data": {"name": f"{kind}_{ids[k]}", "type": kind, "cuboid": cuboid}}
-    properties: records.Json = {"point_cloud_file_names": [], "streams": {}}
+    properties: records.Unchecked = {"point_cloud_file_names": [], "streams": {}}
     time = {"timestamp": sample.time} if np.isfinite(sample.time) else {}
     return {
         "openlabel": {

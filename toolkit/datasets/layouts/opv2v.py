@@ -81,7 +81,7 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
     return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
 
 
-def _yaml(file: Path) -> records.Json:
+def _yaml(file: Path) -> records.Unchecked:
     import yaml
 
     try:
@@ -93,7 +93,7 @@ def _yaml(file: Path) -> records.Json:
     return content
 
 
-def _pose(value: records.Json, mirror: np.ndarray) -> np.ndarray:
+def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
     if value is None:
         raise ValueError("it has no entry lidar_pose")
     if np.array(value, dtype=object).size == 16:
@@ -117,7 +117,7 @@ def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
-def _box(vehicle: records.Json, mirror: np.ndarray) -> np.ndarray:
+def _box(vehicle: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
     place = records.numbers(records.entry(vehicle, "location"), 3, "location") + records.numbers(
         records.entry(vehicle, "center"), 3, "center"
     )
