@@ -1,9 +1,8 @@
-"""Contents of a plan: plain figures, names and sentences.
+"""Contents of a plan: plain figures, names and sentences, from which plan.json, pages and drawings are made.
 
-plan.json, pages and drawings are made from them. `Plan` goes to plan.json as it is (`Plan.as_dict`). Nothing in it
-depends on the clock, so the same question has the same plan, byte for byte. kbit are per frame, 1 kbit = 1000 bit;
-prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always by the
-detector on traffic that no search saw. An undefined figure is None.
+Nothing in it depends on the clock, so the same question has the same plan, byte for byte. kbit are per frame, 1 kbit =
+1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
+by the detector on traffic that no search saw. An undefined figure is None.
 """
 
 from __future__ import annotations
@@ -27,8 +26,6 @@ CONFIDENCE = 0.95  # of every interval
 class Judgement:
     """The detector's result for one sensor set.
 
-    The traffic is new to all searches.
-
     low, high: interval of the AP from a bootstrap over blocks of frames; vehicles, frames: to be detected, in how many
     frames; kind: of the objects, "vehicle", or "object" if several classes count, whose AP and recall are combined.
     """
@@ -44,7 +41,7 @@ class Judgement:
 
 
 def overlap(one: Judgement, other: Judgement) -> bool:
-    """Return whether the intervals of two AP overlap. If so, the data cannot tell them apart."""
+    """Return whether the intervals of two AP overlap, so that the data cannot tell them apart."""
     return one.low <= other.high and other.low <= one.high
 
 
@@ -72,22 +69,13 @@ class PlanOption:
 
     @property
     def counted(self) -> Judgement | None:
-        """Result by which sets are compared.
-
-        It counts error profiles, failures and levels if the plan asks for them.
-        """
-        if self.over_errors is not None:
-            return self.over_errors
-        intact = self.judged if self.over_levels is None else self.over_levels
-        return intact if self.left is None else self.left
+        """Result by which sets are compared, over the error profiles, failures and levels that the plan asks for."""
+        return self.over_errors or self.left or self.over_levels or self.judged
 
 
 @dataclass(frozen=True)
 class BreakdownRow:
-    """The chosen set in one group of the traffic.
-
-    The group is a zone, range, approach, level of traffic or error profile; judged: None without vehicles.
-    """
+    """The chosen set in one group: zone, range, approach, level or error profile. judged: None without vehicles."""
 
     name: str
     judged: Judgement | None
@@ -96,10 +84,7 @@ class BreakdownRow:
 
 @dataclass(frozen=True)
 class ClassSeen:
-    """Coverage of one class in the judged traffic.
-
-    It is the share of its road users with at least `least_points` points.
-    """
+    """Coverage of one class: share of its road users with at least `least_points` points."""
 
     label: str
     objects: int
@@ -119,7 +104,7 @@ class ClassAP:
 
 @dataclass(frozen=True)
 class SchemeFigures:
-    """The chosen set under one fusion scheme. Figures are at one IoU or averaged over several."""
+    """The chosen set under one fusion scheme, at one IoU or averaged over several."""
 
     scheme: str
     iou: IoUs
@@ -129,10 +114,7 @@ class SchemeFigures:
 
 @dataclass(frozen=True)
 class SensorWorth:
-    """Shapley value of one sensor, in AP.
-
-    The sensor is of the chosen set; its interaction with each other sensor comes by name.
-    """
+    """Shapley value of one sensor of the chosen set, in AP, and its interaction with each other one by name."""
 
     sensor: str
     shapley: float
@@ -149,7 +131,7 @@ class FailureCase:
 
 @dataclass(frozen=True)
 class BuildStep:
-    """Next sensor to build. It comes with the money spent so far and the result of the sensors built so far."""
+    """Next sensor to build, with the money spent and the result so far."""
 
     sensor: str
     price: float
@@ -158,10 +140,7 @@ class BuildStep:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer in one sentence.
-
-    met: whether the requirement is met, None without one; reasons: if not, what rules sets out, a sentence each.
-    """
+    """The answer in one sentence. met: the requirement, None without one; reasons: sentences on why not."""
 
     met: bool | None
     sentence: str

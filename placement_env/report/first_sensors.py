@@ -29,10 +29,7 @@ FIRST_FRAMES = 40
 
 @dataclass(frozen=True, eq=False)
 class FirstSensors:
-    """A site with first sensors.
-
-    poses: number to choose from; covered: share of the vehicles on which a sensor has `LEAST` points or more.
-    """
+    """A site with first sensors. covered: share of the vehicles on which a sensor has `LEAST` points or more."""
 
     site: Site
     poses: int
@@ -49,10 +46,9 @@ class FirstSensors:
 
 
 class HalvedViews:
-    """Mean over objects of 1 - 2^-n.
+    """Mean over objects of 1 - 2^-n where n sensors of a set have `LEAST` points on the object. Submodular.
 
-    n sensors of a set have `LEAST` points on the object. Each further view of an object is worth half of the one
-    before, so sensors that add no object still spread their views. Submodular.
+    Each further view is worth half of the one before, so sensors that add no object still spread their views.
     """
 
     name = "halved views"
@@ -69,9 +65,7 @@ class HalvedViews:
 
 
 def with_first_sensors(site: Site, count: int, *, seed: int = 0) -> FirstSensors:
-    """Replace a site's sensors by `count` cameras.
-
-    They stand on its mounts. There are fewer if no more fit or see a vehicle.
+    """Replace a site's sensors by `count` cameras on its mounts, fewer if no more fit or see a vehicle.
 
     Raises ValueError for a count below 1, and for a site without mounts, poses or vehicles.
     """
@@ -83,7 +77,6 @@ def with_first_sensors(site: Site, count: int, *, seed: int = 0) -> FirstSensors
             f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames: place sensors yourself"
         )
     setting = Setting(site, candidates=candidates, fidelity=HalvedViews(visibility))
-    objective = Objective(setting, visibility=visibility)
-    chosen = greedy.search(objective, count).best.subset
+    chosen = greedy.search(Objective(setting, visibility=visibility), count).best.subset
     covered = (visibility.points[list(chosen)] >= LEAST).any(axis=0).mean() if chosen else 0.0
     return FirstSensors(mounted_site(site, candidates, chosen), len(candidates), float(covered))

@@ -27,11 +27,10 @@ from toolkit.viewing.recording_scene import (
     list_sensors,
     nodes_of_kind,
 )
-from toolkit.viewing.scene import POLICY, overview, scene_html, scene_script, script_data, set_view, viser_server
+from toolkit.viewing.scene import overview, render_page, scene_html, set_view, viser_server
 
 PAGE_FRAMES = 20  # of a recording, unless another number is asked for
 PAGE_POINTS = 600_000  # of all clouds of all frames together
-_FOLDER = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -119,18 +118,8 @@ def _colouring(colouring: Colouring, style: SceneStyle) -> Switch:
 
 def page_html(content: PageContent) -> str:
     """The page. Raises ImportError without jinja2."""
-    try:
-        from jinja2 import Environment, FileSystemLoader, StrictUndefined
-        from markupsafe import Markup
-    except ImportError:
-        raise ImportError("pages need jinja2: pip install coview[report]") from None
-
-    environment = Environment(loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined)
     data = {"html": content.html, "frames": content.frames, "names": content.names}
-    page: str = environment.get_template("page.html.j2").render(
-        content=content, policy=POLICY, scene_data=Markup(script_data(data)), script=Markup(scene_script())
-    )
-    return page
+    return render_page(Path(__file__).parent / "page.html.j2", data, content=content)
 
 
 def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:

@@ -35,7 +35,17 @@ from toolkit.viewing.drawn import (
     shades,
     thinned,
 )
-from toolkit.viewing.scene import add_lines, add_mesh, box_edges, dashes, headings, rgb, roof_crosses, spikes
+from toolkit.viewing.scene import (
+    add_lines,
+    add_mesh,
+    add_points,
+    box_edges,
+    dashes,
+    headings,
+    rgb,
+    roof_crosses,
+    spikes,
+)
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -102,15 +112,14 @@ def add_sample(
         cloud, number = thinned(each, style.most), style.sensors.index(each.name)
         made.append(_add_place(api, cloud, number, frame, visible))
         made += [
-            api.add_point_cloud(
+            add_points(
+                api,
                 f"/sensors/{number}/{colouring}/{frame}",
                 cloud.points,
                 shades(cloud, colouring, style.scales, index=number, newest=newest),
-                point_size=SHOWN_POINT_SIZE,
-                point_shape="square",
-                point_shading="flat",
-                precision=style.precision,
+                size=SHOWN_POINT_SIZE,
                 visible=visible,
+                precision=style.precision,
             )
             for colouring in (style.colourings if len(cloud.points) else ())
         ]

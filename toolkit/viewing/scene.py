@@ -12,16 +12,16 @@ from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64
+from toolkit.arrays import Float32, Float64, UInt8
 from toolkit.boxes import corners
 from toolkit.mesh import Mesh
 
 if TYPE_CHECKING:
-    from viser import LineSegmentsHandle, SceneApi, ViserServer
+    from viser import LineSegmentsHandle, PointCloudHandle, SceneApi, ViserServer
 
 Spot = tuple[float, float, float]
 
@@ -150,6 +150,22 @@ def add_lines(
     )
 
 
+def add_points(
+    api: SceneApi,
+    name: str,
+    points: Float32[np.ndarray, "n 3"],
+    colour: tuple[int, int, int] | UInt8[np.ndarray, "n 3"],
+    *,
+    size: float,
+    visible: bool,
+    precision: Literal["float16", "float32"] = "float16",
+) -> PointCloudHandle:
+    """Add points as squares of one colour, or one each. size: of their sides (m)."""
+    return api.add_point_cloud(
+        name, points, colour, point_size=size, point_shading="flat", precision=precision, visible=visible
+    )
+
+
 EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
 SPIKE = 2.5  # m, height of the mark on a false alarm
 
@@ -222,11 +238,28 @@ POLICY = (
 )
 
 
-def scene_script() -> str:
-    """Script that loads and switches a scene.
+def render_page(template: Path, data: object, script: str = "", **values: object) -> str:
+    """Render a page around a scene. data: of the scene, None without one. Raises ImportError without jinja2."""
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    except ImportError:
+        raise ImportError("pages need jinja2: pip install coview[report]") from None
 
-    The scene is loaded into its frame. The script switches the nodes of every `input` with data-node, which names one
-    node or several, and those of every frame of the recording, one of which is shown.
+    environment = Environment(loader=FileSystemLoader(template.parent), autoescape=True, undefined=StrictUndefined)
+    environment.trim_blocks = environment.lstrip_blocks = True
+    page: str = environment.get_template(template.name).render(
+        policy=POLICY,
+        scene_data=None if data is None else script_data(data),
+        script=script + scene_script(),
+        **values,
+    )
+    return page
+
+
+def scene_script() -> str:
+    """Script that loads a scene into its frame and switches its nodes.
+
+    Every `input` with data-node names one node or several. Of the frames of a recording one is shown at a time.
     """
     return (Path(__file__).parent / "scene.js").read_text(encoding="utf-8")
 

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from toolkit.viewing.scene import POLICY, scene_script, script_data
+from toolkit.viewing.scene import render_page
 
 if TYPE_CHECKING:
     from placement_env.report.pages.scene import Scene
@@ -157,27 +157,16 @@ def table(
 
 def to_html(document: Document, scene: Scene | None) -> str:
     """Return the page. A missing scene is replaced by a note."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    from markupsafe import Markup
-
-    environment = Environment(
-        loader=FileSystemLoader(_FOLDER),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page: str = environment.get_template("report.html.j2").render(
+    return render_page(
+        _FOLDER / "report.html.j2",
+        {"html": scene.html, "frames": scene.frames} if scene else None,
+        (_FOLDER / "report.js").read_text(encoding="utf-8"),
         document=document,
-        policy=POLICY,
-        style=Markup((_FOLDER / "report.css").read_text(encoding="utf-8")),
-        script=Markup((_FOLDER / "report.js").read_text(encoding="utf-8") + scene_script()),
+        style=(_FOLDER / "report.css").read_text(encoding="utf-8"),
         layers=scene.layers if scene else (),
         frames=scene.frames if scene else (),
-        scene_data=Markup(script_data({"html": scene.html, "frames": scene.frames})) if scene else None,
         picture=_data_address,
     )
-    return page
 
 
 def _data_address(svg: str) -> str:

@@ -1,6 +1,4 @@
-"""The junction in 3D, as a page of viser.
-
-It plays in an iframe without server or network.
+"""The junction in 3D, as a page of viser that plays in an iframe without server or network.
 
 viser's own player cannot hide one sensor with its points under a name that a reader knows. So every sensor, frame and
 kind of box is a node of its own, and the page around the scene switches nodes by messages (`Layer.node`).
@@ -28,6 +26,7 @@ from toolkit.viewing.scene import (
     Segments,
     add_lines,
     add_mesh,
+    add_points,
     box_edges,
     dashes,
     overview,
@@ -48,13 +47,15 @@ MOST_DRAWN = 240_000  # points of all clouds in all frames together
 # Darker than on maps, because the light of the scene whitens them.
 _SHADES = {**SOLID, "pond": "#a0c8dc", "tree": "#9fbf8c", "hedge": "#93b57f", "trunk": "#7a6554"}
 _FREE_POLE, _LANE, _BARE_GROUND = "#8c8c8c", "#b4b6ba", "#dfe2d8"
-_TRUTH = FAINT
-_HIT, _MISSED, _FALSE_ALARM = OUTCOME["hit"].colour, OUTCOME["missed"].colour, OUTCOME["false alarm"].colour
+GROUND_MARGIN = 25.0  # m of ground drawn around the area
+TILE = 4.0  # m; side of the tiles into which ground and streets are cut to follow the relief
+LONGEST_RUN = 8  # cells of visible ground in one rectangle
+NO_RETURN = 12.0  # m; length of rays that meet nothing
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A part that readers may hide. It has a name, node of the scene, colour, and mark in words."""
+    """A part that readers may hide. mark: how it is drawn, in words."""
 
     name: str
     node: str
@@ -62,9 +63,17 @@ class Layer:
     mark: str
 
 
+BOXES = (
+    Layer("Vehicles that were there", "/truth", FAINT, "thin solid boxes"),
+    Layer("Detections that hit", "/hit", OUTCOME["hit"].colour, "thick solid boxes"),
+    Layer("Vehicles that were missed", "/missed", OUTCOME["missed"].colour, "dashed boxes, a cross on the roof"),
+    Layer("False alarms", "/false", OUTCOME["false alarm"].colour, "dotted boxes under a mast"),
+)
+
+
 @dataclass(frozen=True)
 class Scene:
-    """A page of HTML with the scene. It has the layers and the nodes of each frame."""
+    """A page of HTML with the scene, its layers, and the nodes of each frame."""
 
     html: str
     layers: tuple[Layer, ...]
@@ -72,10 +81,7 @@ class Scene:
 
 
 def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence[Moment]) -> Scene:
-    """Build the scene of a plan.
-
-    It has the site, chosen sensors with the ground they see, and the frames of `moments`.
-    """
+    """Build the scene of a plan: the site, chosen sensors with the ground they see, and the frames of `moments`."""
     with viser_server() as server:
         api = server.scene
         _add_site(api, site, {sensor.pole for sensor in plan.sensors})
@@ -85,12 +91,16 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
         ]
         _add_views(api, site, plan.sensors)
         _add_clouds(api, moments, len(plan.sensors))
-        layers += _add_boxes(api, moments)
+        _add_boxes(api, moments)
         xmin, ymin, xmax, ymax = site.area.tolist()
         set_view(server, *overview((xmin, ymin, xmax, ymax)))
         html = scene_html(server)
-    frames = tuple(_frame_nodes(f, len(plan.sensors)) for f in range(len(moments)))
-    return Scene(html, tuple(layers), frames)
+    sensors = range(len(plan.sensors))
+    frames = tuple(
+        (*(f"/sensors/{s}/points {f}" for s in sensors), *(f"{layer.node}/{f}" for layer in BOXES))
+        for f in range(len(moments))
+    )  # some nodes may be missing, and hiding those does nothing
+    return Scene(html, (*layers, *BOXES), frames)
 
 
 def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
@@ -126,9 +136,9 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
 
 
 def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> None:
-    """Add edges of the planned sensors' fields of view. Only sensors that the site has are drawn."""
-    hanging: dict[str, Sensor] = {sensor.name: sensor for sensor in site.sensors}
-    found = [(index, hanging[each.name]) for index, each in enumerate(planned) if each.name in hanging]
+    """Add edges of the fields of view of the planned sensors that the site has."""
+    mounted = {sensor.name: sensor for sensor in site.sensors}
+    found = [(index, mounted[each.name]) for index, each in enumerate(planned) if each.name in mounted]
     if not found:
         return
     renderer = Renderer(site, (), [sensor for _, sensor in found])
@@ -141,59 +151,26 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
     most = MOST_DRAWN // max(sum(len(moment.clouds) for moment in moments), 1)
     for frame, moment in enumerate(moments):
         for index, points in enumerate(moment.clouds[:sensors]):
-            api.add_point_cloud(
-                f"/sensors/{index}/points {frame}",
-                thin_evenly(points, most),
-                rgb(sensor_colour(index)),
-                point_size=0.09,
-                point_shape="square",
-                point_shading="flat",
-                visible=frame == 0,
-            )
+            name, colour = f"/sensors/{index}/points {frame}", rgb(sensor_colour(index))
+            add_points(api, name, thin_evenly(points, most), colour, size=0.09, visible=frame == 0)
 
 
-def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
+def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> None:
     """Add truth and detections. Colour, line and mark tell them apart."""
-    layers = {
-        "truth": Layer("Vehicles that were there", "/truth", _TRUTH, "thin solid boxes"),
-        "hit": Layer("Detections that hit", "/hit", _HIT, "thick solid boxes"),
-        "missed": Layer("Vehicles that were missed", "/missed", _MISSED, "dashed boxes, a cross on the roof"),
-        "false": Layer("False alarms", "/false", _FALSE_ALARM, "dotted boxes under a mast"),
-    }
-    for layer in layers.values():
+    for layer in BOXES:
         api.add_frame(layer.node, show_axes=False)
     for frame, moment in enumerate(moments):
         truth, detections = moment.truth.boxes, moment.detections.boxes
         missed = truth[~moment.truth_hit & ~moment.truth_ignored]
-        hit = detections[moment.detection_hit]
         wrong = detections[~moment.detection_hit & ~moment.detection_ignored]
         drawn = (
-            ("truth", box_edges(truth), _TRUTH, 1.5),
-            ("hit", box_edges(hit), _HIT, 3.0),
-            (
-                "missed",
-                np.concatenate([dashes(box_edges(missed), dash=0.6, gap=0.4), roof_crosses(missed)]),
-                _MISSED,
-                3.0,
-            ),
-            ("false", np.concatenate([dashes(box_edges(wrong), dash=0.15, gap=0.3), spikes(wrong)]), _FALSE_ALARM, 3.0),
+            box_edges(truth),
+            box_edges(detections[moment.detection_hit]),
+            np.concatenate([dashes(box_edges(missed), dash=0.6, gap=0.4), roof_crosses(missed)]),
+            np.concatenate([dashes(box_edges(wrong), dash=0.15, gap=0.3), spikes(wrong)]),
         )
-        for key, segments, colour, width in drawn:
-            add_lines(api, f"{layers[key].node}/{frame}", segments, colour, width=width, visible=frame == 0)
-    return list(layers.values())
-
-
-def _frame_nodes(frame: int, sensors: int) -> tuple[str, ...]:
-    """Nodes of one frame. Some may be missing, and hiding those does nothing."""
-    clouds = [f"/sensors/{index}/points {frame}" for index in range(sensors)]
-    return (*clouds, *(f"{kind}/{frame}" for kind in ("/truth", "/hit", "/missed", "/false")))
-
-
-GROUND_MARGIN = 25.0  # m of ground drawn around the area
-TILE = 4.0  # m; side of the tiles into which ground and streets are cut to follow the relief
-LONGEST_RUN = 8  # cells of visible ground in one rectangle
-NO_RETURN = 12.0  # m; length of rays that meet nothing
-HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a rectangle
+        for layer, lines, width in zip(BOXES, drawn, (1.5, 3.0, 3.0, 3.0), strict=True):
+            add_lines(api, f"{layer.node}/{frame}", lines, layer.colour, width=width, visible=frame == 0)
 
 
 def ground_mesh(site: Site) -> Mesh:
@@ -205,18 +182,16 @@ def ground_mesh(site: Site) -> Mesh:
 def drape(
     site: Site, shapes: Sequence[shapely.Polygon], *, lift: float, without: Sequence[shapely.Polygon] = ()
 ) -> Mesh:
-    """Drape polygons over the ground near the area. They lie `lift` metres above it."""
+    """Drape polygons `lift` metres over the ground near the area."""
+    xmin, ymin, xmax, ymax = _extent(site)
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(xmin, xmax, TILE), np.arange(ymin, ymax, TILE)))
     covered = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
-    tiles = shapely.intersection(covered, _tiles(_extent(site)))
-    flat = triangulate(tiles[~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)])
-    return _lift(site, flat, lift)
+    tiles = shapely.intersection(covered, shapely.box(x, y, x + TILE, y + TILE))
+    return _lift(site, triangulate(tiles[~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)]), lift)
 
 
 def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
-    """Cells that a sensor sees, as rectangles.
-
-    They run along the rows of the grid; each sensor's lie a little above the last.
-    """
+    """Cells that a sensor sees, as rectangles along the rows of the grid; each sensor's lie a little above the last."""
     half, boxes = ground.cell / 2, []
     for row, y in zip(ground.seen[index], ground.y, strict=True):
         steps = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
@@ -224,20 +199,16 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
             for start in range(first, end, LONGEST_RUN):
                 last = min(start + LONGEST_RUN, end) - 1
                 boxes.append((ground.x[start] - half, y - half, ground.x[last] + half, y + half))
-    if not boxes:
-        return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
-    x0, y0, x1, y1 = np.array(boxes, np.float64).T
-    flat = np.stack([np.stack([x, y], 1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1).reshape(-1, 2)
+    x0, y0, x1, y1 = np.array(boxes, np.float64).reshape(-1, 4).T
+    corners = np.stack([np.stack([x, y], 1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1).reshape(-1, 2)
     first_corner = 4 * np.arange(len(boxes))[:, None]
-    triangles = np.concatenate([first_corner + half_square for half_square in HALVES]).astype(np.int64)
-    flat_mesh = Mesh(np.column_stack([flat, np.zeros(len(flat))]), triangles)
-    return _lift(site, flat_mesh, 0.08 + 0.03 * index)
+    triangles = np.concatenate([first_corner + half_square for half_square in ([0, 1, 2], [0, 2, 3])])
+    flat = Mesh(np.column_stack([corners, np.zeros(len(corners))]), triangles.astype(np.int64))
+    return _lift(site, flat, 0.08 + 0.03 * index)
 
 
-def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"], *, spokes: int = 6) -> Segments:
-    """Outline of a sensor's view of the empty site.
-
-    Rays lead to it from the sensor.
+def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"]) -> Segments:
+    """Outline of a sensor's view of the empty site, and rays that lead to it from the sensor.
 
     background: measurement of each ray, 0 without a return.
     """
@@ -249,10 +220,8 @@ def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"], 
     lengths = np.where(lengths > 0, lengths, min(sensor.model.max_range, NO_RETURN))
     ends = sensor.position + sensor.world_rays.T[picked] * lengths[:, None]
     outline = np.stack([ends, np.roll(ends, -1, axis=0)], 1)
-    jumps = (
-        np.linalg.norm(outline[:, 1] - outline[:, 0], axis=1) > 0.25 * lengths
-    )  # from one object to another behind it
-    corner_rays = np.linspace(0, len(ends), 4 * max(spokes // 4, 1), endpoint=False).astype(np.int64)
+    jumps = np.linalg.norm(outline[:, 1] - outline[:, 0], axis=1) > 0.25 * lengths  # to an object behind
+    corner_rays = np.linspace(0, len(ends), 4, endpoint=False).astype(np.int64)
     rays = np.stack([np.broadcast_to(sensor.position, (len(corner_rays), 3)), ends[corner_rays]], 1)
     return np.concatenate([outline[~jumps], rays])
 
@@ -260,14 +229,6 @@ def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"], 
 def _extent(site: Site) -> tuple[float, float, float, float]:
     xmin, ymin, xmax, ymax = site.area.tolist()
     return xmin - GROUND_MARGIN, ymin - GROUND_MARGIN, xmax + GROUND_MARGIN, ymax + GROUND_MARGIN
-
-
-def _tiles(extent: tuple[float, float, float, float]) -> np.ndarray:
-    """Squares that cover the extent, as shapely boxes."""
-    xmin, ymin, xmax, ymax = extent
-    x, y = np.meshgrid(np.arange(xmin, xmax, TILE), np.arange(ymin, ymax, TILE))
-    tiles: np.ndarray = shapely.box(x.ravel(), y.ravel(), x.ravel() + TILE, y.ravel() + TILE)
-    return tiles
 
 
 def _lift(site: Site, flat: Mesh, lift: float) -> Mesh:
