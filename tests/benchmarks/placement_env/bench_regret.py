@@ -4,8 +4,8 @@
     python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --drawn 32 [--sites NAME ...] [--late]
     python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --print
 
-At each site and budget the searches and `portfolio` answer, and the detector judges all their answers, RANDOM drawn
-sets and NEAR neighbours of greedy's on 100 frames of traffic that nobody saw. With --drawn nothing is searched: so
+At each site and budget the searches and `portfolio` answer, and the detector judges all their answers and a drawn set
+on 100 frames of traffic that nobody saw. With --drawn nothing is searched: so
 many sets of 1 to 8 sensors, drawn at random, are judged beside the surrogates, which are shown no answers of
 searches. Each row is kept in ROWS.jsonl when it is known, detections in --cache, so that a run that was killed goes
 on where it was; --print says what the rows say so far (`regret_figures.py`). Budgets go round the sites, so that few
@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
@@ -33,7 +33,6 @@ sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
 from regret_sites import Place, places  # noqa: E402
 
 SEARCHED, RACED, JUDGED = 60, 96, 100  # frames
-RANDOM, NEAR = 1, 0  # further sets that are judged: drawn of the pool, and neighbours of greedy's answer
 MOST_DRAWN = 8  # sensors of a set that is drawn
 DRAWS = 200  # resamples that are kept of each set
 IOUS = (0.7, 0.8, 0.9)
@@ -94,13 +93,6 @@ class Judging:
         run = replace(made.run, seed=made.run.seed + part, frames=frames)
         return replace(made, setting=replace(made.setting, **settings), run=run)
 
-    @cached_property
-    def fresh(self) -> Any:
-        """Of the third part, with all classes in sight."""
-        from placement_env.classes import Classes
-
-        return self.prepared(2, self.frames, classes=Classes(("vehicle", "cyclist", "pedestrian")))
-
     def evaluators(self) -> tuple[Any, Any]:
         """Of race and judgement."""
         from placement_env.search.portfolio.portfolio import Judging as PortfolioJudging
@@ -126,23 +118,12 @@ class Judging:
         }
         return made if self.scheme == "early" else {name: made[name] for name in ("greedy", "swap", "cpsat")}
 
-    def others(self, k: int, near: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """Sets drawn at random, and neighbours of one."""
-        rng, mount = np.random.default_rng([self.seed, k]), self.candidates.mount
-        found = [self._drawn(rng, k) for _ in range(RANDOM)]
-        for _ in range(NEAR):
-            kept = list(near)
-            kept.pop(int(rng.integers(len(kept))))
-            free = np.flatnonzero(~np.isin(mount, mount[kept]))
-            found.append(tuple(sorted([*kept, int(rng.choice(free))])))
-        return found
-
     def drawn(self, count: int) -> list[tuple[int, ...]]:
         """Sets of 1 to `MOST_DRAWN` sensors in turn, drawn at random."""
         rng = np.random.default_rng([self.seed, count])
-        return [self._drawn(rng, 1 + turn % MOST_DRAWN) for turn in range(count)]
+        return [self.draw(rng, 1 + turn % MOST_DRAWN) for turn in range(count)]
 
-    def _drawn(self, rng: np.random.Generator, k: int) -> tuple[int, ...]:
+    def draw(self, rng: np.random.Generator, k: int) -> tuple[int, ...]:
         """A set drawn at random, one sensor to a mount."""
         members = rng.permutation(len(self.candidates))
         _, first = np.unique(self.candidates.mount[members], return_index=True)
@@ -155,23 +136,14 @@ class Judging:
         return row
 
     def judged(self, subset: tuple[int, ...]) -> dict[str, Any]:
-        """What the detector says of a set, with resamples, and of small road users; fast scores of the same traffic."""
-        from placement_env.classes import Classes
+        """What the detector says of a set, with resamples; fast scores of the same traffic."""
         from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator
 
         detected, row, frames = self._detected, self.row_of(subset), np.arange(self.frames)
-        began = perf_counter()
         each = [CasesEvaluator((DetectorEvaluator(detected, (iou,)),)).evaluate(row, frames) for iou in IOUS]
-        took = perf_counter() - began
-        small = {}
-        for label in ("cyclist", "pedestrian"):
-            of_class = self.prepared(2, self.frames, classes=Classes((label,))).fidelity("detector")
-            small[label] = float(of_class(row).ap[0])
         return {
             "ap": [round(float(found.ap[0]), 5) for found in each],
             "draws": [np.round(found.resamples[0][:DRAWS], 4).tolist() for found in (each[0], each[2])],
-            "small": small,
-            "took": round(took, 2),
             "same": {name: round(float(score(row)[0][0]), 5) for name, score in self._fast.items()},
         }
 
@@ -182,21 +154,15 @@ class Judging:
     @cached_property
     def _fast(self) -> dict[str, Callable[[np.ndarray], Any]]:
         """Fast fidelities on the traffic of the judgement."""
-        from placement_env.classes import Classes
         from placement_env.fidelity.coverage import Coverage
         from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
         from placement_env.fidelity.surrogate import Surrogate
 
-        seen = self.fresh.visibility
-        vehicles = seen.of_classes(Classes(("vehicle",)).labels)
+        vehicles = self.prepared(2, self.frames).visibility
         radius = self.site.hybrid_radius
         made: dict[str, Callable[[np.ndarray], Any]] = {
             f"surrogate@{iou:g}": Surrogate(vehicles, self.scheme, iou=iou, radius=radius) for iou in IOUS
         }
-        for label in ("cyclist", "pedestrian"):
-            made[f"surrogate {label}"] = Surrogate(seen, self.scheme, radius=radius, classes=Classes((label,)))
-            own = seen.of_classes(Classes((label,)).labels)
-            made[f"coverage {label}"] = Coverage(own, self.scheme, classes=Classes((label,)))
         made["coverage"] = Coverage(vehicles, self.scheme)
         made["perception entropy"] = PerceptionEntropy(vehicles, self.scheme)
         made["information gain"] = InformationGain(vehicles, self.scheme)
@@ -218,23 +184,19 @@ def run(judging: Judging, k: int, rows: Rows) -> None:
     if not rows.find(kind="portfolio", **at):
         rows.add(kind="portfolio", **at, **_portfolio(judging, k))
     answers = [tuple(row["subset"]) for kind in ("portfolio", "search") for row in rows.find(kind=kind, **at)]
-    greedy = tuple(rows.find(kind="search", method="greedy", **at)[0]["subset"])
-    for subset in dict.fromkeys([*answers, *judging.others(k, greedy)]):
-        if subset and not rows.find(kind="set", subset=list(subset), site=at["site"], scheme=at["scheme"]):
-            predicted = float(judging.objective.scores(judging.row_of(subset)).ap[0])
-            rows.add(kind="set", **at, subset=list(subset), predicted=predicted, **judging.judged(subset))
-    print(f"{judging.name} {k} {judging.scheme}: {len(rows.rows)} rows", flush=True)
+    drawn = judging.draw(np.random.default_rng([judging.seed, k]), k)
+    judge_sets(judging, dict.fromkeys([*answers, drawn]), rows, k=k)
 
 
-def run_drawn(judging: Judging, count: int, rows: Rows) -> None:
-    """Sets drawn at random at one site: what is not in the rows yet."""
+def judge_sets(judging: Judging, sets: Iterable[tuple[int, ...]], rows: Rows, *, k: int | None = None) -> None:
+    """Add rows of the sets at one site that the rows lack."""
     at = {"site": judging.name, "scheme": judging.scheme}
-    for subset in judging.drawn(count):
-        if not rows.find(kind="set", subset=list(subset), **at):
+    for subset in sets:
+        if subset and not rows.find(kind="set", subset=list(subset), **at):
             predicted = float(judging.objective.scores(judging.row_of(subset)).ap[0])
-            said = judging.judged(subset)
-            rows.add(kind="set", **at, k=len(subset), subset=list(subset), predicted=predicted, **said)
-    print(f"{judging.name} {judging.scheme}: {len(rows.rows)} rows", flush=True)
+            own = {"k": len(subset) if k is None else k, "subset": list(subset), "predicted": predicted}
+            rows.add(kind="set", **at, **own, **judging.judged(subset))
+    print(f"{judging.name} {k or ''} {judging.scheme}: {len(rows.rows)} rows", flush=True)
 
 
 def _portfolio(judging: Judging, k: int) -> dict[str, Any]:
@@ -270,7 +232,7 @@ def main() -> None:
             for number, (name, place) in enumerate(chosen.items()):
                 judging = Judging(name, place, asked.cache, asked.workers, scheme, asked.frames)
                 if asked.drawn:
-                    run_drawn(judging, asked.drawn, rows)
+                    judge_sets(judging, judging.drawn(asked.drawn), rows)
                 else:
                     run(judging, asked.budgets[(number // 2 + turn) % len(asked.budgets)], rows)
     from regret_figures import figures

@@ -2,12 +2,9 @@
 
     python tests/benchmarks/placement_env/bench_surrogate.py TABLE RECORDING [--scheme early] [--iou 0.7]
         [--model MODELS.json]
-    python tests/benchmarks/placement_env/bench_surrogate.py --poses SITE [--frames 50] [--sets 100] [--seed 2000]
-        [--memo FILE] ...
 
 TABLE: a .npz of `placement_env.fidelity.table` or a built-in site's name; RECORDING: the HDF5 file it was measured in.
-With --poses: random sets of 1 to 8 poses of the site's pool, scored by its detector on traffic of the seed. Intervals
-are 95 % of 2000 bootstraps over sets; ms per evaluation is one process's, sets a thousand at a time.
+Intervals are 95 % of 2000 bootstraps over sets; ms per evaluation is one process's, sets a thousand at a time.
 """
 
 from __future__ import annotations
@@ -102,45 +99,18 @@ def of_table(asked: argparse.Namespace) -> tuple:
     return visibility, sets, TableFidelity(table, asked.scheme, asked.iou)(sets).ap
 
 
-def of_poses(asked: argparse.Namespace) -> tuple:
-    """Visibility, sets and AP of random poses of a pool, on traffic of the seed."""
-    from models.detector import load_detector
-    from placement_env.candidates.pool import pool, random_sets
-    from placement_env.fidelity.detector import Detected
-    from placement_env.fidelity.renders import Renders
-    from placement_env.fidelity.seeing import see
-    from placement_env.fidelity.traffic import simulate_traffic
-    from toolkit.sites.files import load_site
-
-    rng, site = np.random.default_rng(asked.seed), load_site(asked.poses)
-    candidates = pool(site)
-    candidates = candidates.select(np.sort(rng.choice(len(candidates), 100, replace=False)))
-    sets = random_sets(candidates, 0, 2 * asked.sets, rng)
-    sets = rng.permutation(sets[sets.any(axis=1)])[: asked.sets]
-    frames = simulate_traffic(site, asked.frames, asked.seed)
-    detector = load_detector("general", area=site.area)
-    detected = Detected(Renders(frames, candidates), detector, asked.scheme, iou=asked.iou, memo=asked.memo)
-    return see(frames, candidates), sets, detected(sets).ap
-
-
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("table", nargs="?")
-    arguments.add_argument("recording", nargs="?")
-    arguments.add_argument("--poses", metavar="SITE")
+    arguments.add_argument("table")
+    arguments.add_argument("recording")
     arguments.add_argument("--scheme", choices=("early", "late", "hybrid"), default="early")
     arguments.add_argument("--iou", type=float, default=0.7)
     arguments.add_argument("--model", type=Path)
-    arguments.add_argument("--memo", type=Path)
-    for name, default in (("frames", 50), ("sets", 100), ("seed", 2000)):
-        arguments.add_argument(f"--{name}", type=int, default=default)
     asked = arguments.parse_args()
-    if not (asked.poses or asked.recording):
-        arguments.error("give a table and its recording, or --poses SITE")
 
     from placement_env.fidelity.hits.hit_model import load_models
 
-    visibility, sets, ap = of_poses(asked) if asked.poses else of_table(asked)
+    visibility, sets, ap = of_table(asked)
     models = load_models(asked.model) if asked.model else ()
     wanted = [model for model in models if (model.scheme, model.iou) == (asked.scheme, asked.iou)]
     leaderboard(visibility, asked.scheme, asked.iou, sets, ap, wanted[0] if wanted else None)

@@ -4,19 +4,17 @@ how far panoramas are from full rendering.
 python tests/benchmarks/placement_env/bench_visibility.py [FRAMES [POSES [WORKERS [SITE]]]]   (200, all, 2, both)
     --full      cast every ray of every pose
     --agree     both ways for poses of some sensor models and tilts: how many objects agree within 3 % or 8 points
-    --growth    CPU seconds as mounts, headings, frames and objects grow, each by itself, in one process from panoramas
 """
 
 import resource
 import sys
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from placement_env.candidates.pool import pool
 from placement_env.fidelity.seeing import see
-from placement_env.fidelity.traffic import Traffic, simulate_traffic
+from placement_env.fidelity.traffic import simulate_traffic
 from placement_env.setting import Rendering
 from toolkit.objects import LABELS
 from toolkit.runtime.run import Run
@@ -56,32 +54,6 @@ def agreement(frames: int, poses: int, name: str) -> None:
             )
 
 
-def thinned(traffic: Traffic, share: int) -> Traffic:
-    """With one object of so many."""
-    some = [replace(each, objects=each.objects[::share], bodies=each.bodies[::share]) for each in traffic.snapshots]
-    return replace(traffic, snapshots=tuple(some))
-
-
-def growth(name: str) -> None:
-    """Print a row per size; the first is what the others differ from in one figure."""
-    site, usual = load_site(name), {"mounts": 8, "headings": 8, "frames": 8, "one object of": 1}
-    whole = simulate_traffic(site, 16, 1)
-    others = {"mounts": (4, 16), "headings": (4, 16), "frames": (4, 16), "one object of": (2, 4)}
-    changes = [{what: size} for what, sizes in others.items() for size in sizes]
-    print(f"| {' | '.join(usual)} | poses | objects | CPU s |", flush=True)
-    for k, change in enumerate([{}, {}, *changes]):  # the first time, tables of rays are made as well
-        mounts, headings, frames, share = (usual | change).values()
-        spread = np.linspace(0, len(site.mounts) - 1, mounts).astype(np.int64)
-        candidates = pool(site, headings=headings, mounts=[site.mounts[m] for m in spread])
-        traffic = thinned(replace(whole, snapshots=whole.snapshots[:frames]), share)
-        cpu = cpu_seconds()
-        see(traffic, candidates, rendering="panorama")
-        cpu, objects = cpu_seconds() - cpu, sum(len(each.objects) for each in traffic.snapshots)
-        if k:
-            row = (mounts, headings, frames, share, len(candidates), objects, f"{cpu:.2f}")
-            print(f"| {' | '.join(map(str, row))} |", flush=True)
-
-
 def main(
     frames: int = 200, poses: int | None = None, workers: int = 2, *sites: str, rendering: Rendering = "panorama"
 ) -> None:
@@ -109,7 +81,5 @@ if __name__ == "__main__":
         frames, poses = given[:2] or (3, 60)
         for place in given[3:] or ("tjunction", "roundabout"):
             agreement(int(frames), int(poses), str(place))
-    elif "--growth" in sys.argv:
-        growth(*map(str, given[:1] or ("tjunction",)))
     else:
         main(*given, rendering="full" if "--full" in sys.argv else "panorama")

@@ -30,9 +30,8 @@ def figures(rows: Sequence[Row]) -> list[str]:
             lines += [f"{scheme} fusion", *_portfolios(of_scheme), "", *_curses(of_scheme), ""]
         sets = [row for row in of_scheme if row["kind"] == "set"]
         if sets:
-            lines += [*_correlations(sets, scheme), "", *_of_each_site(sets), ""]
-    small = [row for row in rows if row["kind"] == "set" and row["scheme"] == "early"]
-    return lines + (_of_small(small) if small else [])
+            lines += [*_correlations(sets, scheme), ""]
+    return lines
 
 
 def _portfolios(rows: Sequence[Row]) -> list[str]:
@@ -129,21 +128,7 @@ def _correlations(rows: Sequence[Row], scheme: str) -> list[str]:
         error = np.mean([abs(score(row) - row["ap"][at]) for row in rows])
         said = "" if name in FAST[2:] else f"{error:8.3f}"
         scored.append((found[0][0], f"{name:22s} {' '.join(map(_written, found))} {said}"))
-    itself = [_itself(rows, by, at) for by, at in WAYS]
-    lines += [line for _, line in sorted(scored, reverse=True)]
-    return [*lines, f"{'detector, resampled':22s} {' '.join(f'{value:8.3f}'.ljust(24) for value in itself)}"]
-
-
-def _of_each_site(rows: Sequence[Row]) -> list[str]:
-    """Of the surrogate at each site: rank correlation at 0.7 and 0.9, mean error at 0.7."""
-    lines = [f"{'site':15s} {'sets':>4s} {'at 0.7':>24s} {'at 0.9':>24s} {'|error|':>8s}"]
-    for site in dict.fromkeys(row["site"] for row in rows):
-        here = [row for row in rows if row["site"] == site]
-        at07 = _within(here, _of("surrogate@0.7"), ("site",), 0)
-        at09 = _within(here, _of("surrogate@0.9"), ("site",), 2)
-        error = np.mean([abs(row["same"]["surrogate@0.7"] - row["ap"][0]) for row in here])
-        lines.append(f"{site:15s} {len(here):4d} {_written(at07)} {_written(at09)} {error:8.3f}")
-    return lines
+    return [*lines, *(line for _, line in sorted(scored, reverse=True))]
 
 
 def _of(name: str) -> Callable[[Row], float]:
@@ -172,17 +157,6 @@ def _within(
     return float(np.mean(list(whole.values()))), float(low), float(high)
 
 
-def _itself(rows: Sequence[Row], by: tuple[str, ...], at: int) -> float:
-    """Mean over groups of sets of the rank correlation between the detector's AP and its resamples: with so few frames
-    a score that knew the AP of endless traffic would have about this much."""
-    found = []
-    for group in _grouped(rows, by).values():
-        figure = np.array([row["ap"][at] for row in group])
-        draws = np.array([row["draws"][at // 2] for row in group]).T
-        found.append(spearman(np.broadcast_to(figure, draws.shape), draws).mean())
-    return float(np.mean(found)) if found else np.nan
-
-
 def _grouped(rows: Sequence[Row], by: tuple[str, ...]) -> dict[tuple[Any, ...], list[Row]]:
     """The rows with the same values, where there are enough; by k only those with so many sensors."""
     groups: dict[tuple[Any, ...], list[Row]] = {}
@@ -190,20 +164,6 @@ def _grouped(rows: Sequence[Row], by: tuple[str, ...]) -> dict[tuple[Any, ...], 
         if "k" not in by or len(row["subset"]) == row["k"]:
             groups.setdefault(tuple(row[name] for name in by), []).append(row)
     return {key: group for key, group in groups.items() if len(group) >= LEAST}
-
-
-def _of_small(rows: Sequence[Row]) -> list[str]:
-    """Surrogates of cyclists and pedestrians, at IoU 0.5."""
-    lines = []
-    for label in ("cyclist", "pedestrian"):
-        there = [row for row in rows if np.isfinite(row["small"][label])]
-        truth = [{**row, "ap": [row["small"][label]] * 3, "draws": [[row["small"][label]]] * 2} for row in there]
-        for name in (f"surrogate {label}", f"coverage {label}"):
-            score = _of(name)
-            rho, low, high = _within(truth, score, ("site",), 0)
-            error = np.mean([abs(score(row) - row["ap"][0]) for row in truth])
-            lines.append(f"{name:22s} {rho:.3f} ({low:.3f} … {high:.3f}) of a site, |error| {error:.3f}")
-    return lines
 
 
 def _over_sites(values: np.ndarray, sites: Sequence[str]) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.frame import Recording
 from toolkit.objects import Detections
+from toolkit.runtime.run import Run
 
 HOUSE = Path(toolkit.__file__).parents[1]
 FLOORS = tuple(f"{HOUSE / floor}/" for floor in ("coview", "toolkit", "models", "placement_env"))
@@ -47,7 +48,7 @@ def count_calls(recording: Recording) -> Counter[tuple[str, str]]:
 if __name__ == "__main__":
     with TemporaryDirectory() as folder:
         path = Path(folder) / "one.hdf5"
-        simulate_dataset("tjunction", out=path, frames=1, seed=0)
+        simulate_dataset("tjunction", path, run=Run(frames=1))
         for _ in range(2):  # the first run loads what loads on demand
             with Opening().open(path) as opened:
                 total = count_calls(opened)

@@ -1,9 +1,9 @@
-"""Bytes of foreground messages at both built-in sites, and the AP of what arrives beside that of all raw points.
+"""Bytes of foreground messages at both built-in sites.
 
-    python tests/benchmarks/toolkit/bench_messages.py [--frames 1000] [--ap-frames 1000] [--folder out/messages]
+    python tests/benchmarks/toolkit/bench_messages.py [--frames 1000] [--folder out/messages]
 
-Of each site three recordings are simulated: 128 frames of the day before, of which the sensors learn their empty
-scenes, frames 5 s apart, and frames 0.1 s apart. Every frame's row is kept in the folder as soon as it is there: killed
+Of each site two recordings are simulated: 128 frames of the day before, of which the sensors learn their empty
+scenes, and frames 0.1 s apart. Every frame's row is kept in the folder as soon as it is there: killed
 and started again it goes on, `--print` prints what there is. Intervals: bootstrap over blocks of 50 frames, in which
 traffic is the same. Milliseconds are processor time, on one thread.
 """
@@ -25,29 +25,18 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 SITES = ("tjunction", "roundabout")
 SEED, DAY_BEFORE, BLOCK = 1418, 128, 50
 TIMED = 100  # frames whose messages are read as well
-IOUS = (0.7, 0.8, 0.9)
-APART, CLOSE = 5.0, 0.1  # s between frames in which is detected, and between those whose bytes are counted
+APART, CLOSE = 5.0, 0.1  # s between frames of the day before, and between those whose bytes are counted
 
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--frames", type=int, default=50)
-    arguments.add_argument("--ap-frames", type=int, default=5)
     arguments.add_argument("--folder", type=Path, default=Path("out/messages"))
-    arguments.add_argument("--only", choices=("bytes", "ap"))
     arguments.add_argument("--print", action="store_true", dest="printed")
     asked = arguments.parse_args()
-    if not asked.printed:
-        if asked.only != "ap":
-            for site in SITES:
-                count_bytes(asked.folder, site, asked.frames)
-        if asked.only != "bytes":
-            for systems in (("early", "foreground 2"), ("foreground 8", "foreground 4")):
-                for done in range(50, asked.ap_frames + 50, 50):
-                    for site in SITES:
-                        detect(asked.folder, site, systems, min(done, asked.ap_frames), of=asked.frames)
+    for site in () if asked.printed else SITES:
+        count_bytes(asked.folder, site, asked.frames)
     print_bytes(asked.folder)
-    print_ap(asked.folder)
 
 
 def recorded(folder: Path, site: str, apart: float, frames: int, seed: int = SEED) -> Any:
@@ -70,14 +59,6 @@ def learnt(folder: Path, site: str) -> tuple[Any, ...]:
     if not path.exists():
         save_empty_scenes(path, learn_empty_scenes(recorded(folder, site, APART, DAY_BEFORE, SEED + 1)))
     return load_empty_scenes(path)
-
-
-def schemes() -> dict[str, Any]:
-    """Whatever is compared, by its name in rows."""
-    from toolkit.detection.link.foreground import Foreground
-    from toolkit.detection.schemes import Early
-
-    return {"early": Early()} | {f"foreground {cm}": Foreground(cm / 100) for cm in (2, 4, 8)}
 
 
 def links() -> dict[str, Any]:
@@ -116,6 +97,7 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
     if begin >= frames:
         return
     kept = path.read_text().splitlines(keepends=True)[:begin] if path.exists() else []
+    folder.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(kept))
     recording = recorded(folder, site, CLOSE, frames)
     scenes = Scenes(recording, learnt(folder, site))
@@ -167,36 +149,6 @@ def print_bytes(folder: Path) -> None:
             print(f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET).mean():10.4f} {took}")
 
 
-def detect(folder: Path, site: str, systems: tuple[str, ...], frames: int, *, of: int) -> None:
-    """AP rows of some systems: a line per frame with scores, hits by IoU, and how many there are to be found."""
-    from models.detector import load_site_detector
-    from toolkit.datasets.readings import read_frame
-    from toolkit.detection.metrics import match
-    from toolkit.detection.view import frame_view
-    from toolkit.objects import VEHICLE
-    from toolkit.points import has_centre_inside
-
-    path = folder / f"{site}-ap-{'-'.join(systems).replace(' ', '')}.jsonl"
-    begin = len(list(as_rows(path)))
-    if begin >= frames:
-        return
-    recording, scenes = recorded(folder, site, APART, of), learnt(folder, site)
-    detector, chosen = load_site_detector(site, recording.site.area), schemes()
-    for k in range(begin, frames):
-        frame = read_frame(recording, k)
-        view = frame_view(frame, detector, recording.site, scene=lambda sensor: scenes[sensor])
-        counted = has_centre_inside(frame.objects.boxes, recording.site.area)
-        row: dict[str, Any] = {"truths": int((counted & (frame.objects.labels == VEHICLE)).sum())}
-        for name in systems:
-            fused = chosen[name].fuse(view, range(len(frame.sensors)))
-            row[name] = {"bits": fused.bits.tolist(), "iou": {}}
-            for iou in IOUS:
-                found = match(fused.detections, frame.objects, iou, label="vehicle", counted=counted)
-                scores = fused.detections.scores[~found.ignored].round(6).tolist()
-                row[name]["iou"][f"{iou:g}"] = [scores, (found.truth[~found.ignored] >= 0).astype(int).tolist()]
-        append(path, row)
-
-
 def as_rows(path: Path) -> Iterator[dict[str, Any]]:
     """The rows of a file, but for one that was broken off."""
     for line in path.read_text().splitlines() if path.exists() else ():
@@ -211,54 +163,11 @@ def append(path: Path, row: dict[str, Any]) -> None:
         file.write(json.dumps(row) + "\n")
 
 
-def print_ap(folder: Path) -> None:
-    """AP of every system, and how far it lies from that of early fusion in the same frames."""
-    print(f"\n{'AP':12s} {'system':14s} {'frames':>6s} {'vehicles':>8s} {'kbit':>8s}  AP, and less early's, at {IOUS}")
-    for site in SITES:
-        rows: dict[str, list[dict[str, Any]]] = {}
-        for path in sorted(folder.glob(f"{site}-ap-*.jsonl")):
-            for row in as_rows(path):
-                for name in row.keys() - {"truths"}:
-                    rows.setdefault(name, []).append(row)
-        for name in sorted(rows):
-            own, n = rows[name], min(len(rows[name]), len(rows["early"]))
-            truths = np.array([row["truths"] for row in own[:n]])
-            kbit, cells = np.mean([row[name]["bits"] for row in own]) / 1000, []
-            for iou in IOUS:
-                both = [
-                    _flat([row[which]["iou"][f"{iou:g}"] for row in those[:n]])
-                    for which, those in ((name, own), ("early", rows["early"]))
-                ]
-
-                once, drawn = np.ones(n, int), list(draws(n))
-                differences = [ap(frames, both[0], truths) - ap(frames, both[1], truths) for frames in drawn]
-                low, high = np.quantile(differences, (0.025, 0.975))
-                mine = ap(once, both[0], truths)
-                cells.append(f"{mine:.4f} {mine - ap(once, both[1], truths):+.4f} [{low:+.4f} {high:+.4f}]")
-            print(f"{site:12s} {name:14s} {n:6d} {truths.sum():8d} {kbit:8.2f}  " + "   ".join(cells), flush=True)
-
-
-def ap(times: np.ndarray, detections: tuple[np.ndarray, np.ndarray, np.ndarray], truths: np.ndarray) -> float:
-    """AP of detections (scores, hits, frames), each frame so many times."""
-    from toolkit.detection.metrics import average_precision, precision_recall
-
-    scores, hits, of = detections
-    often = times[of]
-    curve = precision_recall(np.repeat(scores, often), np.repeat(hits, often), int(truths @ times))
-    return float(average_precision(curve))
-
-
 def draws(frames: int, resamples: int = 300) -> Iterator[np.ndarray]:
     """How often each frame is drawn: blocks of traffic, with replacement."""
     rng, blocks = np.random.default_rng(0), np.arange(frames) // BLOCK
     for _ in range(resamples):
         yield np.bincount(rng.integers(0, blocks[-1] + 1, blocks[-1] + 1), minlength=blocks[-1] + 1)[blocks]
-
-
-def _flat(each: list[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scores, hits and frames of all detections."""
-    of = np.repeat(np.arange(len(each)), [len(scores) for scores, _ in each])
-    return np.concatenate([s for s, _ in each]), np.concatenate([h for _, h in each]).astype(bool), of
 
 
 if __name__ == "__main__":
