@@ -140,34 +140,53 @@ def race(
     return Race(running, rungs[-1].scores[: len(running)], tuple(rungs), spent, full)
 
 
+@dataclass(frozen=True)
+class RaceRules:
+    """Rules of a race until a confidence. Raises ValueError where they do not fit.
+
+    confidence: level to reach; tolerance: a lead that does not count; first, eta: frames of the first rung, and the
+    factor by which later ones grow; least: frames before which no confidence ends it; most: set-frames, beyond which
+    only the best go on.
+    """
+
+    confidence: float = 0.95
+    tolerance: float = 0.01
+    first: int = 12
+    eta: int = 2
+    least: int = 0
+    most: float = math.inf
+
+    def __post_init__(self) -> None:
+        if min(self.first, self.eta - 1) < 1 or not 0 < self.confidence < 1 or not self.tolerance >= 0:
+            raise ValueError(
+                "a race until a confidence needs eta >= 2, first >= 1, a confidence between 0 and 1 and a tolerance "
+                f"from 0 up, got eta {self.eta}, first {self.first}, confidence {self.confidence} and tolerance "
+                f"{self.tolerance}"
+            )
+
+
+USUAL_RULES = RaceRules()
+
+
 def race_until(
     scores: ResampledScores,
     sets: Bool[np.ndarray, "n C"],
     order: Int64[np.ndarray, " frames"],
+    rules: RaceRules = USUAL_RULES,
     *,
-    confidence: float = 0.95,
-    tolerance: float = 0.01,
-    first: int = 12,
-    eta: int = 2,
-    least: int = 0,
-    most: float = math.inf,
-    stop: Callable[[], bool] = lambda: False,
     predicted: Float64[np.ndarray, " n"] | None = None,
 ) -> Contest:
-    """Race sets until the best is known confidently enough.
+    """Race sets until the best is known confidently enough, or all frames are used.
 
-    The race also ends when all frames are used. scores: called with sets and the first frames of `order`, more each
-    time; if it uses fewer, the race ends with these; confidence: level to reach; tolerance: a lead that does not count;
-    first, eta: frames of the first rung, and the factor by which later ones grow; least: frames before which no
-    confidence ends it; most: set-frames, beyond which only the best go on; stop: called after each rung, true to end;
-    predicted: prior figure of each set. With predictions, sets are ranked by the estimate that
-    `placement_env.analysis.shrinkage.shrink` makes from both.
+    scores: called with sets and the first frames of `order`, more each time; if it uses fewer, the race ends with
+    these; predicted: prior figure of each set. With predictions, sets are
+    ranked by the estimate that `placement_env.analysis.shrinkage.shrink` makes from both.
 
     A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. The remaining doubt
     has two parts: the share of resamples in which a set still in the race is better than the winner by more than the
     tolerance, and the sum of these shares for dropped sets at the time they were dropped. Where time ran out it is at
-    least 2^-blocks, the chance that the same of two equal sets is the better one in every block. Raises ValueError as
-    `race` does.
+    least 2^-blocks, the chance that the same of two equal sets is the better one in every block. Raises ValueError
+    without a set or frame.
 
     >>> ap = np.array([0.3, 0.9, 0.5])
     >>> def scores(sets, frames):
@@ -177,19 +196,15 @@ def race_until(
     ([1, 2, 0], 1.0, 36)
     """
     frames = len(order)
-    if min(len(sets), frames, first, eta - 1) < 1 or not 0 < confidence < 1 or not tolerance >= 0:
-        raise ValueError(
-            "a race until a confidence needs a set, a frame, eta >= 2, first >= 1, a confidence between 0 and 1 and a "
-            f"tolerance from 0 up, got {len(sets)} sets, {frames} frames, eta {eta}, first {first}, confidence "
-            f"{confidence} and tolerance {tolerance}"
-        )
+    if min(len(sets), frames) < 1:
+        raise ValueError(f"a race until a confidence needs a set and a frame, got {len(sets)} sets, {frames} frames")
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
-    risk, seen, spent = (1 - confidence) / len(running), 0, 0
+    risk, seen, spent = (1 - rules.confidence) / len(running), 0, 0
     dropped: list[tuple[Int64[np.ndarray, " _"], Float64[np.ndarray, " _"], int]] = []
     rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]] = []
     expected = np.zeros(len(sets))
     while True:
-        reached = min(frames, max(first, seen * eta))
+        reached = min(frames, max(rules.first, seen * rules.eta))
         found = scores(sets[running], order[:reached])
         counted = reached if found.frames is None else found.frames
         spent, seen = spent + len(running) * (counted - seen), counted
@@ -203,15 +218,15 @@ def race_until(
         running, measured = running[ranked], measured[ranked]
         rungs.append((running, found))
         by_chance = 0.0 if found.frames is None or len(sets) == 1 else 0.5**found.blocks
-        sure = 1 - max(by_chance, _doubt(rungs, int(running[0]), tolerance))
-        if seen == frames or seen < reached or (sure >= confidence and seen >= least) or stop():
+        sure = 1 - max(by_chance, _doubt(rungs, int(running[0]), rules.tolerance))
+        if seen == frames or seen < reached or (sure >= rules.confidence and seen >= rules.least):
             dropped.append((running, measured, seen))
             break
         lead = found.resamples - found.resamples[0]
         stays = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
         stays[0] = True
-        added = min(frames, seen * eta) - seen
-        stays &= np.cumsum(stays) <= max(1.0, (most - spent) / added)
+        added = min(frames, seen * rules.eta) - seen
+        stays &= np.cumsum(stays) <= max(1.0, (rules.most - spent) / added)
         dropped.append((running[~stays], measured[~stays], seen))
         running = running[stays]
     rows, figures, counts = zip(*dropped[::-1], strict=True)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from placement_env.racing import Resampled, race, race_until, verify
+from placement_env.racing import RaceRules, Resampled, race, race_until, verify
 from placement_env.subsets import all_subsets
 
 SETS = all_subsets(8)[1:]
@@ -171,10 +171,10 @@ TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
 
 def test_a_race_ends_when_sure_but_not_before_its_least_frames():
     sure = Spread(TRUE, noise=0.0)
-    assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), first=12).frames.max() == 12
-    assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), first=12, least=24).frames.max() == 24
-    assert race_until(sure, np.eye(5, dtype=bool), np.arange(16), first=12, least=24).frames.max() == 16
-    near = race_until(Spread(TRUE), np.eye(5, dtype=bool), np.arange(400), tolerance=0.05, confidence=0.9)
+    assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12)).frames.max() == 12
+    assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12, least=24)).frames.max() == 24
+    assert race_until(sure, np.eye(5, dtype=bool), np.arange(16), RaceRules(first=12, least=24)).frames.max() == 16
+    near = race_until(Spread(TRUE), np.eye(5, dtype=bool), np.arange(400), RaceRules(tolerance=0.05, confidence=0.9))
     assert near.confidence >= 0.9
     assert near.frames.max() < 100
     exact = Spread(TRUE, noise=0.0)
@@ -184,7 +184,9 @@ def test_a_race_ends_when_sure_but_not_before_its_least_frames():
 
 def test_a_race_until_a_confidence_drops_what_is_worse_and_goes_on_with_what_may_be_better():
     scores = Spread(TRUE)
-    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(384)[::-1], first=12, tolerance=0.001, confidence=0.9)
+    ran = race_until(
+        scores, np.eye(5, dtype=bool), np.arange(384)[::-1], RaceRules(first=12, tolerance=0.001, confidence=0.9)
+    )
     assert [len(frames) for _, frames in scores.asked] == [12, 24, 48, 96, 192, 384]
     assert all(frames == list(range(383, 383 - len(frames), -1)) for _, frames in scores.asked)
     assert [sorted(sets) for sets, _ in scores.asked][:2] == [[0, 1, 2, 3, 4], [1, 3, 4]]
@@ -214,7 +216,7 @@ def test_doubt_is_the_share_of_draws_also_of_what_was_dropped():
         return Resampled((sets @ np.array([0.5, 0.49, 0.3])), rows[sets.argmax(axis=1)])
 
     asked = []
-    ran = race_until(scores, np.eye(3, dtype=bool), np.arange(24), confidence=0.95)
+    ran = race_until(scores, np.eye(3, dtype=bool), np.arange(24), RaceRules(confidence=0.95))
     assert asked == [[0, 1, 2], [0, 1]]
     assert ran.confidence == pytest.approx(1 - 0.3 - 0.005)
     assert ran.frames.tolist() == [24, 24, 12]
@@ -222,12 +224,10 @@ def test_doubt_is_the_share_of_draws_also_of_what_was_dropped():
 
 def test_a_race_ends_with_its_budget_or_time():
     tight = Spread(TRUE, noise=2.0)
-    ran = race_until(tight, np.eye(5, dtype=bool), np.arange(96), most=60.0 + 12 * 3, tolerance=0.0)
+    ran = race_until(tight, np.eye(5, dtype=bool), np.arange(96), RaceRules(most=60.0 + 12 * 3, tolerance=0.0))
     assert [len(sets) for sets, _ in tight.asked] == [5, 3, 1, 1]
     assert set(tight.asked[1][0]) == {1, 3, 4}
     assert ran.confidence < 0.95
-    stopped = Spread(TRUE, noise=2.0)
-    assert race_until(stopped, np.eye(5, dtype=bool), np.arange(96), stop=lambda: True).spent == 60
     # Of the second rung's 24 frames there are 17.
 
     def scores(sets, frames):
@@ -235,7 +235,7 @@ def test_a_race_ends_with_its_budget_or_time():
         return spread(sets, frames)._replace(frames=17 if len(frames) > 12 else None)
 
     asked, spread = [], Spread(TRUE, noise=0.2)
-    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(96), tolerance=0.0)
+    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(96), RaceRules(tolerance=0.0))
     assert asked == [(5, 12), (asked[1][0], 24)]
     assert ran.frames.tolist()[: asked[1][0]] == [17] * asked[1][0]
     assert ran.spent == 60 + 5 * asked[1][0]
@@ -249,7 +249,7 @@ def test_nobody_is_sure_by_the_few_blocks_there_was_time_for(blocks, confidence)
     def scores(sets, frames):
         return Spread(TRUE, noise=0.0)(sets, frames)._replace(frames=7, blocks=float(blocks))
 
-    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(48), confidence=0.95)
+    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(48), RaceRules(confidence=0.95))
     assert (ran.ranking[0], ran.confidence, ran.spent) == (1, confidence, 35)
     assert race_until(scores, np.eye(5, dtype=bool)[:1], np.arange(48)).confidence == 1.0
 
@@ -270,6 +270,6 @@ def test_sets_go_by_figures_and_predictions_and_equal_rows_race_once():
     assert race_until(Spread(TRUE, noise=0.0), twice, np.arange(12)).ranking.tolist() == [0, 2]
     for wrong in ({"confidence": 1.0}, {"eta": 1}, {"first": 0}, {"tolerance": -0.1}):
         with pytest.raises(ValueError, match="a race until a confidence needs"):
-            race_until(Spread(TRUE), twice, np.arange(12), **wrong)
+            RaceRules(**wrong)
     with pytest.raises(ValueError, match="got 3 sets, 0 frames"):
         race_until(Spread(TRUE), twice, np.arange(0))

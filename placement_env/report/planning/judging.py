@@ -19,7 +19,7 @@ from placement_env.classes import Classes, Combine
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import CONFIDENCE, ClassAP, Judgement
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Report
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS
 
@@ -27,7 +27,6 @@ NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LA
 COUNTS = slice(3, 5)  # vehicles and frames, after AP, recall and precision
 DRAWS = slice(5, None)  # the AP of each resample, last
 
-Report = Callable[[int], None]
 _Figures = Float64[np.ndarray, "*cases figures"]  # AP, recall, precision, vehicles, frames; AP of each resample
 
 

@@ -1,6 +1,6 @@
-"""Budget curve: the best AP for every budget.
+"""Budget curve: the best AP on fresh traffic for every number of sensors or amount of money.
 
-The budget is a number of sensors or an amount of money, up to a limit; AP is measured on fresh traffic. The searches of
+The searches of
 a portfolio run for each budget. Its entrants race each other, and those of an amount also race the winner of the amount
 before. All winners are judged together on the third part of traffic, with the same resamples, so their AP is
 comparable. A checkpoint keeps the progress of searches and the winners of finished races; detections are in the cache.
@@ -9,10 +9,8 @@ comparable. A checkpoint keeps the progress of searches and the winners of finis
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +32,6 @@ from placement_env.search.portfolio.portfolio import (
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
-from toolkit.arrays import Bool, Float64
 
 AMOUNTS = 12  # largest number of amounts of money to search
 SUMS = 4096  # resolution of prices
@@ -42,9 +39,9 @@ SUMS = 4096  # resolution of prices
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """The best set for one budget.
+    """The best set for one number of sensors, or amount of money (infinite for numbers).
 
-    The budget is a number of sensors, or an amount of money (infinite for numbers). searches: those that answered with
+    searches: those that answered with
     it, empty for a neighbour; predicted: AP by the searched objective; ap, low, high: on traffic that neither searches
     nor race saw; confidence: that no other entrant with as many sensors, or within that money, is better by more than
     0.01; pays: whether no set of the curve costs as little or less and has as much AP; by_errors: AP at each error
@@ -66,30 +63,15 @@ class CurvePoint:
     by_errors: tuple[ProfileAP, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class _Winner:
-    """Winner of a race.
+    """Winner of a race: its members, the searches that found it, the AP they predicted, and its price limit."""
 
-    It holds its set, the searches that found it, the AP they predicted, its confidence, and its price limit.
-    """
-
-    row: Bool[np.ndarray, " C"]
-    searches: tuple[str, ...]
+    members: list[int]
+    searches: list[str]
     predicted: float
     confidence: float
     money: float
-
-    @property
-    def kept(self) -> list[Any]:
-        """State for a checkpoint."""
-        members = np.flatnonzero(self.row).tolist()
-        return [members, list(self.searches), self.predicted, self.confidence, self.money]
-
-    @staticmethod
-    def of(kept: Sequence[Any], candidates: int) -> _Winner:
-        """Restore from what a checkpoint kept."""
-        members, searches, *figures = kept
-        return _Winner(as_rows([members], candidates)[0], tuple(searches), *map(float, figures))
 
 
 def budget_curve(
@@ -103,55 +85,51 @@ def budget_curve(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> tuple[CurvePoint, ...]:
-    """Points of a budget curve, by number or amount.
+    """Points of a budget curve, one for each number of sensors from 1 to `most` with a feasible set.
 
-    There is one for each number of sensors from 1 to `most` with a feasible set. Where `amounts` of money are given
-    (`list_amounts`), there is one for each amount with a new best set of at most `most` sensors. Other arguments as in
-    `placement_env.search.portfolio.portfolio.search`; seconds: of all searches, races and the judgement together.
-    Raises ValueError as that does.
+    Where `amounts` of money are given (`list_amounts`), there is one for each amount with a new best set of at most
+    `most` sensors. Other arguments, and errors, as in `placement_env.search.portfolio.portfolio.search`.
     """
     check_whole("budget", most, least=1)
     Limits(seconds, evaluations)
-    schedule = Schedule.of(seconds, objective.run)
+    schedule, count = Schedule.of(seconds, objective.run), len(objective.candidates)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
     each = schedule.searching(SEARCHES * (len(amounts) or most))
     sizes = (most,) if amounts else tuple(range(1, most + 1))
-    search = partial(find_entrants, effort=Effort(sizes, each, evaluations, judging.neighbours), seed=seed)
-    sized, paid = _of_sizes(objective, search, checkpoint), _of_amounts(objective, amounts, search, checkpoint)
-    groups = list(paid if amounts else sized)
+    groups = list(_groups(objective, Effort(sizes, each, evaluations, judging.neighbours), amounts, seed, checkpoint))
     races = checkpoint.part("races")
     kept: KeptState = races.load() or {"ended": 0, "winners": []}
-    winners = [_Winner.of(each, len(objective.candidates)) for each in kept["winners"]]
+    winners = [_Winner(**won) for won in kept["winners"]]
     for n, (money, found) in enumerate(groups[kept["ended"] :], kept["ended"]):
         timed = schedule.racing(racing, len(groups) - n)
-        before = [winners[-1].row] if amounts and winners else []
-        sets = np.array([*found.sets, *before])
+        before = as_rows([winners[-1].members] if amounts and winners else [], count)
+        sets = np.concatenate([found.sets, before])
         enough = SET_FRAMES if seconds is None else math.inf
         ran = contest(objective, sets, timed, confidence=judging.confidence, seed=seed, most=enough)
         first = int(ran.ranking[0])
-        if not (before and np.array_equal(sets[first], before[0])):
-            predicted = float(found.predicted[first])
-            winners.append(_Winner(sets[first], found.searches[first], predicted, float(ran.confidence), float(money)))
-        races.save({"ended": n + 1, "winners": [each.kept for each in winners]})
+        members = np.flatnonzero(sets[first]).tolist()
+        if not (len(before) and members == winners[-1].members):
+            figures = (float(found.predicted[first]), float(ran.confidence), float(money))
+            winners.append(_Winner(members, list(found.searches[first]), *figures))
+        races.save({"ended": n + 1, "winners": [vars(won) for won in winners]})
     if not winners:
         return ()
-    rows = np.array([each.row for each in winners])
+    rows = as_rows([won.members for won in winners], count)
     order = np.arange(final.frames) if seconds is None else race_order(final.frames)
     judged = schedule.judging(final).evaluate(rows, order, objective.run.stage("judging", final.frames))
     by_errors = aps_at_profiles(final, rows, order[: judged.frames])
     price = objective.price(rows)
     points = []
-    for place, won in enumerate(winners):
-        ap = float(judged.ap[place])
+    for place, (won, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
         low, high = figure_interval(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
         rivals = (price <= price[place]) & (np.arange(len(rows)) != place)
         points.append(
             CurvePoint(
-                sensors=int(won.row.sum()),
-                subset=tuple(np.flatnonzero(won.row).tolist()),
+                sensors=len(won.members),
+                subset=tuple(won.members),
                 price=float(price[place]),
                 kbit=float(judged.kbit[place]),
-                searches=won.searches,
+                searches=tuple(won.searches),
                 predicted=won.predicted,
                 ap=ap,
                 low=low,
@@ -165,11 +143,28 @@ def budget_curve(
     return tuple(points)
 
 
-def list_amounts(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
-    """Amounts of money for a curve, ascending.
+def _groups(
+    objective: Objective, effort: Effort, amounts: tuple[float, ...], seed: int, checkpoint: Checkpoint
+) -> Iterator[tuple[float, Entrants]]:
+    """Entrants of each amount of money with a set, or of each number of sensors."""
+    for money in sorted(amounts):
+        limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
+        found = find_entrants(limited, effort, seed, checkpoint.part(f"{money!r}"))
+        if len(found.sets):
+            yield money, found
+    if not amounts:
+        found = find_entrants(objective, effort, seed, checkpoint)
+        sizes = found.sets.sum(axis=1)
+        for rows in (np.flatnonzero(sizes == size) for size in np.unique(sizes)):
+            searches = tuple(found.searches[row] for row in rows)
+            yield np.inf, Entrants(found.sets[rows], found.predicted[rows], searches, found.considered)
 
-    Each is the price of some set of at most `most` sensors. All amounts up to `money` are listed where these are no
-    more than `count`, else `count` of them, evenly spread and as large as possible.
+
+def list_amounts(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
+    """Amounts of money for a curve, ascending, each the price of some set of at most `most` sensors.
+
+    All amounts up to `money` are listed where these are no more than `count`, else `count` of them, evenly spread and
+    as large as possible.
     """
     check_whole("budget", most, least=1)
     candidates, alone = objective.candidates, objective.allowed([])
@@ -178,43 +173,13 @@ def list_amounts(objective: Objective, most: int, money: float, count: int = AMO
         prices = np.union1d(prices, candidates.model_prices[alone])
     sums = np.zeros(1)
     for _ in range(most):
-        sums = _different(np.concatenate([sums, (sums[:, None] + prices).ravel()]), money)
+        sums = np.unique(np.concatenate([sums, (sums[:, None] + prices).ravel()]))
+        sums = sums[sums <= money * (1 + 1e-9)]
+        cells = np.floor(sums / max(money, 1e-300) * (1 << 30 if len(sums) <= SUMS else SUMS))
+        sums = sums[np.append(np.diff(cells) > 0, True)]  # those that differ
     sums = sums[sums > 0]
     if len(sums) > count:
         steps = np.linspace(0.0, money, count + 1)[1:]
         place = np.searchsorted(sums, steps * (1 + 1e-9), side="right") - 1
         sums = sums[np.unique(place[place >= 0])]
     return tuple(sums.tolist())
-
-
-def _different(sums: Float64[np.ndarray, " n"], money: float) -> Float64[np.ndarray, " k"]:
-    """Distinct sums within the money, ascending.
-
-    If too many, only those that differ by more than a `SUMS`th of it are kept.
-    """
-    within = np.unique(sums[sums <= money * (1 + 1e-9)])
-    cells = np.floor(within / max(money, 1e-300) * (1 << 30 if len(within) <= SUMS else SUMS))
-    return np.asarray(within[np.append(np.diff(cells) > 0, True)])
-
-
-def _of_sizes(
-    objective: Objective, search: Callable[..., Entrants], checkpoint: Checkpoint
-) -> Iterator[tuple[float, Entrants]]:
-    """Entrants of each number of sensors."""
-    found = search(objective, checkpoint=checkpoint)
-    sizes = found.sets.sum(axis=1)
-    for size in np.unique(sizes):
-        rows = np.flatnonzero(sizes == size)
-        searches = tuple(found.searches[row] for row in rows)
-        yield np.inf, Entrants(found.sets[rows], found.predicted[rows], searches, found.considered)
-
-
-def _of_amounts(
-    objective: Objective, amounts: tuple[float, ...], search: Callable[..., Entrants], checkpoint: Checkpoint
-) -> Iterator[tuple[float, Entrants]]:
-    """Entrants of each amount of money with a set."""
-    for money in sorted(amounts):
-        limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
-        found = search(limited, checkpoint=checkpoint.part(f"{money!r}"))
-        if len(found.sets):
-            yield money, found

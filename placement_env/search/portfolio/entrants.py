@@ -1,6 +1,6 @@
-"""Entrants: sensor sets worth a detector's judgement.
+"""Entrants: sensor sets worth a detector's judgement, found by several searches with a fast fidelity.
 
-Several searches with a fast fidelity find them. No fast score is right everywhere, and a search exploits the errors of
+No fast score is right everywhere, and a search exploits the errors of
 its score. So different searches use different scores: greedy and swap the objective, swap perception entropy (Ma, Liu,
 Li), CP-SAT coverage where OR-Tools is installed. Every set is tried where candidates are few, and where prices differ a
 thrifty search looks for cheaper sets. Neighbours join their answers: the best by the objective, and those that no other
@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 
@@ -90,10 +89,7 @@ def keep_entrants(
     seed: int = 0,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """Entrants, from the cache where possible.
-
-    depends_on: digest of the objective's other inputs besides its candidates and setting, such as traffic.
-    """
+    """Entrants, from the cache where possible. depends_on: digest of the objective's traffic and other inputs."""
     asked = (objective.provenance, objective.most_price, vars(effort), seed)
     key = make_key("entrants", code_digest(__name__), depends_on, *asked)
     kept = None if cache is None else cache.get([key])[0]
@@ -106,20 +102,18 @@ def keep_entrants(
 
 
 def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint: Checkpoint = NOWHERE) -> Entrants:
-    """Entrants of all sizes.
+    """Entrants of all sizes, empty where nothing may be built.
 
-    Empty where nothing may be built. checkpoint: keeps the answer of each finished search, and the progress of the
-    current one.
+    checkpoint: keeps the answer of each finished search, and the progress of the current one.
     """
     ended: KeptState = checkpoint.load() or {}
-    answers: dict[bytes, list[str]] = {}
+    answers: dict[bytes, dict[str, None]] = {}  # by each set, in order
     rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
     considered = 0
     report = objective.run.stage("searching", len(effort.sizes))
     for done, size in enumerate(effort.sizes, 1):
-        own: list[bytes] = []
-        swapped = _Swapped(size, effort, seed, checkpoint)
-        for name, run in _searches(objective, swapped):
+        own: dict[bytes, Bool[np.ndarray, " C"]] = {}
+        for name, run in _searches(objective, size, effort, seed, checkpoint):
             part = f"{size} {name}"
             if part not in ended:
                 result = run()
@@ -130,73 +124,54 @@ def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint:
             row = objective.row(members)
             if row.any() and objective.feasible(row[None])[0]:
                 key = np.packbits(row).tobytes()
-                rows[key] = row
-                answers.setdefault(key, []).append(name)
-                own.append(key)
+                own.setdefault(key, row)
+                answers.setdefault(key, {})[name] = None
         if not own:
             break
-        different = np.array([rows[key] for key in dict.fromkeys(own)])
-        near, count = _neighbours(objective, different, effort.neighbours)
+        rows |= own
+        near, count = _neighbours(objective, list(own.values()), effort.neighbours)
         considered += count
         for row in near:
             rows.setdefault(np.packbits(row).tobytes(), row)
         if report is not None:
             report(done)
-    if not rows:
-        none = np.zeros((0, len(objective.candidates)), bool)
-        return Entrants(none, np.zeros(0), (), considered)
-    keys = list(rows)
-    sets = np.array([rows[key] for key in keys])
+    sets = np.array(list(rows.values()), np.bool_).reshape(len(rows), len(objective.candidates))
     order = np.argsort(sets.sum(axis=1), kind="stable")
-    searches = tuple(tuple(dict.fromkeys(answers.get(keys[i], ()))) for i in order)
+    keys = list(rows)
+    searches = tuple(tuple(answers.get(keys[i], ())) for i in order)
     return Entrants(sets[order], objective.scores(sets[order]).ap, searches, considered)
 
 
-@dataclass(frozen=True)
-class _Swapped:
-    """Swap search for at most `size` sensors. It starts from greedy's set and random ones."""
+def _searches(
+    objective: Objective, size: int, effort: Effort, seed: int, checkpoint: Checkpoint
+) -> Iterator[tuple[str, Callable[[], Result]]]:
+    """Searches of at most `size` sensors, by name."""
 
-    size: int
-    effort: Effort
-    seed: int
-    checkpoint: Checkpoint
-
-    def __call__(self, objective: Objective, part: str) -> Result:
-        """Search by an objective. part: name of its state."""
-        effort = self.effort
-        most = SWAP_EVALUATIONS if effort.evaluations is None else effort.evaluations
-        return swap.search(
-            objective, self.size, seed=self.seed, starts=swap.STARTS, seconds=effort.seconds,
-            evaluations=most, checkpoint=self.checkpoint.part(f"{self.size}.{part}"),
-        )  # fmt: skip
-
-
-def _searches(objective: Objective, swapped: _Swapped) -> Iterator[tuple[str, Callable[[], Result]]]:
-    """Searches with the same sensor limit as swap, by name."""
-    size, effort, seed = swapped.size, swapped.effort, swapped.seed
-    limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
+    seconds, evaluations = effort.seconds, effort.evaluations
+    most = SWAP_EVALUATIONS if evaluations is None else evaluations
+    swapping = partial(swap.search, seed=seed, starts=swap.STARTS, seconds=seconds, evaluations=most)
     count = len(objective.candidates)
     if count <= exhaustive.LARGEST and sum(math.comb(count, k) for k in range(1, size + 1)) <= EXHAUSTIVE_SETS:
-        yield "exhaustive", partial(exhaustive.search, objective, size, **limits)
-    yield "greedy", partial(greedy.search, objective, size, **limits)
-    yield "swap", partial(swapped, objective, "swap")
+        yield "exhaustive", partial(exhaustive.search, objective, size, seconds=seconds, evaluations=evaluations)
+    yield "greedy", partial(greedy.search, objective, size, seconds=seconds, evaluations=evaluations)
+    yield "swap", partial(swapping, objective, size, checkpoint=checkpoint.part(f"{size}.swap"))
     by_entropy = entropy_objective(objective)
     if by_entropy is not None:
-        yield "swap by perception entropy", partial(swapped, by_entropy, "entropy")
+        yield (
+            "swap by perception entropy",
+            partial(swapping, by_entropy, size, checkpoint=checkpoint.part(f"{size}.entropy")),
+        )
     if objective.visibility is not None and find_spec("ortools"):
-        solving = 600.0 if effort.seconds is None else effort.seconds
+        solving = 600.0 if seconds is None else seconds
         yield "cpsat", partial(cpsat.search, objective, size, seed=seed, seconds=solving, effort=SOLVING)
     prices = objective.candidates.prices
     if np.ptp(prices) > 0:
         thrifty = objective.weighed(Weights(price=THRIFT / float(prices.mean())))
-        yield "thrifty swap", partial(swapped, thrifty, "thrifty")
+        yield "thrifty swap", partial(swapping, thrifty, size, checkpoint=checkpoint.part(f"{size}.thrifty"))
 
 
 def entropy_objective(objective: Objective) -> Objective | None:
-    """Same objective scored by published perception entropy.
-
-    Candidates, weights and budget stay. None where the candidates' visibility is unknown.
-    """
+    """Same objective scored by published perception entropy. None where the candidates' visibility is unknown."""
     seen = objective.visibility
     if seen is None:
         return None
@@ -206,12 +181,12 @@ def entropy_objective(objective: Objective) -> Objective | None:
 
 
 def _neighbours(
-    objective: Objective, answers: Bool[np.ndarray, "n C"], count: int
-) -> tuple[Bool[np.ndarray, "k C"], int]:
-    """Best feasible neighbours of some answers.
+    objective: Objective, answers: Sequence[Bool[np.ndarray, " C"]], count: int
+) -> tuple[list[Bool[np.ndarray, " C"]], int]:
+    """Best feasible neighbours of some answers, at most one per change of mount, and the number of sets scored.
 
-    At most one is taken per change of mount. The number of sets scored comes too. Up to half of them are from the front
-    of several scores, where the candidates' visibility is known.
+    Where the candidates' visibility is known, up to half of them are sets that no other beats in reward, perception
+    entropy and coverage at once.
     """
     best: list[tuple[float, Bool[np.ndarray, " C"]]] = []
     considered = 0
@@ -219,41 +194,24 @@ def _neighbours(
         sets = neighbours(np.flatnonzero(answer), len(answer))[1:][:NEIGHBOURS_AT_ONCE]
         sets = sets[objective.feasible(sets)]
         considered += len(sets)
-        if not len(sets):
-            continue
-        reward = objective.scores(sets).reward
-        order = np.argsort(-reward, kind="stable")[:FRONT_OF]
-        best += [(float(reward[i]), sets[i]) for i in order]
+        if len(sets):
+            reward = objective.scores(sets).reward
+            best += [(float(reward[i]), sets[i]) for i in np.argsort(-reward, kind="stable")[:FRONT_OF]]
     best.sort(key=lambda pair: -pair[0])
     ranked = [row for _, row in best]
-    kept = _one_a_mount(objective, ranked, {}, count)
-    if objective.visibility is not None and ranked:
-        kept = _one_a_mount(objective, ranked, {}, count - count // 2)
-        kept = _one_a_mount(objective, _front(objective, np.array(ranked)), kept, count)
-        kept = _one_a_mount(objective, ranked, kept, count)
-    return np.array(list(kept.values()), np.bool_).reshape(len(kept), answers.shape[1]), considered
+    kept: dict[bytes, Bool[np.ndarray, " C"]] = {}  # by the mounts that it uses
 
+    def keep(rows: Iterable[Bool[np.ndarray, " C"]], most: int) -> None:
+        for row in rows:
+            if len(kept) < most:
+                kept.setdefault(np.packbits(objective.candidates.per_mount(row[None])[0] > 0).tobytes(), row)
 
-def _one_a_mount(
-    objective: Objective,
-    rows: Iterable[Bool[np.ndarray, " C"]],
-    kept: dict[bytes, Bool[np.ndarray, " C"]],
-    most: int,
-) -> dict[bytes, Bool[np.ndarray, " C"]]:
-    """Kept sets and the first rows on new mounts. Stops at `most` sets."""
-    kept = dict(kept)
-    for row in rows:
-        if len(kept) >= most:
-            break
-        kept.setdefault(np.packbits(objective.candidates.per_mount(row[None])[0] > 0).tobytes(), row)
-    return kept
-
-
-def _front(objective: Objective, sets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, "k C"]:
-    """Sets that no other beats, by reward. A set is beaten in reward, perception entropy and coverage at once."""
     by_entropy, seen = entropy_objective(objective), objective.visibility
-    if by_entropy is None or seen is None:
-        return sets[:0]
-    coverage = Coverage(seen, objective.scheme, codec=objective.codec, classes=objective.classes)
-    figures = (objective.scores(sets).reward, by_entropy.scores(sets).ap, coverage(sets).ap)
-    return sets[exhaustive.find_front(-np.stack(figures, axis=1))]
+    if by_entropy is not None and seen is not None and ranked:
+        keep(ranked, count - count // 2)
+        sets = np.array(ranked)
+        coverage = Coverage(seen, objective.scheme, codec=objective.codec, classes=objective.classes)
+        figures = (objective.scores(sets).reward, by_entropy.scores(sets).ap, coverage(sets).ap)
+        keep(sets[exhaustive.find_front(-np.stack(figures, axis=1))], count)
+    keep(ranked, count)
+    return list(kept.values()), considered

@@ -1,4 +1,4 @@
-"""Evaluators score sensor sets on fresh traffic.
+"""Evaluators of sensor sets on fresh traffic.
 
 Resamples of blocks of frames are the same for all sets. `DetectorEvaluator` detects. Without a detector,
 `FastEvaluator` lets another fidelity, such as the surrogate, score batches of the frames. Both know one error profile
@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -25,13 +24,15 @@ from placement_env.protocol import Estimate, FidelityName
 from toolkit.arrays import Bool, Float64, Int64
 
 BATCHES = 12  # largest number of batches that a fast fidelity scores separately
+Sets = Bool[np.ndarray, "n C"]
+Frames = Int64[np.ndarray, " k"]
+Report = Callable[[int], None]
 
 
 class Evaluated(NamedTuple):
-    """Figures of n sets on some frames.
+    """Figures of n sets on some frames. The draws of the resampled AP are the same for all sets.
 
-    They are AP, kbit and resampled AP; the draws are the same for all sets. frames: number of requested frames used,
-    from the first, where time ran out; None for all.
+    frames: number of requested frames used, from the first, where time ran out; None for all.
     """
 
     ap: Float64[np.ndarray, " n"]
@@ -48,81 +49,47 @@ class ThresholdFigures(NamedTuple):
     resamples: Float64[np.ndarray, "ious n resamples"]
 
 
-@runtime_checkable
-class Evaluator(Protocol):
-    """Score sets of candidates on unseen traffic. No search saw these frames."""
+class _Traffic(Protocol):
+    @property
+    def name(self) -> str: ...
 
     @property
-    def name(self) -> str:
-        """Name of the fidelity."""
-        ...
+    def frames(self) -> int: ...
 
-    @property
-    def frames(self) -> int:
-        """Number of frames."""
-        ...
+    def count_objects(self, frames: Frames) -> int: ...
 
-    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
-        """Number of objects to be found in these frames."""
-        ...
 
-    def evaluate(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
+class Evaluator(_Traffic, Protocol):
+    """Score sets of candidates on traffic that no search saw."""
+
+    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Figures of the sets on these frames. progress: called with the number of frames done."""
         ...
 
 
-class ProfileEvaluator(Protocol):
-    """Score sets at one error profile. Figures are at every IoU threshold."""
+class ProfileEvaluator(_Traffic, Protocol):
+    """Score sets at one error profile."""
 
-    @property
-    def name(self) -> str:
-        """Name of the fidelity."""
-        ...
-
-    @property
-    def frames(self) -> int:
-        """Number of frames."""
-        ...
-
-    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
-        """Number of objects to be found in these frames."""
-        ...
-
-    def at_thresholds(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> ThresholdFigures:
-        """Figures of the sets on these frames. progress: called with the number of frames done."""
+    def at_thresholds(self, sets: Sets, frames: Frames, progress: Report | None = None) -> ThresholdFigures:
+        """Figures of the sets on these frames at every IoU threshold."""
         ...
 
 
 def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: int = 0) -> CasesEvaluator:
-    """Evaluator of a preparation's traffic by a fidelity.
-
-    It covers the cases of its setting. seed: of the resamples.
-    """
+    """Evaluator of a preparation's traffic by a fidelity, over the cases of its setting. seed: of the resamples."""
     cases = preparation.setting.cases
-    profiles: list[ProfileEvaluator] = []
-    for errors in cases.profiles:
-        if fidelity == "detector":
-            profiles.append(DetectorEvaluator(preparation.detected(errors), cases.ious, seed))
-        else:
-            profiles.append(FastEvaluator(preparation, fidelity, seed))
-    return CasesEvaluator(tuple(profiles), cases, preparation.levels)
+    profiles: tuple[ProfileEvaluator, ...]
+    if fidelity == "detector":
+        profiles = tuple(DetectorEvaluator(preparation.detected(each), cases.ious, seed) for each in cases.profiles)
+    else:
+        profiles = (FastEvaluator(preparation, fidelity, seed),) * len(cases.profiles)
+    return CasesEvaluator(profiles, cases, preparation.levels)
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
-    """Frames of a race, spread over all blocks.
+    """Frames of a race: one of every block in random order, then a second of every block, and so on.
 
-    One frame of every block comes in random order, then a second of every block, and so on. So the first few show
-    traffic as varied as possible.
+    So the first few show traffic as varied as possible.
     """
     rng = np.random.default_rng(seed)
     blocks = rng.permutation(-(-frames // BLOCK_FRAMES))
@@ -133,11 +100,10 @@ def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
 
 @dataclass(frozen=True, eq=False)
 class CasesEvaluator:
-    """Evaluate over cases.
+    """Evaluate over cases. kbit are those of intact sets in all frames.
 
-    kbit are those of intact sets in all frames. profiles: one for each error profile; levels: frames of each level of
-    traffic, empty where traffic is undivided. A resample draws each level from its own blocks, and the worst case is
-    found within the resample.
+    profiles: one for each error profile; levels: frames of each level of traffic, empty where traffic is undivided. A
+    resample draws each level from its own blocks, and the worst case is found within the resample.
     """
 
     profiles: tuple[ProfileEvaluator, ...]
@@ -154,51 +120,43 @@ class CasesEvaluator:
         """Number of frames."""
         return self.profiles[0].frames
 
-    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
         return self.profiles[0].count_objects(frames)
 
-    def evaluate(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
+    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Figures of the sets on these frames."""
         ap, kbit, resamples = self._at_profiles(sets, frames, progress)
         shares = self.cases.shares(ap)
         over = self.cases.over_errors(resamples)
         return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), over)
 
-    def at_each(self, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> dict[str, Evaluated]:
-        """Figures of the sets at each error profile. They are keyed by the profile's name."""
+    def at_each(self, sets: Sets, frames: Frames) -> dict[str, Evaluated]:
+        """Figures of the sets at each error profile, by name."""
         each = zip(self.cases.names, *self._at_profiles(sets, frames), strict=True)
         return {name: Evaluated(*figures) for name, *figures in each}
 
     def _at_profiles(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
+        self, sets: Sets, frames: Frames, progress: Report | None = None
     ) -> tuple[Float64[np.ndarray, "P n"], Float64[np.ndarray, "P n"], Float64[np.ndarray, "P n resamples"]]:
         rows, owners = self.cases.expand(sets)
         parts = [own for own in (frames[np.isin(frames, level)] for level in self.levels) if len(own)] or [frames]
         found: list[list[ThresholdFigures]] = []
         begun = 0
+
+        def report(done: int) -> None:
+            if progress is not None:
+                progress((begun + done) // len(self.profiles))
+
         for profile in self.profiles:
             found.append([])
             for part in parts:
-                report = None if progress is None else partial(self._report, progress, begun)
                 found[-1].append(profile.at_thresholds(rows, part, report))
                 begun += len(part)
-        ap = self.cases.at_profiles(np.array([[level.ap for level in each] for each in found]), owners)
-        resamples = self.cases.at_profiles(np.array([[level.resamples for level in each] for each in found]), owners)
+        ap, kbits, resamples = (np.array([[level[i] for level in each] for each in found]) for i in range(3))
         share = np.array([len(part) for part in parts]) / len(frames)
-        kbit = np.array([share @ np.stack([level.kbit[: len(sets)] for level in each]) for each in found])
-        return ap, kbit, resamples
-
-    def _report(self, progress: Callable[[int], None], begun: int, done: int) -> None:
-        progress((begun + done) // len(self.profiles))
+        kbit = np.array([share @ each for each in kbits[..., : len(sets)]])
+        return self.cases.at_profiles(ap, owners), kbit, self.cases.at_profiles(resamples, owners)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,25 +173,18 @@ class DetectorEvaluator:
         """Number of frames."""
         return self.detected.frames
 
-    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
         return int(sum(self.detected.scored(k).sum() for k in frames.tolist()))
 
-    def at_thresholds(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> ThresholdFigures:
+    def at_thresholds(self, sets: Sets, frames: Frames, progress: Report | None = None) -> ThresholdFigures:
         """Figures of the sets on these frames."""
         detected = self.detected.at(self.ious[0], self.ious)
-        classes = detected.classes
+        classes, numbers = detected.classes, frames.tolist()
         rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
-        outcomes = detected.outcomes(dict.fromkeys(rows), frames.tolist(), progress)
+        outcomes = detected.outcomes(dict.fromkeys(rows), numbers, progress)
         draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
-        truths = [
-            np.array([detected.to_find(k, label).sum() for k in frames.tolist()], np.int64) for label in classes.labels
-        ]
+        truths = [np.array([detected.to_find(k, label).sum() for k in numbers], np.int64) for label in classes.labels]
         shape = (len(self.ious), len(sets))
         ap, resamples, kbit = np.zeros(shape), np.zeros((*shape, len(draws))), np.zeros(len(sets))
         for n, row in enumerate(rows):
@@ -248,10 +199,10 @@ class DetectorEvaluator:
 
 
 class FastEvaluator:
-    """Evaluate by a fidelity that scores visibility.
+    """Evaluate by a fidelity that scores visibility. Only requested sets are rendered. seed: of the resamples.
 
-    Only requested sets are rendered. The AP is that of all frames together; its resamples are means over batches of
-    blocks drawn with replacement, shifted so that their mean is that AP. seed: of the resamples.
+    The AP is that of all frames together; its resamples are means over batches of blocks drawn with replacement,
+    shifted so that their mean is that AP.
     """
 
     def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int = 0) -> None:
@@ -261,16 +212,11 @@ class FastEvaluator:
         self.frames = len(preparation.traffic)
         self._seen: dict[bytes, Visibility] = {}
 
-    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
+    def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
         return int(np.isin(self._look(np.array([0])).frame, frames).sum())
 
-    def at_thresholds(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> ThresholdFigures:
+    def at_thresholds(self, sets: Sets, frames: Frames, progress: Report | None = None) -> ThresholdFigures:
         """Figures of the sets on these frames."""
         used = np.flatnonzero(sets.any(axis=0))
         used = used if len(used) else np.array([0])
@@ -287,23 +233,15 @@ class FastEvaluator:
             progress(len(frames))
         return ThresholdFigures(ap, whole[0].kbit, resamples - (parts.mean(axis=2) - ap)[:, :, None])
 
-    def _score(
-        self, sets: Bool[np.ndarray, "n C"], used: Int64[np.ndarray, " u"], frames: Int64[np.ndarray, " k"]
-    ) -> list[Estimate]:
+    def _score(self, sets: Sets, used: Int64[np.ndarray, " u"], frames: Frames) -> list[Estimate]:
         made = self._preparation
-        seen = of_frames(self._look(used), np.sort(frames))
-        there = made.at(made.candidates.select(used), seen)
+        there = made.at(made.candidates.select(used), of_frames(self._look(used), np.sort(frames)))
         fidelities = there.at_thresholds(self._fidelity, made.setting.cases.profiles[0])
         return [fidelity(sets[:, used]) for fidelity in fidelities]
 
     def _look(self, used: Int64[np.ndarray, " u"]) -> Visibility:
-        key = used.tobytes()
+        key, made = used.tobytes(), self._preparation
         if key not in self._seen:
-            made = self._preparation
-            self._seen[key] = see(
-                made.traffic,
-                made.candidates.select(used),
-                labels=made.classes.labels,
-                run=replace(made.run, progress=None),
-            )
+            run, labels = replace(made.run, progress=None), made.classes.labels
+            self._seen[key] = see(made.traffic, made.candidates.select(used), labels=labels, run=run)
         return self._seen[key]

@@ -1,6 +1,6 @@
-"""Portfolio: several searches whose answers race by the detector.
+"""Portfolio: several searches whose answers, and neighbours of these, race by the detector on traffic of its own.
 
-Neighbours of the answers race too, on traffic that no search saw. Traffic has three parts. The searches see the
+Traffic has three parts. The searches see the
 objective's own; the entrants race on the second until the best is known confidently enough
 (`placement_env.racing.race_until`); the figures of the answer come from the third. So the stated AP carries neither the
 optimism of the searches nor that of the race. Picking the best of many by noisy or biased scores overrates it (the
@@ -10,9 +10,7 @@ winner's curse), by the amount that `Contender.curse` gives for each search.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeGuard
 
 import numpy as np
 
@@ -21,15 +19,24 @@ from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
-from placement_env.racing import Contest, Resampled, race_until
+from placement_env.racing import Contest, RaceRules, Resampled, race_until
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, keep_entrants
-from placement_env.search.portfolio.evaluators import CasesEvaluator, Evaluated, Evaluator, build_evaluator, race_order
-from placement_env.search.portfolio.schedule import Schedule
+from placement_env.search.portfolio.evaluators import (
+    CasesEvaluator,
+    Evaluated,
+    Evaluator,
+    Frames,
+    Report,
+    Sets,
+    build_evaluator,
+    race_order,
+)
+from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
 from placement_env.setting import Setting
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Float64
 
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
 AP_TOLERANCE = 0.01  # lead in AP that the race ignores
@@ -42,12 +49,12 @@ SEARCHES = 5  # searches that share their time
 
 @dataclass(frozen=True, kw_only=True)
 class Judging:
-    """Race and assessment of a portfolio.
+    """Race and assessment of a portfolio. Raises ValueError for a confidence that does not lie between 0 and 1.
 
     by: fidelity of both; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`;
     race_frames, final_frames: of their traffic, of the seeds after the objective's; neighbours: entrants that join the
     answers; setting: asked of both, None for the objective's; evaluators: of both, in place of all but confidence and
-    neighbours. Raises ValueError for a confidence that does not lie between 0 and 1.
+    neighbours.
     """
 
     by: FidelityName = "detector"
@@ -65,27 +72,18 @@ class Judging:
     def build_evaluators(
         self, objective: Objective, schedule: Schedule, *, seed: int = 0
     ) -> tuple[Evaluator, Evaluator]:
-        """Evaluators of race and assessment.
+        """Evaluators of race and assessment, on as many frames as a schedule allows. seed: of the resamples.
 
-        They use as many frames as a schedule allows. seed: of the resamples. Raises ValueError where the objective has
-        no site, and so no fresh traffic.
+        Raises ValueError where the objective has no site, and so no fresh traffic.
         """
         if self.evaluators is not None:
             return self.evaluators
-        setting = self.setting
-        if setting is None:
-            if objective.preparation is None:
-                raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site)")
-            setting = objective.setting.with_fidelity(self.by)
-        run = objective.run
-        race, final = (
-            build_evaluator(
-                Preparation(setting, replace(run, seed=run.seed + part, frames=schedule.frames(count))),
-                self.by,
-                seed=seed,
-            )
-            for part, count in enumerate((self.race_frames, self.final_frames), 1)
-        )
+        if self.setting is None and objective.preparation is None:
+            raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site)")
+        setting, run = self.setting or objective.setting.with_fidelity(self.by), objective.run
+        parts = enumerate((self.race_frames, self.final_frames), 1)
+        runs = [replace(run, seed=run.seed + part, frames=schedule.frames(count)) for part, count in parts]
+        race, final = (build_evaluator(Preparation(setting, each), self.by, seed=seed) for each in runs)
         return race, final
 
 
@@ -99,10 +97,9 @@ def search(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Winner of the race.
+    """Winner of the race: its score by the objective, and the judge's assessment on the third part of traffic.
 
-    `Result.best` is its score by the objective, `Result.assessment` that of the judge. The assessment also covers each
-    search's own answer, on the third part of traffic. seconds: of searches, race and assessment together, divided by
+    The assessment also covers each search's own answer. seconds: of searches, race and assessment together, divided by
     `placement_env.search.portfolio.schedule`. With less time there are fewer frames, and some searches' answers are not
     assessed. evaluations: of each search; checkpoint: keeps the progress of the searches (race and assessment
     detections are in the cache). Raises ValueError where these do not fit.
@@ -114,93 +111,76 @@ def search(
     effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, judging.neighbours)
     found = find_entrants(objective, effort, seed, checkpoint)
     limits.count = found.considered
+
+    def answer(subset: list[int], note: str) -> Result:
+        best = objective.score(subset)
+        certificate = Certificate("none", best.reward, note=note)
+        history = limits.history(best.reward)
+        return Result("portfolio", best, history, certificate, found.considered, limits.elapsed)
+
     if not len(found.sets):
-        return _without(objective, found, limits, "no search found a set that may be built and pays")
+        return answer([], "no search found a set that may be built and pays")
     timed = schedule.racing(racing)
     most = SET_FRAMES if seconds is None else math.inf
     ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most)
     if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
-        note = f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs"
-        return _without(objective, found, limits, note)
-    winner = objective.score(np.flatnonzero(found.sets[ran.ranking[0]]))
-    limits.record(winner.reward)
-    searched = limits.elapsed
-    assessment = _assess(objective, found, ran, (final, schedule), asked=confidence)
-    note = f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets"
-    certificate = Certificate("none", winner.reward, note=note)
-    history = limits.history(winner.reward)
-    return Result("portfolio", winner, history, certificate, found.considered, searched, assessment=assessment)
-
-
-def _without(objective: Objective, found: Entrants, limits: Limits, note: str) -> Result:
-    """Answer that builds nothing."""
-    best = objective.score([])
-    certificate = Certificate("none", best.reward, note=note)
-    return Result("portfolio", best, limits.history(best.reward), certificate, found.considered, limits.elapsed)
+        return answer([], f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs")
+    members = np.flatnonzero(found.sets[ran.ranking[0]]).tolist()
+    limits.record(objective.score(members).reward)
+    winner = answer(members, f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets")
+    return replace(winner, assessment=_assess(objective, found, ran, (final, schedule), asked=confidence))
 
 
 def contest(
     objective: Objective,
-    sets: Bool[np.ndarray, "n C"],
-    evaluator: Evaluator,
+    sets: Sets,
+    evaluator: Evaluator | TimedEvaluator,
     *,
     confidence: float = 0.95,
     seed: int = 0,
     most: float = SET_FRAMES,
-    stop: Callable[[], bool] = lambda: False,
 ) -> Contest:
-    """Race sets by their reward.
+    """Race sets by their reward, of an evaluator's AP and the objective's prediction. most: set-frames to be scored."""
 
-    The reward uses an evaluator's AP and the objective's prediction. most: set-frames to be scored; stop: called after
-    each rung, true to end.
-    """
-
-    def rewards(rows: Bool[np.ndarray, "m C"], frames: Int64[np.ndarray, " k"]) -> Resampled:
+    def rewards(rows: Sets, frames: Frames) -> Resampled:
         found = evaluator.evaluate(rows, frames, objective.run.stage("racing", len(frames)))
         cost = weigh_costs(objective, rows, found.kbit)
         blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
         return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
 
-    order = race_order(evaluator.frames, seed=seed)
-    first = min(FIRST, evaluator.frames)
-    return race_until(
-        rewards, sets, order, confidence=confidence, tolerance=AP_TOLERANCE, first=first, eta=ETA, least=LEAST_RACED,
-        most=most, stop=stop, predicted=objective.scores(sets).reward,
-    )  # fmt: skip
+    order, first = race_order(evaluator.frames, seed=seed), min(FIRST, evaluator.frames)
+    rules = RaceRules(confidence, AP_TOLERANCE, first, ETA, least=LEAST_RACED, most=most)
+    return race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
 
 
-def weigh_costs(
-    objective: Objective, sets: Bool[np.ndarray, "n C"], kbit: Float64[np.ndarray, " n"]
-) -> Float64[np.ndarray, " n"]:
+def weigh_costs(objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
     """Costs of communication and building, in AP. kbit: total that each set sends."""
     per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
     return np.asarray(objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets))
 
 
 def find_entrants(objective: Objective, effort: Effort, seed: int, checkpoint: Checkpoint = NOWHERE) -> Entrants:
-    """Entrants of an objective, cached where possible. The cache is that of its run."""
+    """Entrants of an objective, from the cache of its run where possible."""
     made = objective.preparation
-    cache = None if made is None else objective.run.memo
-    depends_on = "" if made is None else made.traffic.digest()
+    cache, depends_on = (None, "") if made is None else (objective.run.memo, made.traffic.digest())
     return keep_entrants(objective, effort, cache, depends_on=depends_on, seed=seed, checkpoint=checkpoint)
 
 
 def _assess(
     objective: Objective, found: Entrants, ran: Contest, judging: tuple[Evaluator, Schedule], *, asked: float
 ) -> Assessment:
-    """Judge the winner and each search's answer.
-
-    The third part of the traffic is used. The winner comes first, the others as far as time allows.
-    """
+    """Judge the winner first, then each search's answer as far as time allows, on the third part of the traffic."""
     winner, (final, schedule) = int(ran.ranking[0]), judging
     rows = np.array([winner, *(i for i, names in enumerate(found.searches) if names and i != winner)])
-    rows, judged, frames = judge_in_time(
-        found.sets, rows, final, schedule, objective.run.stage("judging", final.frames)
-    )
-    contenders = tuple(
-        _contender(found, int(row), judged, place) for place, row in enumerate(rows) if found.searches[row]
-    )
-    own = _contender(found, winner, judged, 0)
+    report = objective.run.stage("judging", final.frames)
+    judged, frames = _judge_in_time(found.sets[rows], final, schedule, report)
+    contenders = []
+    for row, ap, resamples in zip(rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False):
+        interval = figure_interval(ap, resamples, confidence=INTERVAL_SHARE)
+        members = tuple(np.flatnonzero(found.sets[row]).tolist())
+        contenders.append(Contender(found.searches[row], members, float(found.predicted[row]), ap, *interval))
+    own, chosen = contenders[0], found.sets[[winner]]
+    by_errors = aps_at_profiles(final, chosen, frames)[0]
     return Assessment(
         by=final.name,
         ap=own.ap,
@@ -215,22 +195,16 @@ def _assess(
         tolerance=AP_TOLERANCE,
         entrants=len(found.sets),
         raced=int(ran.frames[0]),
-        contenders=contenders,
-        expected=float(ran.expected[0] + weigh_costs(objective, found.sets[[winner]], judged.kbit[:1])[0]),
-        by_errors=aps_at_profiles(final, found.sets[[winner]], frames)[0],
-        errors_by=final.cases.errors_by if _several_profiles(final) else "",
+        contenders=tuple(each for each in contenders if each.searches),
+        expected=float(ran.expected[0] + weigh_costs(objective, chosen, judged.kbit[:1])[0]),
+        by_errors=by_errors,
+        errors_by=final.cases.errors_by if by_errors and isinstance(final, CasesEvaluator) else "",
     )
 
 
-def _several_profiles(final: Evaluator) -> TypeGuard[CasesEvaluator]:
-    return isinstance(final, CasesEvaluator) and len(final.profiles) > 1
-
-
-def aps_at_profiles(
-    final: Evaluator, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]
-) -> list[tuple[ProfileAP, ...]]:
-    """AP of each set at each error profile separately. Empty where there is one profile."""
-    if not _several_profiles(final):
+def aps_at_profiles(final: Evaluator, sets: Sets, frames: Frames) -> list[tuple[ProfileAP, ...]]:
+    """AP of each set at each of several error profiles separately."""
+    if not isinstance(final, CasesEvaluator) or len(final.profiles) == 1:
         return [()] * len(sets)
     each = final.at_each(sets, frames)
     return [
@@ -242,34 +216,16 @@ def aps_at_profiles(
     ]
 
 
-def judge_in_time(
-    sets: Bool[np.ndarray, "n C"],
-    rows: Int64[np.ndarray, " k"],
-    final: Evaluator,
-    schedule: Schedule,
-    report: Callable[[int], None] | None = None,
-) -> tuple[Int64[np.ndarray, " m"], Evaluated, Int64[np.ndarray, " f"]]:
-    """Judge rows on the third part of the traffic.
-
-    Returns the rows judged in time, their figures, and the frames, the same for all. The first row is judged regardless
-    of time.
-    """
+def _judge_in_time(sets: Sets, final: Evaluator, schedule: Schedule, report: Report | None) -> tuple[Evaluated, Frames]:
+    """Figures of the sets judged in time, the first in any case, and the frames, the same for all."""
     every = np.arange(final.frames)
     if schedule.seconds is None:
-        return rows, final.evaluate(sets[rows], every, report), every
+        return final.evaluate(sets, every, report), every
     order = race_order(final.frames)
-    first = schedule.judging(final).evaluate(sets[rows[:1]], order, report)
-    frames = order[: first.frames]
+    frames = order[: schedule.judging(final).evaluate(sets[:1], order, report).frames]
     done = 1
-    while done < len(rows) and schedule.left > 0:
-        if schedule.judging(final).evaluate(sets[rows[done : done + 1]], frames).frames is not None:
+    while done < len(sets) and schedule.left > 0:
+        if schedule.judging(final).evaluate(sets[done : done + 1], frames).frames is not None:
             break
         done += 1
-    return rows[:done], final.evaluate(sets[rows[:done]], frames), frames
-
-
-def _contender(found: Entrants, row: int, judged: Evaluated, place: int) -> Contender:
-    ap = float(judged.ap[place])
-    low, high = figure_interval(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
-    members = tuple(np.flatnonzero(found.sets[row]).tolist())
-    return Contender(found.searches[row], members, float(found.predicted[row]), ap, low, high)
+    return final.evaluate(sets[:done], frames), frames

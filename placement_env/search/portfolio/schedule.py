@@ -8,14 +8,12 @@ the whole hardly exceeds its limit. Less time also means fewer frames to simulat
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES
-from placement_env.search.portfolio.evaluators import Evaluated, Evaluator
-from toolkit.arrays import Bool, Int64
+from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, Frames, Report, Sets
 from toolkit.runtime.run import Processes
 
 SEARCHING = 0.3
@@ -25,11 +23,10 @@ FEWEST = 2 * BLOCK_FRAMES  # frames of a part of traffic
 
 @dataclass(eq=False)
 class TimedEvaluator:
-    """Evaluate frame by frame until time is up.
+    """Evaluate frame by frame until time is up, by the monotonic clock (s), and report the number of frames done.
 
-    It uses the monotonic clock (s) and reports the number of frames done. It is called with the same frames in the same
-    order every time, some of them already done, for fewer and fewer sets. at_once: frames between two looks at the
-    clock; least: frames done regardless of time.
+    It is called with the same frames in the same order every time, some of them already done, for fewer and fewer sets.
+    at_once: frames between two looks at the clock; least: frames done regardless of time.
     """
 
     evaluator: Evaluator
@@ -39,32 +36,13 @@ class TimedEvaluator:
     done: int = field(default=0, init=False)
 
     @property
-    def name(self) -> str:
-        """Name of the fidelity."""
-        return self.evaluator.name
-
-    @property
     def frames(self) -> int:
         """Number of frames."""
         return self.evaluator.frames
 
-    def count_objects(self, frames: Int64[np.ndarray, " k"]) -> int:
-        """Number of objects to be found in these frames."""
-        return self.evaluator.count_objects(frames)
-
-    @property
-    def spent(self) -> bool:
-        """True where time is up."""
-        return time.monotonic() >= self.until
-
-    def evaluate(
-        self,
-        sets: Bool[np.ndarray, "n C"],
-        frames: Int64[np.ndarray, " k"],
-        progress: Callable[[int], None] | None = None,
-    ) -> Evaluated:
+    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Evaluate the sets on as many frames as time allows."""
-        while self.done < len(frames) and not (self.done >= self.least and self.spent):
+        while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
             part = frames[self.done : self.done + self.at_once]
             self.evaluator.evaluate(sets, part)
             self.done += len(part)
@@ -77,10 +55,7 @@ class TimedEvaluator:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Time limit and batch size.
-
-    seconds: for everything from now on, None for no limit; at_once: frames between two looks at the clock.
-    """
+    """Seconds for everything from now on, None for no limit. at_once: frames between two looks at the clock."""
 
     seconds: float | None = None
     at_once: int = 1
@@ -101,21 +76,21 @@ class Schedule:
         return None if self.seconds is None else self.seconds * SEARCHING / searches
 
     def frames(self, frames: int) -> int:
-        """Number of frames that fit, in whole blocks. They are of one part of traffic."""
+        """Number of frames of one part of traffic that fit, in whole blocks."""
         if self.seconds is None or self.seconds >= LONG_ENOUGH:
             return frames
         blocks = int(frames * self.seconds / LONG_ENOUGH) // BLOCK_FRAMES
         return min(frames, max(FEWEST, blocks * BLOCK_FRAMES))
 
-    def racing(self, evaluator: Evaluator, races: int = 1) -> Evaluator:
+    def racing(self, evaluator: Evaluator, races: int = 1) -> Evaluator | TimedEvaluator:
         """Evaluator of a race that begins now. The number of races still to come includes this one."""
         return self._limit(evaluator, self.left / (races + 1), 1)
 
-    def judging(self, evaluator: Evaluator) -> Evaluator:
+    def judging(self, evaluator: Evaluator) -> Evaluator | TimedEvaluator:
         """Evaluator of sets that are judged from now on. It uses at least `FEWEST` frames: fewer say nothing."""
         return self._limit(evaluator, self.left, FEWEST)
 
-    def _limit(self, evaluator: Evaluator, seconds: float, least: int) -> Evaluator:
+    def _limit(self, evaluator: Evaluator, seconds: float, least: int) -> Evaluator | TimedEvaluator:
         if self.seconds is None:
             return evaluator
         return TimedEvaluator(evaluator, time.monotonic() + seconds, self.at_once, least)
