@@ -7,9 +7,10 @@ keeps those axes, and turns clouds on their way in and boxes on their way out.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import torch
@@ -40,24 +41,29 @@ def load_published(
     decoding: Literal["exact", "published"] = "exact",
     device: str | torch.device = "cpu",
 ) -> PublishedDetector:
-    """Load the detector of a published checkpoint.
+    """Load the detector of a published checkpoint for "tjunction" or "roundabout".
 
-    site: "tjunction" or "roundabout". decoding: see `PublishedDetector`. No code of the file is executed. Raises
-    FileNotFoundError, and ValueError for any other file.
+    decoding: see `PublishedDetector`. No code of the file is executed. Raises FileNotFoundError, and ValueError for any
+    other file.
     """
     if site not in REFERENCE:
         raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
     network = VoxelNet(replace(VoxelNetConfig.published(site), area=AREA[site]))
-    network.load_state_dict(from_published(_read(Path(path)), network, path))
+    checkpoint = load_tensors(path)
+    weights = checkpoint.get("state_dict") if isinstance(checkpoint, dict) else None
+    if not isinstance(weights, dict) or not all(isinstance(tensor, Tensor) for tensor in weights.values()):
+        raise ValueError(f"{path} has no state_dict of tensors: is it a checkpoint_*.pth of the published code?")
+    plain = {str(name).removeprefix("module."): tensor for name, tensor in weights.items()}  # of parallel training
+    network.load_state_dict(from_published(plain, network, path))
     return PublishedDetector(network.eval(), site, decoding=decoding, device=device)
 
 
 class PublishedDetector:
-    """Detector of a published network: points (n, 3) in, `Detections` out.
+    """Detector of a published network: points (n, 3) in, `Detections` out, in the site's frame, m.
 
-    Both are in the site's frame, in metres. decoding: "exact" keeps scores above 0.1 and suppresses by a footprint IoU
-    of 0.1. "published" first does what the published code does: of the 2000 best anchors, boxes whose upright
-    rectangles overlap by more than 0.3 are suppressed, and the 300 best stay.
+    decoding: "exact" keeps scores above 0.1 and suppresses by a footprint IoU of 0.1. "published" first does what the
+    published code does: of the 2000 best anchors, boxes whose upright rectangles overlap by more than 0.3 are
+    suppressed, and the 300 best stay.
     """
 
     def __init__(
@@ -88,11 +94,9 @@ class PublishedDetector:
     def head(
         self, points: Float[np.ndarray, "n 3"], *, frame: Literal["site", "carla"] = "site"
     ) -> tuple[Float32[Tensor, "1 4 H W"], Float32[Tensor, "1 14 H W"]]:
-        """Return raw maps in the published channel order.
+        """Return raw maps: channels 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
 
-        Channels are 2 · anchor + {background, vehicle}, and 7 · anchor + residual. points: in the site's frame, or (x,
-        -y, z) of CARLA's map. H runs along CARLA's x, W along its y. A random 35 points stay in a voxel that holds
-        more.
+        points: in the site's frame, or (x, -y, z) of CARLA's map. H runs along CARLA's x, W along its y.
         """
         cloud = to_network(np.asarray(points, np.float32), self.site, frame)
         maps = self.network(voxelise(torch.from_numpy(cloud).to(self.device), self.config))
@@ -101,12 +105,9 @@ class PublishedDetector:
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
         """Detect in one cloud."""
         classes, residuals = self.head(points)
-        order = torch.tensor(
-            [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)], device=self.device
-        )
-        boxes, scores = candidates(
-            Prediction(classes, residuals[:, order]), self.anchors, self.config, (self.score_threshold,)
-        )[0]
+        order = [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)]
+        prediction = Prediction(classes, residuals[:, torch.tensor(order, device=self.device)])
+        boxes, scores = candidates(prediction, self.anchors, self.config, (self.score_threshold,))[0]
         if self.decoding == "published":
             kept = proposals(boxes.double().cpu().numpy(), scores[:, 0].double().cpu().numpy())
             boxes, scores = boxes[kept], scores[kept]
@@ -140,10 +141,7 @@ def to_network(points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site
 
 
 def from_network(boxes: Float64[np.ndarray, "n 7"], site: str) -> Float64[np.ndarray, "n 7"]:
-    """Turn boxes of the network's frame into the site's frame.
-
-    The network's yaw turns the other way, as CARLA's does.
-    """
+    """Turn boxes of the network's frame, with CARLA's yaw, into the site's frame."""
     turned = boxes.copy()
     if site == "tjunction":
         rx, ry = REFERENCE[site]
@@ -157,10 +155,9 @@ def from_network(boxes: Float64[np.ndarray, "n 7"], site: str) -> Float64[np.nda
 def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | Path) -> dict[str, Tensor]:
     """Rename published tensors to our names. Raises ValueError unless all of them are present in the right shapes."""
     ours = network.state_dict()
-    theirs = {name_in_paper(name): name for name in ours}
-    expected = {new: _as_convolution(old, ours[old]) for new, old in theirs.items()}
-    check_tensors(expected, weights, origin)
-    tensors = {old: weights[new].reshape(ours[old].shape) for new, old in theirs.items()}
+    linear = {name: tensor[..., None, None] for name, tensor in ours.items() if name.endswith("linear.weight")}
+    check_tensors({name_in_paper(name): tensor for name, tensor in (ours | linear).items()}, weights, origin)
+    tensors = {name: weights[name_in_paper(name)].reshape(tensor.shape) for name, tensor in ours.items()}
     columns = [*_UP_LAST, *(3 + k for k in _UP_LAST)]
     tensors["features.layers.0.linear.weight"] = tensors["features.layers.0.linear.weight"][:, columns]
     return tensors
@@ -174,13 +171,12 @@ def name_in_paper(name: str) -> str:
     """
     for ours, theirs in _NAMES:
         if match := re.match(ours, name):
-            numbers = [int(group) for group in match.groups()]
-            return theirs(*numbers) + name[match.end() :]
+            return theirs(*map(int, match.groups())) + name[match.end() :]
     raise ValueError(f"the published network has no counterpart of {name}")
 
 
 _LAYER = ("conv1", "bn1")
-_NAMES: tuple[tuple[str, Any], ...] = (
+_NAMES: tuple[tuple[str, Callable[..., str]], ...] = (
     (r"features\.layers\.0\.linear", lambda: "feature_learnig.vfe1.fcn1.conv1"),
     (r"features\.layers\.0\.norm", lambda: "feature_learnig.vfe1.fcn1.bn1"),
     (r"features\.layers\.1\.linear", lambda: "feature_learnig.fcn1.conv1"),
@@ -192,16 +188,3 @@ _NAMES: tuple[tuple[str, Any], ...] = (
     (r"head\.classes", lambda: "_rpn.rpn_head.conv_cls"),
     (r"head\.residuals", lambda: "_rpn.rpn_head.conv_loc"),
 )
-
-
-def _as_convolution(name: str, tensor: Tensor) -> Tensor:
-    return tensor[..., None, None] if name.endswith("linear.weight") else tensor
-
-
-def _read(path: Path) -> dict[str, Tensor]:
-    """Read a checkpoint's state dict, without the prefix of parallel training."""
-    checkpoint = load_tensors(path)
-    weights = checkpoint.get("state_dict") if isinstance(checkpoint, dict) else None
-    if not isinstance(weights, dict) or not all(isinstance(tensor, Tensor) for tensor in weights.values()):
-        raise ValueError(f"{path} has no state_dict of tensors: is it a checkpoint_*.pth of the published code?")
-    return {str(name).removeprefix("module."): tensor for name, tensor in weights.items()}

@@ -1,8 +1,6 @@
-"""Training from the command line: packed recordings in, a weights file out.
+"""Training on a bare machine, as `coview train` without pictures: packed recordings in, a weights file out.
 
-    python -m models.train tjunction --data train.packed --validate test.packed --out runs/tjunction
-
-The same as `coview train`, without pictures, on a machine that has little.
+python -m models.train tjunction --data train.packed --validate test.packed --out runs/tjunction
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -37,17 +34,16 @@ def run(
     *,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[Path, dict[str, float]]:
-    """Train with the options of `coview train` and write the weights.
+    """Train or resume with the options of `coview train`; return the weights file and the last validation figures.
 
-    Returns their file and the last validation figures. site: a built-in one, a site file, "general", or None for the
-    area that the data shares. Called again with the same options, it resumes. Raises what `train` raises, and
-    FileExistsError if the folder holds other weights.
+    site: a built-in one, a site file, "general", or None for the area that the data shares. Raises what `train` raises,
+    and FileExistsError if the folder holds other weights.
     """
     preset = options.preset or ("general" if site == "general" else "fast")
     device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
     place = None if site in (None, "general") else load_site(site)
     area = tuple(place.area.tolist()) if place else choose_area("general" if site else preset, options.data)
-    named: dict[str, Any] = {n: getattr(options, n) for n in ("epochs", "batch", "learning_rate")}
+    named = {name: getattr(options, name) for name in ("epochs", "batch", "learning_rate")}
     settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
     before = load_weights(weights_file(options.start))[0] if options.start else None
     classes, faces, calibrate = second_stages(options, before)
@@ -55,7 +51,12 @@ def run(
     if options.voxel is not None:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
     weights = options.out / WEIGHTS
-    _check_folder(options)
+    check_output(weights, inputs=[weights_file(options.start)] if options.start else [], overwrite=True)
+    if options.overwrite:
+        for name in (CHECKPOINT, LOG):
+            (options.out / name).unlink(missing_ok=True)
+    elif not (options.out / CHECKPOINT).exists():
+        check_output(weights)
     start = None if before is None else widen(before, config)
     validate = validation(options.validate, count=options.validate_frames, device=device) if options.validate else None
     if options.threads:
@@ -67,15 +68,9 @@ def run(
         return dict(measured)
 
     machine = Machine(device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s)
+    watch = measure if validate else None
     network = train(
-        options.data,
-        config,
-        settings,
-        options.out,
-        start=start,
-        machine=machine,
-        validate=measure if validate else None,
-        progress=progress,
+        options.data, config, settings, options.out, start=start, machine=machine, validate=watch, progress=progress
     )
     if faces:
         network = train_faces(network, PackedFrames(options.data), faces, seed=options.seed)
@@ -89,10 +84,9 @@ def run(
 
 
 def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
-    """Return classes, classes with measured faces, and whether to calibrate.
+    """Return classes, classes with measured faces, and whether to calibrate, by default as in `start`.
 
-    What the options leave open follows the network that training starts from. Raises ValueError for faces of other
-    classes.
+    Raises ValueError for faces of other classes.
     """
     classes, faces = options.classes, options.faces
     if classes is None:
@@ -103,16 +97,6 @@ def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tup
     if not set(faces) <= set(classes):
         raise ValueError(f"--faces must be among --classes {' '.join(classes)}, got {' '.join(faces)}")
     return classes, faces, calibrate
-
-
-def _check_folder(options: TrainingOptions) -> None:
-    """Refuse to replace weights of another origin. With `overwrite`, the training in this folder is forgotten."""
-    check_output(options.out / WEIGHTS, inputs=[weights_file(options.start)] if options.start else [], overwrite=True)
-    if options.overwrite:
-        for name in (CHECKPOINT, LOG):
-            (options.out / name).unlink(missing_ok=True)
-    elif not (options.out / CHECKPOINT).exists():
-        check_output(options.out / WEIGHTS)
 
 
 def commit() -> str:

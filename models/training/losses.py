@@ -1,12 +1,9 @@
-"""Targets and losses (Zhou and Tuzel 2018, section 2.2).
-
-Targets say which anchor should find which object, and which anchors are left out. Losses are the published one, and one
-that also learns direction and quality of each box.
-"""
+"""Targets of the anchors and losses (Zhou and Tuzel 2018, section 2.2): the published one, and one with quality."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -24,13 +21,10 @@ NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
 
 
 class Assignment(NamedTuple):
-    """Targets of the anchors.
+    """Targets of the anchors."""
 
-    labels: POSITIVE, NEGATIVE or IGNORED per anchor; owner: row of the object that a positive anchor should find.
-    """
-
-    labels: Shaped[np.ndarray, "H W A"]
-    owner: Int64[np.ndarray, "H W A"]
+    labels: Shaped[np.ndarray, "H W A"]  # POSITIVE, NEGATIVE or IGNORED
+    owner: Int64[np.ndarray, "H W A"]  # row of the object that a positive anchor should find
 
 
 def assign(
@@ -43,9 +37,7 @@ def assign(
     ignored: Float[np.ndarray, "k 7"] | None = None,
     margin: float = 0.0,
 ) -> Assignment:
-    """Match anchors of a grid to objects.
-
-    By footprint IoU, with yaws snapped to 0 or 90°.
+    """Match anchors of a grid to objects by footprint IoU, with yaws snapped to 0 or 90°.
 
     An anchor is positive above `positive`, and so is the best anchor of each object if it reaches `best`. Up to
     `negative` it is negative; in between it is ignored. A negative anchor inside one of the boxes `ignored` is ignored
@@ -55,11 +47,11 @@ def assign(
     >>> assign(anchors, np.array([[0.5, 0, 0.7, 4, 2, 1.5, 3.1]])).labels.ravel()
     array([1, 0], dtype=int8)
     """
+    ignored = boxes[:0] if ignored is None else ignored
     if margin:
-        anchors, boxes = _enlarge(anchors, margin), _enlarge(boxes, margin)
-        ignored = None if ignored is None else _enlarge(ignored, margin)
-    shape = anchors.shape[:3]
-    overlap, owner = np.zeros(shape), np.zeros(shape, np.int64)
+        wider = np.array([0, 0, 0, margin, margin, 0, 0])
+        anchors, boxes, ignored = anchors + wider, boxes + wider, ignored + wider
+    overlap, owner = np.zeros(anchors.shape[:3]), np.zeros(anchors.shape[:3], np.int64)
     forced: list[tuple[tuple[int, ...], int]] = []
     for row, box in enumerate(boxes):
         near = _window(anchors, box, anchors[0, 0, :, 3:5].max() / 2)
@@ -72,9 +64,11 @@ def assign(
     labels = np.where(overlap > positive, POSITIVE, np.where(overlap <= negative, NEGATIVE, IGNORED)).astype(np.int8)
     for place, row in forced:
         labels[place], owner[place] = POSITIVE, row
-    for box in () if ignored is None else ignored:
+    for box in ignored:
         near = _window(anchors, box, 0.0)
-        labels[near][(labels[near] == NEGATIVE) & _mark_within(anchors[near], box)] = IGNORED
+        (dx, dy), (cos, sin) = np.moveaxis(anchors[near][..., :2] - box[:2], -1, 0), (np.cos(box[6]), np.sin(box[6]))
+        within = (np.abs(dx * cos + dy * sin) <= box[3] / 2) & (np.abs(dy * cos - dx * sin) <= box[4] / 2)
+        labels[near][(labels[near] == NEGATIVE) & within] = IGNORED
     return Assignment(labels, np.where(labels == POSITIVE, owner, 0))
 
 
@@ -85,23 +79,16 @@ def assign_by_kind(
     labels: Int64[np.ndarray, " n"],
     asked: Bool[np.ndarray, " n"],
 ) -> Assignment:
-    """Match anchors to objects of their own class.
+    """Match anchors to objects of their own class; owners are rows of `boxes`.
 
-    asked: objects that should be found; negatives on the others of that class are ignored. Owners are rows of `boxes`.
+    asked: objects that should be found; negatives on the others of that class are ignored.
     """
     parts, first = [], 0
     for kind in kinds:
-        last = first + len(kind.yaws)
-        own = labels == label_index(kind.label)
-        rows = np.flatnonzero(own & asked)
-        found = assign(
-            anchors[:, :, first:last],
-            boxes[rows],
-            positive=kind.positive,
-            negative=kind.negative,
-            ignored=boxes[own & ~asked],
-            margin=kind.margin,
-        )
+        last, own = first + len(kind.yaws), labels == label_index(kind.label)
+        rows, others = np.flatnonzero(own & asked), boxes[own & ~asked]
+        matching = {"positive": kind.positive, "negative": kind.negative, "margin": kind.margin}
+        found = assign(anchors[:, :, first:last], boxes[rows], ignored=others, **matching)
         owner = np.where(found.labels == POSITIVE, np.append(rows, 0)[found.owner], 0)
         parts.append(Assignment(found.labels, owner))
         first = last
@@ -109,29 +96,16 @@ def assign_by_kind(
 
 
 def sample(assignment: Assignment, rng: np.random.Generator, *, size: int = 256, positives: int = 128) -> Assignment:
-    """Keep `size` random anchors, at most `positives` of them positive.
-
-    The rest is ignored, as in the published training.
-    """
-    flat = assignment.labels.ravel()
-    chosen_positive = _choose(flat == POSITIVE, positives, rng)
-    chosen_negative = _choose(flat == NEGATIVE, size - len(chosen_positive), rng)
-    labels = np.full_like(flat, IGNORED)
-    labels[chosen_positive], labels[chosen_negative] = POSITIVE, NEGATIVE
+    """Keep `size` random anchors, at most `positives` of them positive, as in the published training."""
+    flat, labels = assignment.labels.ravel(), np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
+    for kind, most in ((POSITIVE, positives), (NEGATIVE, size)):
+        rows, room = np.flatnonzero(flat == kind), min(most, size - int((labels == POSITIVE).sum()))
+        labels[rows if len(rows) <= room else rng.choice(rows, room, replace=False)] = kind
     return Assignment(labels.reshape(assignment.labels.shape), assignment.owner)
 
 
-def _enlarge(boxes: np.ndarray, margin: float) -> np.ndarray:
-    larger = np.array(boxes)
-    larger[..., 3:5] += margin
-    return larger
-
-
 def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, slice]:
-    """Rows and columns of the grid near a box.
-
-    They lie within `reach` (m) of the circle round it. No other anchor can touch it.
-    """
+    """Rows and columns of the grid within `reach` (m) of the circle round a box."""
     reach += np.hypot(box[3], box[4]) / 2
     rows = np.searchsorted(anchors[:, 0, 0, 0], [box[0] - reach, box[0] + reach])
     columns = np.searchsorted(anchors[0, :, 0, 1], [box[1] - reach, box[1] + reach])
@@ -139,7 +113,7 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
 
 
 def _snap_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"]:
-    """Axis-aligned IoU of anchors and a box. Each is turned to the nearest multiple of 90°."""
+    """IoU of anchors and a box, each turned to the nearest multiple of 90°."""
     size, box_size = _snap_size(anchors), _snap_size(box)
     gap = np.abs(anchors[..., :2] - box[:2])
     shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
@@ -147,28 +121,17 @@ def _snap_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"
 
 
 def _snap_size(boxes: np.ndarray) -> np.ndarray:
-    """Extent along x and y after snapping yaw. The yaw is snapped to a multiple of 90°."""
+    """Extent along x and y, with the yaw snapped to a multiple of 90°."""
     across = np.abs(np.sin(boxes[..., 6:])) > np.abs(np.cos(boxes[..., 6:]))
     return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
-
-
-def _mark_within(anchors: np.ndarray, box: np.ndarray) -> Bool[np.ndarray, "h w A"]:
-    (dx, dy), (cos, sin) = np.moveaxis(anchors[..., :2] - box[:2], -1, 0), (np.cos(box[6]), np.sin(box[6]))
-    return (np.abs(dx * cos + dy * sin) <= box[3] / 2) & (np.abs(dy * cos - dx * sin) <= box[4] / 2)
-
-
-def _choose(mask: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    rows = np.flatnonzero(mask)
-    return rows if len(rows) <= count else rng.choice(rows, count, replace=False)
 
 
 def paper_loss(
     prediction: Prediction, labels: Shaped[Tensor, "B H W A"], boxes: Float[Tensor, "B H W A 7"], anchors: Tensor
 ) -> dict[str, Tensor]:
-    """Published loss of sampled anchors.
+    """Published loss of sampled anchors: cross-entropy, and smooth L1 (σ = 3) of residuals.
 
-    Cross-entropy, and smooth L1 (σ = 3) of residuals. labels: of an `Assignment`; boxes: target of each positive
-    anchor; anchors: (H, W, A, 7).
+    labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7).
     """
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)
@@ -190,9 +153,8 @@ def quality_loss(
 ) -> dict[str, Tensor]:
     """Loss of class, box, direction and predicted IoU.
 
-    Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box. Each class's sums are
-    divided by the number of its own positive anchors, so that none drowns the others. classes: class of each anchor of
-    a cell (None: one class); other arguments as in `paper_loss`.
+    Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box. A class's sums are
+    divided by the number of its positive anchors. classes: class of each anchor of a cell (None: one class).
     """
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
@@ -205,21 +167,19 @@ def quality_loss(
     number = torch.bincount(kind[positive[3]], minlength=int(kind.max()) + 1).clamp(min=1)
     share = 1 / number[kind]  # weight of one anchor of its class, per anchor of a cell
     classes_lost = focal_loss(maps.class_logits[..., 0], labels == POSITIVE, share * (labels != IGNORED))
-    each = share[positive[3]]
-    anchor, wanted = anchors[positive[1:]], boxes[positive]
+    each, anchor, wanted = share[positive[3]], anchors[positive[1:]], boxes[positive]
     residuals = maps.residuals[positive]
-    direction = maps.direction_logits[..., 0][positive]
-    quality = maps.quality_logits[..., 0][positive]
-
+    direction, quality = (of[..., 0][positive] for of in (maps.direction_logits, maps.quality_logits))
     backwards = faces_back(wanted, anchor)
     overlap = nearly_aligned_iou(decode(residuals, anchor, backwards), wanted)
     box = F.smooth_l1_loss(residuals, encode(wanted, anchor), beta=0.02, reduction="none").sum(1)
+    cross_entropy = partial(F.binary_cross_entropy_with_logits, reduction="sum")
     return {
         "class": classes_lost,
         "box": 2 * (each * box).sum(),
         "iou": (each * (1 - overlap)).sum(),
-        "direction": 0.2 * _cross_entropy(direction, backwards.float(), each),
-        "quality": 0.5 * _cross_entropy(quality, overlap.detach().clamp(0, 1), each),
+        "direction": 0.2 * cross_entropy(direction, backwards.float(), each),
+        "quality": 0.5 * cross_entropy(quality, overlap.detach().clamp(0, 1), each),
     }
 
 
@@ -231,21 +191,17 @@ def focal_loss(
     alpha: float = 0.25,
     gamma: float = 2.0,
 ) -> Tensor:
-    """Focal loss summed over anchors.
-
-    It is α (1 - p)^γ · cross-entropy · weight. p is the probability of the truth; counted: weights, or bool for all or
-    nothing.
-    """
+    """Sum α (1 - p)^γ · cross-entropy · `counted` over anchors, where p is the probability of the truth."""
     signed = torch.where(positive, logits, -logits)
     weight = torch.where(positive, alpha, 1 - alpha) * counted
     return -(weight * torch.sigmoid(-signed) ** gamma * F.logsigmoid(signed)).sum()
 
 
 def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]) -> Float[Tensor, " n"]:
-    """3D IoU of box pairs, differentiable in any overlap.
+    """3D IoU of box pairs, differentiable in any overlap, and exact for equal yaws.
 
-    It is exact for equal yaws. A yaw difference δ takes a quarter of the other side times sin δ off each shared side,
-    the first-order loss of two rectangles turned against each other about a common centre.
+    A yaw difference δ takes a quarter of the other side times sin δ off each shared side: the first-order loss of two
+    rectangles turned about a common centre.
     """
     cos, sin = torch.cos(wanted[:, 6]), torch.sin(wanted[:, 6])
     dx, dy, dz = (boxes - wanted)[:, :3].unbind(1)
@@ -255,7 +211,3 @@ def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]
     lost = torch.cat((turned, torch.zeros_like(turned[:, :1])), 1)
     shared = (torch.minimum(torch.minimum(size, target), (size + target) / 2 - gap) - lost).clamp(min=0).prod(1)
     return shared / (size.prod(1) + target.prod(1) - shared)
-
-
-def _cross_entropy(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    return F.binary_cross_entropy_with_logits(logits, target, weight, reduction="sum")

@@ -1,8 +1,7 @@
-"""`TrainingOptions`: the one list of training arguments.
+"""`TrainingOptions`: the one list of arguments of `coview train` and `python -m models.train`.
 
-It serves `coview train` and `python -m models.train`. The second runs on a machine that has no more than torch, numpy,
-h5py, safetensors, scipy, shapely and tqdm, so its parser is made here with the standard library, from the same fields
-and the same texts.
+The second runs on a machine that has no more than torch, numpy, h5py, safetensors, scipy, shapely and tqdm, so its
+parser is made here with the standard library, from the same fields and the same texts.
 """
 
 from __future__ import annotations
@@ -93,11 +92,18 @@ def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None,
     parser.add_argument("site", nargs="?", help=SITE)
     texts, hints = descriptions(), get_type_hints(TrainingOptions)
     for each in fields(TrainingOptions):
-        settings = _argument(hints[each.name])
-        needed = each.default is MISSING
-        if not needed:
+        hint = hints[each.name]
+        if get_origin(hint) in (Union, UnionType):
+            hint = next(kind for kind in get_args(hint) if kind is not NoneType)
+        if hint is bool:
+            settings: dict[str, Any] = {"action": BooleanOptionalAction}
+        elif get_origin(hint) is tuple:
+            settings = {"nargs": "*", "type": get_args(hint)[0]}
+        else:
+            settings = {"choices": get_args(hint)} if get_origin(hint) is Literal else {"type": hint}
+        if each.default is not MISSING:
             settings["default"] = each.default
-        parser.add_argument(option(each.name), help=texts[each.name], required=needed, **settings)
+        parser.add_argument(option(each.name), help=texts[each.name], required=each.default is MISSING, **settings)
     values = vars(parser.parse_args(arguments))
     site = values.pop("site")
     values = {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
@@ -119,16 +125,3 @@ def option(name: str) -> str:
 def descriptions() -> dict[str, str]:
     """Help text of each field."""
     return dict(re.findall(r"^ {8}(\w+): (.*)$", TrainingOptions.__doc__ or "", flags=re.MULTILINE))
-
-
-def _argument(hint: Any) -> dict[str, Any]:
-    """Settings for argparse of a type."""
-    if get_origin(hint) in (Union, UnionType):
-        hint = next(each for each in get_args(hint) if each is not NoneType)
-    if hint is bool:
-        return {"action": BooleanOptionalAction}
-    if get_origin(hint) is tuple:
-        return {"nargs": "*", "type": get_args(hint)[0]}
-    if get_origin(hint) is Literal:
-        return {"choices": get_args(hint)}
-    return {"type": hint}

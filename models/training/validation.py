@@ -1,4 +1,4 @@
-"""Average precision of a network in training. It needs neither Open3D nor a simulator."""
+"""Average precision of a network in training."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from toolkit.detection.metrics import evaluate
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, Objects
 from toolkit.points import has_centre_inside
 
-VEHICLE_LABEL = LABELS[VEHICLE]
 IOU_THRESHOLDS = (0.7, 0.8, 0.9)
 AREAS_KEPT = 4
 OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicles, which are small, or vary more
@@ -27,16 +26,11 @@ OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicl
 def detector_by_area(
     network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float = 0.05
 ) -> Callable[[Area], Detector]:
-    """Return a function that makes an area's detector.
+    """Return a function that makes the network's detector of an area; the last few are kept."""
 
-    The detector is the network's. The last few are kept: each has its anchors on the whole area, and a packed file may
-    show thousands.
-    """
-
-    @lru_cache(maxsize=AREAS_KEPT)
+    @lru_cache(maxsize=AREAS_KEPT)  # each has its anchors on the whole area, and a packed file may show thousands
     def at_work(area: Area) -> Detector:
-        there = relocate(network, area, "general")
-        return VoxelNetDetector(there, device=device, score_threshold=score_threshold)
+        return VoxelNetDetector(relocate(network, area, "general"), device=device, score_threshold=score_threshold)
 
     return at_work
 
@@ -51,10 +45,9 @@ def detect_frames(
     subsets: float = 0.0,
     errors: float = 0.0,
 ) -> list[tuple[Detections, Objects, Bool[np.ndarray, " n"]]]:
-    """Detect in the first `count` frames by early fusion.
+    """Detect in the first `count` frames (None: all) by early fusion.
 
-    count: None for all. Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors:
-    shares of the frames seen by some of the sensors, and by sensors with errors (`read_points`).
+    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`.
     """
     training = network.training
     detector_in, results = detector_by_area(network, device), []
@@ -75,28 +68,25 @@ def average_precision(
     seed: int = 0,
     device: str | torch.device = "cpu",
 ) -> dict[str, float]:
-    """AP3D of early fusion over the first `count` frames.
+    """AP3D of early fusion over the first `count` frames (None: all), in the protocol "exact".
 
-    count: None for all. Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes
-    without objects are left out. Only objects centred in the area count; others are neither missed nor false alarms
-    (protocol "exact"). Each frame is detected in its own area. seed: of the sensors' noise.
+    Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes without objects are
+    left out. seed: of the sensors' noise.
     """
-    frame_by_frame = detect_frames(network, frames, count=count, seed=seed, device=device)
-    detections, truths, counted = zip(*frame_by_frame, strict=True)
+    judged = detect_frames(network, frames, count=count, seed=seed, device=device)
+    detections, truths, counted = zip(*judged, strict=True)
     figures: dict[str, float] = {}
     for label in network.config.labels:
-        vehicle = label == VEHICLE_LABEL
-        thresholds = IOU_THRESHOLDS if vehicle else OTHER_THRESHOLDS
+        vehicle = label == LABELS[VEHICLE]
+        thresholds, prefix = (IOU_THRESHOLDS, "") if vehicle else (OTHER_THRESHOLDS, f"{label} ")
         at = evaluate(detections, truths, iou_thresholds=thresholds, counted=counted, label=label)
-        prefix = "" if vehicle else f"{label} "
-        known = {threshold: result.ap for threshold, result in at.items() if result.truths or vehicle}
-        figures |= {f"{prefix}AP@{threshold:g}": ap for threshold, ap in known.items()}
+        figures |= {f"{prefix}AP@{at_iou:g}": each.ap for at_iou, each in at.items() if each.truths or vehicle}
     return figures
 
 
 def validation(
     data: Path, *, count: int | None = None, device: str | torch.device = "cpu"
 ) -> Callable[[VoxelNet], dict[str, float]]:
-    """Return `average_precision` on a packed file, for `models.training.loop.train`."""
+    """Return `average_precision` on a packed file, as `train` calls it."""
     frames = PackedFrames(data)
     return lambda network: average_precision(network, frames, count=count, device=device)
