@@ -1,11 +1,8 @@
-"""Second stage of a network.
-
-Calibrated scores, measured faces, more classes.
+"""Second stage of a network: calibrated scores, measured faces, more classes.
 
 Calibration turns scores into shares of true detections and finds thresholds above which nearly all are true. Faces are
-fitted to boxes as detected and to boxes displaced at random. The random displacement is larger than the detector's
-errors on vehicles it knows, and like its errors on vehicles of other makes. So the points must count, not the first
-stage's sizes.
+fitted to boxes as detected and to boxes displaced at random, by more than the detector's errors on vehicles it knows.
+So the points must count, not the first stage's sizes.
 """
 
 from __future__ import annotations
@@ -17,11 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from scipy.optimize import minimize
-from torch import Tensor
 
 from models.config import VoxelNetConfig
 from models.network.candidates import logit, rescore, sigmoid, strongest_rivals
-from models.network.faces import SORTS, FaceFeatures, FaceNetworks, face_features, face_offsets
+from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets
 from models.network.voxelnet import VoxelNet
 from models.training.packed import PackedFrames
 from models.training.samples import read_points
@@ -32,24 +28,32 @@ from toolkit.detection.metrics import TRUE_IOU, match
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, label_index
 from toolkit.points import has_centre_inside
 
+_MAPS = tuple(f"head.{name}." for name in ("classes", "residuals", "direction", "quality"))
+
 
 def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
     """Return a network widened to the classes of `config`.
 
-    It starts from a network for others. Weights of shared classes are taken over, with their anchors; anchors of new
-    classes start at random, always the same. A network of the same classes without a second stage is returned
-    unchanged.
+    Weights of shared classes are taken over, with their anchors; anchors of new classes start at random, always the
+    same. A network of the same classes without a second stage is returned unchanged.
     """
-    if network.config.labels == config.labels and not network.config.faces:
+    known = network.config
+    if known.labels == config.labels and not known.faces:
         return network
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         bare: dict[str, Any] = {"faces": (), "calibration": (), "rivalry": (), "thresholds": ()}
-        wider = VoxelNet(replace(network.config, labels=config.labels, kinds=config.kinds, **bare))
+        wider = VoxelNet(replace(known, labels=config.labels, kinds=config.kinds, **bare))
     state = wider.state_dict()
     for name, old in network.state_dict().items():
-        if name in state:
-            state[name] = _take_rows(state[name], old, wider.config, network.config) if name in _heads() else old
+        if name.startswith(_MAPS):  # channels of shared anchors come from the old network, others stay as they are
+            channels = len(state[name]) // len(wider.config.anchor_labels)
+            for label in set(config.labels) & set(known.labels):
+                rows, places = _channels(wider.config, label, channels), _channels(known, label, channels)
+                if len(rows) == len(places):
+                    state[name][rows] = old[places]
+        elif name in state:
+            state[name] = old
     wider.load_state_dict(state)
     return wider
 
@@ -63,27 +67,9 @@ def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
     return other.train(network.training)
 
 
-def _heads() -> set[str]:
-    maps = ("classes", "residuals", "direction", "quality")
-    return {f"head.{name}.{part}" for name in maps for part in ("weight", "bias")}
-
-
-def _take_rows(new: Tensor, old: Tensor, wider: VoxelNetConfig, known: VoxelNetConfig) -> Tensor:
-    """Combine a head tensor. Channels of shared anchors come from the old one, others stay as they are."""
-    channels = len(new) // len(wider.anchor_labels)
-    result = new.clone()
-    places = {label: _channels(known, label, channels) for label in known.labels}
-    for label in set(wider.labels) & set(known.labels):
-        at = _channels(wider, label, channels)
-        if len(at) == len(places[label]):
-            result[at] = old[places[label]]
-    return result
-
-
 def _channels(config: VoxelNetConfig, label: str, each: int) -> list[int]:
-    """Channels of a class's anchors in a map. The map has `each` per anchor."""
-    row = config.labels.index(label)
-    anchors = [anchor for anchor, owner in enumerate(config.anchor_labels) if owner == row]
+    """Channels of a class's anchors in a map of `each` per anchor."""
+    anchors = [anchor for anchor, row in enumerate(config.anchor_labels) if config.labels[row] == label]
     return [anchor * each + channel for anchor in anchors for channel in range(each)]
 
 
@@ -93,16 +79,13 @@ FEWEST = 30  # detections; a class with fewer keeps its scores
 LOWEST = 0.05  # least score of the detections used
 LEAST_SURE = 0.2  # calibrated score, the lowest default threshold
 TRUE, FALSE, UNCOUNTED = 1, 0, -1  # outcomes of detections
-_SUBSETS, _ERRORS = 0.3, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
+_SUBSETS, _ERRORS = 0.3, 0.3  # shares of the frames seen by some of the sensors, and by sensors with errors
 _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0
 _LEAST_SLOPE = 0.05
 
 
 def platt(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"]) -> tuple[float, float]:
-    """Fit slope and intercept to hits (Platt 1999).
-
-    They make sigmoid(slope · logit(score) + intercept) the likeliest share of true detections.
-    """
+    """Fit slope and intercept (Platt 1999): sigmoid(slope · logit(score) + intercept) is the share of hits."""
     slope, intercept = with_rivals(scores, np.zeros((len(scores), 0)), hits)
     return slope, intercept
 
@@ -110,21 +93,17 @@ def platt(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"]) -> tupl
 def with_rivals(
     scores: Float[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"], hits: Bool[np.ndarray, " n"]
 ) -> tuple[float, ...]:
-    """Fit slope, intercept and the weights of L rivals' scores.
+    """Fit slope, intercept and the weights (at least 0) of L rivals' scores to hits.
 
-    They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections;
-    weights are at least 0.
+    They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections.
     """
     rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
-    wanted = np.zeros(rows.shape[1])
-    wanted[0] = 1.0
+    wanted = np.eye(1, rows.shape[1])[0]
 
     def lost(answer: np.ndarray) -> tuple[float, np.ndarray]:
         p, off = rows @ answer, answer - wanted
-        return (
-            float(np.logaddexp(0.0, p).sum() - p[hits].sum() + _RIDGE / 2 * off @ off),
-            rows.T @ (sigmoid(p) - hits) + _RIDGE * off,
-        )
+        loss = float(np.logaddexp(0.0, p).sum() - p[hits].sum() + _RIDGE / 2 * off @ off)
+        return loss, rows.T @ (sigmoid(p) - hits) + _RIDGE * off
 
     bounds = [(_LEAST_SLOPE, None), (None, None), *((0.0, None) for _ in rivals.T)]
     found = minimize(lost, wanted, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-13, "gtol": 1e-7})
@@ -132,11 +111,10 @@ def with_rivals(
 
 
 def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], precision: float) -> float:
-    """Lowest score with enough true detections above it.
+    """Lowest score above which a share `precision` of detections is true, 0 if that holds for all of them.
 
-    A share `precision` of those above must be true. It is 0 if that holds for all of them. If it holds for no `FEWEST`
-    or more, the score above which that many are left; but never a score that loses more than `MOST_LOST` of the true
-    detections.
+    If it holds for no `FEWEST` or more, the score above which that many are left; but never a score that loses more
+    than `MOST_LOST` of the true detections.
 
     >>> lowest_threshold(np.linspace(0.01, 1, 100), np.arange(100) >= 20, 1.0)
     0.2
@@ -151,48 +129,47 @@ def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n
 
 
 def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0) -> VoxelNet:
-    """Return the network with calibrated scores.
+    """Return the network with calibration, rivalry and a threshold per class.
 
-    It has calibration, rivalry and a threshold per class. Each threshold is the lowest above which `PRECISION` of the
-    detections are true, over the first `count` frames (None: all) of a file that training did not use. Some frames are
-    seen by some of the sensors, or by sensors with errors.
+    Each threshold is the lowest above which `PRECISION` of the detections are true, over the first `count` frames
+    (None: all) of a file that training did not use, some of them seen by some of the sensors or by sensors with errors.
     """
     bare = rebuild(network, calibration=(), rivalry=(), thresholds=(), score_threshold=LOWEST)
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
-    scores, of, hits = _columns(judged)
-    counts = hits != UNCOUNTED
-    pairs = []
-    for label in labels:
-        own = counts & (of == LABELS.index(label))
-        pairs.append(platt(scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0))
-    calibrated = rebuild(bare, calibration=tuple(pairs))
-    sure = [_rescore(found, calibrated.config) for found, _ in judged]
+    hits = np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
+    before = Detections.merge(found for found, _ in judged)
+    rows_of = [(hits != UNCOUNTED) & (before.labels == LABELS.index(label)) for label in labels]
+    pairs = [platt(before.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows_of]
+    by_label = dict(zip(map(LABELS.index, labels), pairs, strict=True))
+    sure = []
+    for found, _ in judged:
+        slope, shift = np.array([by_label[int(label)] for label in found.labels]).reshape(-1, 2).T
+        sure.append(Detections(found.boxes, sigmoid(slope * logit(found.scores) + shift), found.labels))
     rivals = np.concatenate([np.zeros((0, len(labels))), *(strongest_rivals(found, bare.config) for found in sure)])
     scores = Detections.merge(sure).scores
     rows, thresholds = [], []
-    for label in labels:
-        own = counts & (of == LABELS.index(label))
+    for own in rows_of:
         true = hits[own] == TRUE
         enough = len(labels) > 1 and own.sum() >= FEWEST
-        row = with_rivals(scores[own], rivals[own], true) if enough else (1.0, 0.0, *np.zeros(len(labels)).tolist())
+        row = with_rivals(scores[own], rivals[own], true) if enough else (1.0, 0.0, *(0.0 for _ in labels))
         left = rescore(scores[own], rivals[own], np.array([row]))
         rows.append(row)
         thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
-    return rebuild(calibrated, rivalry=tuple(rows) if len(labels) > 1 else (), thresholds=tuple(thresholds))
+    rivalry = tuple(rows) if len(labels) > 1 else ()
+    return rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=tuple(thresholds))
 
 
 def _judge(
     network: VoxelNet, frames: PackedFrames, count: int | None, seed: int
 ) -> list[tuple[Detections, Int64[np.ndarray, " n"]]]:
-    """Judge the detections of each frame.
+    """Judge each frame's detections: TRUE, FALSE or UNCOUNTED.
 
-    Each is TRUE, FALSE or UNCOUNTED. A vehicle found on a heavy one is false if the network knows both.
+    A vehicle found on a heavy one is false if the network knows both.
     """
     judged, tells_apart = [], {"vehicle", "heavy"} <= set(network.config.labels)
-    for found, truth, counted in detect_frames(
-        network, frames, count=count, seed=seed, subsets=_SUBSETS, errors=_ERRORS
-    ):
+    seen = detect_frames(network, frames, count=count, seed=seed, subsets=_SUBSETS, errors=_ERRORS)
+    for found, truth, counted in seen:
         hits = np.full(len(found), UNCOUNTED)
         for number in map(LABELS.index, network.config.labels):
             known = (truth.labels != HEAVY) | (not tells_apart or number != VEHICLE)
@@ -200,19 +177,6 @@ def _judge(
             hits[~at.ignored] = np.where(at.truth[~at.ignored] >= 0, TRUE, FALSE)
         judged.append((found, hits))
     return judged
-
-
-def _columns(judged: list[tuple[Detections, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scores, labels and outcomes of all frames."""
-    found = Detections.merge(each for each, _ in judged)
-    return found.scores, found.labels, np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
-
-
-def _rescore(found: Detections, config: VoxelNetConfig) -> Detections:
-    """Return detections with calibrated scores."""
-    by_label = {LABELS.index(label): pair for label, pair in zip(config.labels, config.calibration, strict=True)}
-    slope, shift = np.array([by_label[int(label)] for label in found.labels]).reshape(-1, 2).T
-    return Detections(found.boxes, sigmoid(slope * logit(found.scores) + shift), found.labels)
 
 
 FARTHEST_FACE = 0.6  # m; points of a face farther off are not counted
@@ -226,19 +190,14 @@ OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # sta
 
 
 class FaceExamples(NamedTuple):
-    """Training rows by sort of face. Features, and offsets outwards (m)."""
+    """Training rows by sort of face: features, and offsets outwards (m)."""
 
     features: dict[str, Float32[np.ndarray, "n F"]]
     offsets: dict[str, Float32[np.ndarray, " n"]]
 
 
 def face_examples(
-    frames: PackedFrames,
-    network: VoxelNet | None,
-    labels: Sequence[str],
-    *,
-    count: int | None = None,
-    seed: int = 0,
+    frames: PackedFrames, network: VoxelNet | None, labels: Sequence[str], *, count: int | None = None, seed: int = 0
 ) -> FaceExamples:
     """Collect examples of the first `count` frames (None: all).
 
@@ -257,11 +216,18 @@ def face_examples(
         objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
         boxes, truths, kinds = off_at_random(objects.boxes, rng), objects.boxes, objects.labels
         if detector_in is not None:
-            found, owner = _match_detections(detector_in(frames.rig(k).area)(points), objects.boxes, objects.labels)
-            boxes = np.concatenate([boxes, found])
-            truths, kinds = np.concatenate([truths, truths[owner]]), np.concatenate([kinds, kinds[owner]])
+            found = detector_in(frames.rig(k).area)(points)
+            overlap = iou_bev(found.boxes, truths) * (found.labels[:, None] == kinds)
+            if overlap.size:
+                of_one, owner = overlap.max(axis=1) > MATCHED, overlap.argmax(axis=1)
+                boxes, owner = np.concatenate([boxes, found.boxes[of_one]]), owner[of_one]
+                truths, kinds = np.concatenate([truths, truths[owner]]), np.concatenate([kinds, kinds[owner]])
         if len(boxes):
-            _add(rows, offsets, face_features(points, boxes, kinds), face_offsets(boxes, truths))
+            features, offset = face_features(points, boxes, kinds), face_offsets(boxes, truths)
+            for number, sort in enumerate(SORTS):  # faces with points near them
+                seen = features.counted[number] > 0
+                rows[sort].append(features[number][seen])
+                offsets[sort].append(offset[number][seen])
     return FaceExamples(
         {sort: np.concatenate(parts) for sort, parts in rows.items()},
         {sort: np.concatenate(parts).astype(np.float32) for sort, parts in offsets.items()},
@@ -271,7 +237,7 @@ def face_examples(
 def train_faces(
     network: VoxelNet, frames: PackedFrames, labels: Sequence[str], *, count: int = 1000, seed: int = 0
 ) -> VoxelNet:
-    """Return the network with a trained second stage. It is trained for the boxes of these labels."""
+    """Return the network with a second stage trained for the boxes of these labels."""
     bare, staged = rebuild(network, faces=()), rebuild(network, faces=tuple(labels))
     assert staged.faces is not None
     fit_faces(staged.faces, face_examples(frames, bare, labels, count=count, seed=seed), seed=seed)
@@ -279,7 +245,7 @@ def train_faces(
 
 
 def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> Float[np.ndarray, "n 7"]:
-    """Displace boxes in place, size and yaw. A tenth faces the other way. Their floors stay."""
+    """Displace boxes in place, size and yaw, a tenth by a half turn. Their floors stay."""
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2
     small = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # less for pedestrians
@@ -298,7 +264,7 @@ def fit_faces(
     learning_rate: float = 3e-3,
     seed: int = 0,
 ) -> dict[str, float]:
-    """Train the three networks, `STEPS` steps each.
+    """Train the three networks, `STEPS` steps each, on the offsets' Laplace likelihood.
 
     Returns the mean error (m) of each sort of face before and after, over the examples. Raises ValueError for a sort
     without examples.
@@ -308,57 +274,25 @@ def fit_faces(
     for number, sort in enumerate(SORTS):
         if not len(examples.offsets[sort]):
             raise ValueError(f"no examples of a {sort}: pack frames with vehicles that have points")
-        features = torch.from_numpy(examples.features[sort])
+        features, layers = torch.from_numpy(examples.features[sort]), getattr(networks, sort)
         target = torch.from_numpy(examples.offsets[sort]).clamp(-FARTHEST_FACE, FARTHEST_FACE)
-        _fit(networks, sort, features, target, steps, learning_rate, seed)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            for layer in layers:
+                if isinstance(layer, torch.nn.Linear):
+                    layer.reset_parameters()
+            optimiser = torch.optim.AdamW(layers.parameters(), learning_rate, weight_decay=1e-3)
+            schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, learning_rate, total_steps=steps, pct_start=0.1)
+            for _ in range(steps):
+                rows = torch.randint(len(target), (BATCH,))
+                shift, spread = networks.answers(sort, features[rows])
+                loss = ((shift - target[rows]).abs() * torch.exp(-spread) + spread).mean()
+                optimiser.zero_grad(set_to_none=True)
+                loss.backward()  # type: ignore[no-untyped-call]
+                optimiser.step()
+                schedule.step()
         with torch.inference_mode():
             error = (networks.answers(sort, features)[0] - target).abs().mean()
         networks.prior[number] = target.abs().mean()
         figures |= {f"{sort} before": float(target.abs().mean()), f"{sort} after": float(error)}
     return figures
-
-
-def _fit(
-    networks: FaceNetworks, sort: str, features: Tensor, target: Tensor, steps: int, learning_rate: float, seed: int
-) -> None:
-    """Fit the offsets' Laplace likelihood by Adam. It is the likelihood under the predicted mean error."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        for layer in getattr(networks, sort):
-            if hasattr(layer, "reset_parameters"):
-                layer.reset_parameters()
-        optimiser = torch.optim.AdamW(getattr(networks, sort).parameters(), learning_rate, weight_decay=1e-3)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, learning_rate, total_steps=steps, pct_start=0.1)
-        for _ in range(steps):
-            rows = torch.randint(len(target), (BATCH,))
-            shift, spread = networks.answers(sort, features[rows])
-            loss = ((shift - target[rows]).abs() * torch.exp(-spread) + spread).mean()
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
-            schedule.step()
-
-
-def _match_detections(
-    found: Detections, truths: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "m 7"], Int64[np.ndarray, " m"]]:
-    """Find detections that match an object, and its row."""
-    overlap = iou_bev(found.boxes, truths) * (found.labels[:, None] == labels)
-    if not overlap.size:
-        return found.boxes[:0], np.zeros(0, np.int64)
-    owner = overlap.argmax(axis=1)
-    of_one = overlap.max(axis=1) > MATCHED
-    return found.boxes[of_one], owner[of_one]
-
-
-def _add(
-    rows: dict[str, list[np.ndarray]],
-    offsets: dict[str, list[np.ndarray]],
-    features: FaceFeatures,
-    offset: tuple[np.ndarray, ...],
-) -> None:
-    """Keep the faces with points near them."""
-    for number, sort in enumerate(SORTS):
-        seen = features.counted[number] > 0
-        rows[sort].append(features[number][seen])
-        offsets[sort].append(offset[number][seen])
