@@ -1,9 +1,7 @@
-"""Packed recordings in memory: empty site and differences.
+"""Packed recordings in memory: the empty site once, and the differences of each frame.
 
-The empty site is held once.
-
-The packed file needs numpy and h5py alone, so training can move to a machine that has neither Open3D nor SUMO. Depth
-stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat arrays:
+Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat
+arrays that need numpy and h5py alone:
 
     rigs/{r}                    attributes: area, height, sensors (JSON: name, type, model), slope of the ground where
                                 it is not level; poses (s, 4, 4)
@@ -20,10 +18,10 @@ stays noise-free; every reading draws fresh noise. `models.training.packing` wri
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, SupportsFloat
+from typing import SupportsFloat
 
 import h5py
 import numpy as np
@@ -45,10 +43,9 @@ Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
 
 class PackedFrames:
-    """Packed file in memory.
+    """Packed file in memory. Points and objects of frame k are in its site's frame.
 
-    Points and objects of frame k are in its site's frame. Raises FileNotFoundError; ValueError if the file is damaged
-    or not a packed file.
+    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -63,7 +60,13 @@ class PackedFrames:
                 self._boxes = hdf5.array(file, "boxes", axes=2)
                 self._labels = hdf5.array(file, "labels", axes=1, kinds="iu")
                 self._box_ends = hdf5.array(file, "box_ends", axes=1, kinds="iu")
-                self._clouds = _read_clouds(file)
+                self._places: dict[int, int] = {}  # of frames of recorded clouds
+                self._cloud_ends, self._points = np.zeros((0, 1), np.int64), np.zeros((0, 3), np.int32)
+                if hdf5.contains(file, "clouds"):
+                    of = hdf5.array(file, "clouds/frames", axes=1, kinds="iu")
+                    self._places = {int(k): place for place, k in enumerate(of)}
+                    self._cloud_ends = hdf5.array(file, "clouds/ends", axes=2, kinds="iu")
+                    self._points = hdf5.array(file, "clouds/points", axes=2, kinds="iu")
                 self.rigs = tuple(_read_rig(file, f"rigs/{r}") for r in range(len(hdf5.child_names(file, "rigs"))))
             self._check()
         except (OSError, ValueError) as error:
@@ -72,7 +75,7 @@ class PackedFrames:
             ) from error
 
     def _check(self) -> None:
-        """Check that numbers of the file fit each other. Raises ValueError if they do not."""
+        """Raise ValueError unless numbers of the file fit each other."""
         frames = len(self)
         if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
             raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
@@ -88,7 +91,13 @@ class PackedFrames:
             for s, sensor in enumerate(self.rig(k).sensors):
                 _check_pixels(self._pixels[slice(*self._ends[k, s : s + 2])], sensor, "pixels")
         Objects(self._boxes, self._labels)
-        self._clouds.check([len(self.rigs[r].sensors) for r in self._rig_of_frame])
+        if self._points.shape[1] != 3:
+            raise ValueError(f"clouds/points must be x y z in each row, got {self._points.shape}")
+        if len(self._places) != len(self._cloud_ends) or any(not 0 <= k < frames for k in self._places):
+            raise ValueError(f"clouds/frames must be different numbers of its {frames} frames, as many as clouds/ends")
+        most = max((len(self.rig(k).sensors) for k in self._places), default=0)
+        if self._cloud_ends.shape[1] <= most or not _ascends(self._cloud_ends, len(self._points)):
+            raise ValueError("clouds/ends does not cut clouds/points into frames and sensors")
 
     def __len__(self) -> int:
         return len(self._rig_of_frame)
@@ -98,58 +107,50 @@ class PackedFrames:
         return self.rigs[self._rig_of_frame[k]]
 
     def objects(self, k: int) -> Objects:
-        """Ground truth of frame k. Inside the area and around it, on its slope."""
+        """Ground truth of frame k inside the area and around it, on its slope."""
         rows = slice(*self._box_ends[k : k + 2])
         return Objects(self._boxes[rows], self._labels[rows])
 
     def level_objects(self, k: int) -> Objects:
-        """Ground truth of frame k on level ground. `points` are on level ground too."""
+        """Ground truth of frame k on level ground, as `points`."""
         objects, slope = self.objects(k), self.rig(k).slope
         return objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
 
     def is_recorded(self, k: int) -> bool:
-        """True for frames of recorded clouds. These have neither an empty site nor drawn errors."""
-        return k in self._clouds.places
+        """True for frames of recorded clouds, which have neither an empty site nor drawn errors."""
+        return k in self._places
 
     def changes(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Pixels of frame k that differ from the empty site. Their steps are given too, per sensor."""
+        """Pixels of frame k that differ from the empty site, and their steps, per sensor."""
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
-
-    def metres(self, steps: Shaped[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-        """Convert steps of changed pixels to metres. 0 for no return."""
-        return steps.astype(np.float32) / STEPS_PER_METRE
 
     def points(
         self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
     ) -> list[Float32[np.ndarray, "_ 3"]]:
-        """Points of frame k inside the crop.
+        """Points of frame k inside the crop, of each chosen sensor (None: all), on level ground.
 
-        They are those of each chosen sensor (None: all). rng: of fresh noise, None for none. The ground is levelled: a
-        network knows nothing else.
+        rng: of fresh noise, None for none.
         """
-        rig = self.rig(k)
-        chosen = range(len(rig.sensors)) if sensors is None else sensors
-        if self.is_recorded(k):
-            return [self._clouds.points(k, s) for s in chosen]
-        clouds = []
-        for s in chosen:
-            changed = slice(*self._ends[k, s : s + 2])
-            points = rig.points(s, self._pixels[changed], self.metres(self._steps[changed]), rng)
-            clouds.append(level_rows(points, rig.slope))
+        rig, clouds = self.rig(k), []
+        for s in range(len(rig.sensors)) if sensors is None else sensors:
+            if self.is_recorded(k):
+                rows = slice(*self._cloud_ends[self._places[k], s : s + 2])
+                clouds.append(self._points[rows].astype(np.float32) / np.float32(STEPS_PER_METRE))
+            else:
+                changed = slice(*self._ends[k, s : s + 2])
+                metres = self._steps[changed].astype(np.float32) / STEPS_PER_METRE
+                clouds.append(level_rows(rig.points(s, self._pixels[changed], metres, rng), rig.slope))
         return clouds
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Fixed sensors, and their view of the empty site.
-
-    The view is inside the crop: the area (xmin ymin xmax ymax, m) up to the height (m) above the sloping ground plane.
-    """
+    """Fixed sensors, and their view of the empty site in the crop: the area up to the height above sloping ground."""
 
     sensors: tuple[Sensor, ...]
     area: Area
-    height: float
+    height: float  # m
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     depth: tuple[Float32[np.ndarray, " _"], ...]
     slope: Slope = LEVEL
@@ -162,7 +163,7 @@ class Rig:
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
     ) -> Rig:
-        """Build a rig from images of the empty site. Each has rows and columns."""
+        """Build a rig from images (rows, columns) of the empty site."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
         pixels, depth = [], []
@@ -176,13 +177,13 @@ class Rig:
     def points(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
     ) -> Float32[np.ndarray, "n 3"]:
-        """Noisy points in the crop. Pixels `changed` measure `measured` (0: nothing), the others the empty site."""
+        """Noisy points in the crop; pixels `changed` have measured this (0: nothing), the others the empty site."""
         return self.measure(s, changed, measured, rng)[0]
 
     def measure(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
     ) -> tuple[Float32[np.ndarray, "n 3"], Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """These points, their pixels and measurements."""
+        """Points as in `points`, their pixels and measurements."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False
@@ -198,7 +199,7 @@ class Rig:
     def world(
         self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
     ) -> Float32[np.ndarray, "n 3"]:
-        """Positions measured by pixels of sensor s. In the site's frame."""
+        """Positions in the site's frame, measured by pixels of sensor s."""
         sensor = self.sensors[s]
         rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[:3, :3].T.astype(np.float32)
         rays *= depth[:, None]
@@ -206,47 +207,10 @@ class Rig:
         return rays
 
     def in_crop(self, points: Float32[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Mark points in the crop. Points are in the world frame; the crop is widened by a margin (m)."""
+        """Mark points in the crop, widened by a margin (m)."""
         (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
         return inside & (z > -margin) & (z < self.height + margin)
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedClouds:
-    """Frames of recorded clouds. Their places, where points begin, and points in steps."""
-
-    places: dict[int, int]
-    ends: Shaped[np.ndarray, "f _"]
-    steps: Shaped[np.ndarray, "p 3"]
-
-    def points(self, k: int, s: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of sensor s in frame k."""
-        rows = slice(*self.ends[self.places[k], s : s + 2])
-        return self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
-
-    def check(self, sensors: Sequence[int]) -> None:
-        """Check that the numbers fit the file's frames.
-
-        Raises ValueError if they do not. sensors: number of sensors of each frame.
-        """
-        total = len(sensors)
-        if len(self.places) != len(self.ends) or any(not 0 <= k < total for k in self.places):
-            raise ValueError(f"clouds/frames must be different numbers of its {total} frames, as many as clouds/ends")
-        most = max((sensors[k] for k in self.places), default=0)
-        if self.ends.shape[1] <= most or not _ascends(self.ends, len(self.steps)):
-            raise ValueError("clouds/ends does not cut clouds/points into frames and sensors")
-
-
-def _read_clouds(file: h5py.File) -> RecordedClouds:
-    if not hdf5.contains(file, "clouds"):
-        return RecordedClouds({}, np.zeros((0, 1), np.int64), np.zeros((0, 3), np.int32))
-    frames = hdf5.array(file, "clouds/frames", axes=1, kinds="iu")
-    ends = hdf5.array(file, "clouds/ends", axes=2, kinds="iu")
-    points = hdf5.array(file, "clouds/points", axes=2, kinds="iu")
-    if points.shape[1] != 3:
-        raise ValueError(f"clouds/points must be x y z in each row, got {points.shape}")
-    return RecordedClouds({int(k): place for place, k in enumerate(frames)}, ends, points)
 
 
 def _read_rig(file: h5py.File, name: str) -> Rig:
@@ -255,24 +219,6 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     poses, depth = hdf5.array(file, f"{name}/poses", axes=3), hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
     pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
     ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")
-    sensors, area, height, slope = _parse_rig(attributes, poses, name)
-    if len(ends) != len(sensors) or len(pixels) != len(depth) or not _ascends(ends, len(pixels)):
-        raise ValueError(f"{name}/ends does not cut its {len(pixels)} pixels and {len(depth)} depths into sensors")
-    if not np.isfinite(depth).all():
-        raise ValueError(f"{name}/depth holds NaN or infinity")
-    seen = tuple(np.split(pixels, ends[:-1]))
-    for sensor, each in zip(sensors, seen, strict=True):
-        _check_pixels(each, sensor, f"{name}/pixels")
-    return Rig(sensors, area, height, seen, tuple(np.split(depth.astype(np.float32), ends[:-1])), slope)
-
-
-def _parse_rig(
-    attributes: dict[str, Any], poses: np.ndarray, name: str
-) -> tuple[tuple[Sensor, ...], Area, float, Slope]:
-    """Parse sensors, area, height and slope from a rig's attributes.
-
-    The slope is level if not given. Raises ValueError for bad attributes.
-    """
     try:
         models = parse_json(attributes["sensors"])
         sensors = tuple(
@@ -288,11 +234,19 @@ def _parse_rig(
         raise ValueError(f"{name}: needs an area xmin ymin xmax ymax and a height, got {attributes['area']}, {height}")
     if not sensors or max(rows * columns for rows, columns in (s.model.shape for s in sensors)) > MOST_PIXELS:
         raise ValueError(f"{name}: needs sensors of at most {MOST_PIXELS} pixels each")
-    return sensors, (xmin, ymin, xmax, ymax), height, slope
+    if len(ends) != len(sensors) or len(pixels) != len(depth) or not _ascends(ends, len(pixels)):
+        raise ValueError(f"{name}/ends does not cut its {len(pixels)} pixels and {len(depth)} depths into sensors")
+    if not np.isfinite(depth).all():
+        raise ValueError(f"{name}/depth holds NaN or infinity")
+    seen = tuple(np.split(pixels, ends[:-1]))
+    for sensor, each in zip(sensors, seen, strict=True):
+        _check_pixels(each, sensor, f"{name}/pixels")
+    depths = tuple(np.split(depth.astype(np.float32), ends[:-1]))
+    return Rig(sensors, (xmin, ymin, xmax, ymax), height, seen, depths, slope)
 
 
 def _ascends(ends: np.ndarray, total: int) -> bool:
-    """True if the numbers ascend, row after row. They run from 0 or more to at most the total."""
+    """True if the numbers ascend, row after row, from 0 or more to at most the total."""
     flat = ends.ravel().astype(np.int64)
     return not len(flat) or bool((np.diff(flat) >= 0).all() and flat[0] >= 0 and flat[-1] <= total)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol, SupportsFloat, runtime_checkable
+from typing import SupportsFloat
 
 import h5py
 import numpy as np
@@ -31,7 +31,7 @@ _CHUNK = 1 << 18
 
 @dataclass(frozen=True)
 class Change:
-    """Changes of one frame. Differences from the empty site per sensor, or recorded clouds (m)."""
+    """Changes of one frame: differences from the empty site per sensor, or recorded clouds (m)."""
 
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     steps: tuple[Shaped[np.ndarray, " _"], ...]
@@ -47,49 +47,8 @@ class PackedRecording:
     changes: Iterable[Change]
 
 
-@runtime_checkable
-class OnLevelGround(Protocol):
-    """One sample of recorded clouds. `LevelFrame` of the toolkit is one."""
-
-    @property
-    def sensors(self) -> tuple[str, ...]:
-        """Names of the sensors."""
-        ...
-
-    @property
-    def clouds(self) -> tuple[np.ndarray, ...]:
-        """Points (n, 3) of each sensor, m. In the area and on level ground."""
-        ...
-
-    @property
-    def objects(self) -> Objects:
-        """Labelled objects, in the same frame."""
-        ...
-
-    @property
-    def area(self) -> tuple[float, float, float, float]:
-        """Area: xmin ymin xmax ymax, m."""
-        ...
-
-
-@runtime_checkable
-class Drawn(Protocol):
-    """Frames of a random site. Measurements of the empty site are given too."""
-
-    @property
-    def site(self) -> Site:
-        """Site of the frames."""
-        ...
-
-    @property
-    def frames(self) -> tuple[Frame, ...]:
-        """Recorded frames."""
-        ...
-
-    @property
-    def empty(self) -> tuple[np.ndarray, ...]:
-        """Measurements of each sensor, (rows, columns), m."""
-        ...
+LevelSample = tuple[tuple[str, ...], tuple[np.ndarray, ...], Objects, tuple[float, float, float, float]]
+"""Names of the sensors, their points (n, 3) on level ground, labelled objects, and area: xmin ymin xmax ymax (m)."""
 
 
 def recording(
@@ -101,16 +60,15 @@ def recording(
     count: int | None = None,
     slope: Slope = LEVEL,
 ) -> PackedRecording:
-    """Return frames of fixed sensors.
-
-    Each is read when it is written.
+    """Return frames of fixed sensors, each read when it is written.
 
     area: xmin ymin xmax ymax (m), height: of the crop (m); empty: measurements of the empty site per sensor, None to
     take them from the frames; count: only the first frames; slope: of the ground (m per m, x and y).
     """
     empty = empty_scene(frames).images if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
-    return PackedRecording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
+    chosen = range(min(len(frames), len(frames) if count is None else count))
+    return PackedRecording(rig, (change(rig, frames[k]) for k in chosen))
 
 
 def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedRecording:
@@ -119,22 +77,13 @@ def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedR
     return recording(dataset, site.area, site.height, count=count, slope=site.relief.slope)
 
 
-def drawn_recording(drawn: Drawn) -> PackedRecording:
-    """Return a recording of a random site."""
-    site = drawn.site
-    return recording(drawn.frames, site.area, site.height, empty=drawn.empty, slope=site.relief.slope)
-
-
-def sample_recordings(samples: Iterable[OnLevelGround], height: float = 4.0) -> Iterator[PackedRecording]:
-    """Yield a recording for each run of samples.
-
-    A run has the same sensors and area. Recordings must be written in order.
-    """
-    for (sensors, area), group in groupby(samples, key=lambda each: (each.sensors, each.area)):
+def sample_recordings(samples: Iterable[LevelSample], height: float = 4.0) -> Iterator[PackedRecording]:
+    """Yield a recording for each run of samples with the same sensors and area. They must be written in order."""
+    for (sensors, area), group in groupby(samples, key=lambda each: (each[0], each[3])):
         nothing = tuple(np.zeros(0, np.uint32) for _ in sensors)
         still = tuple(np.zeros(0, np.float32) for _ in sensors)
         stands = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
-        changes = (Change(nothing, nothing, each.objects, tuple(each.clouds)) for each in group)
+        changes = (Change(nothing, nothing, objects, tuple(clouds)) for _, clouds, objects, _ in group)
         yield PackedRecording(Rig(stands, area, height, nothing, still), changes)
 
 
@@ -150,50 +99,44 @@ def read_recordings(path: Path) -> list[PackedRecording]:
     return [PackedRecording(rig, changes) for rig, changes in zip(packed.rigs, frames_of, strict=True)]
 
 
-def drawn_file(drawn: Drawn) -> bytes:
-    """Content of the packed file of a random site."""
+def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) -> bytes:
+    """Content of the packed file of a random site, its frames, and each sensor's measurement without traffic."""
+    site, frames, empty = drawn
     with TemporaryDirectory() as folder:
-        pack([drawn_recording(drawn)], Path(folder, "one.packed"))
-        return Path(folder, "one.packed").read_bytes()
+        path = Path(folder, "one.packed")
+        pack([recording(frames, site.area, site.height, empty=empty, slope=site.relief.slope)], path)
+        return path.read_bytes()
 
 
 def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
-    """Write several packed files as one. Returns the number of frames. Raises ValueError without any frame."""
+    """Write several packed files as one, and return the number of frames. Raises ValueError without any frame."""
     with hdf5_file(unfinished) as (file, check):
         return _write(file, (each for path in paths for each in read_recordings(path)), check, None)
 
 
 def change(rig: Rig, frame: Frame) -> Change:
-    """Find pixels that differ from the empty site.
-
-    They show something in the crop that the empty site does not, or the reverse.
-    """
-    found = [_find_changes(rig, s, measurement) for s, measurement in enumerate(frame.images)]
-    return Change(tuple(pixels for pixels, _ in found), tuple(steps for _, steps in found), frame.objects)
+    """Find pixels that show something in the crop that the empty site does not, or the reverse."""
+    pixels, steps = [], []
+    for s, measurement in enumerate(frame.images):
+        still, flat = np.zeros(measurement.size, np.float32), measurement.ravel()
+        still[rig.pixels[s]] = rig.depth[s]
+        places = np.flatnonzero(flat != still).astype(np.uint32)
+        depth = np.where(flat[places] < FARTHEST, flat[places], np.float32(0))
+        seen = (depth > 0) & rig.in_crop(rig.world(s, places, depth), MARGIN)
+        counts = seen | (still[places] > 0)  # or hides a point of the empty site
+        pixels.append(places[counts])
+        rounded = np.where(seen, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0)
+        steps.append(rounded.astype(np.uint16)[counts])
+    return Change(tuple(pixels), tuple(steps), frame.objects)
 
 
 def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: Callable[[int], None] | None = None) -> int:
-    """Write a packed file, complete or not at all.
+    """Write a packed file, complete or not at all, and return its number of frames.
 
-    Returns its number of frames. Raises ValueError without any frame, OSError if the disk is full.
+    Raises ValueError without any frame, OSError if the disk is full.
     """
     with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
         return _write(file, recordings, check, progress)
-
-
-@dataclass(frozen=True)
-class _Changes:
-    """Changes of frames, made on demand; pickled whole."""
-
-    rig: Rig
-    frames: Sequence[Frame]
-    count: int
-
-    def __iter__(self) -> Iterator[Change]:
-        return (change(self.rig, self.frames[k]) for k in range(self.count))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return tuple, (list(self),)
 
 
 def _write(
@@ -206,7 +149,7 @@ def _write(
     rig_of_frame: list[int] = []
     ends: list[np.ndarray] = []
     objects: list[Objects] = []
-    recorded = _Clouds()
+    recorded: dict[int, tuple[np.ndarray, ...]] = {}
     file.create_group("rigs")
     for r, each in enumerate(recordings):
         _write_rig(file.create_group(f"rigs/{r}"), each.rig)
@@ -216,7 +159,9 @@ def _write(
                 pixels.append(pixel)
                 steps.append(step)
             if found.clouds is not None:
-                recorded.append(len(objects), found.clouds)
+                recorded[len(objects)] = tuple(
+                    np.rint(np.asarray(cloud, np.float64) * STEPS_PER_METRE).astype(np.int32) for cloud in found.clouds
+                )
             rig_of_frame.append(r)
             objects.append(found.objects)
             check()
@@ -231,7 +176,16 @@ def _write(
     file["boxes"] = np.concatenate([each.boxes for each in objects])
     file["labels"] = np.concatenate([each.labels for each in objects]).astype(np.int8)
     file["box_ends"] = np.cumsum([0, *map(len, objects)])
-    recorded.write(file)
+    if recorded:
+        sizes = [[len(cloud) for cloud in clouds] for clouds in recorded.values()]
+        starts = np.cumsum([0, *map(sum, sizes)])
+        points = np.concatenate([np.zeros((0, 3), np.int32), *chain(*recorded.values())])
+        file["clouds/frames"] = np.array(list(recorded), np.int64)
+        file["clouds/ends"] = _of_one_length(
+            [np.cumsum([start, *each]) for start, each in zip(starts, sizes, strict=False)]
+        )
+        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(points) else {}
+        file.create_dataset("clouds/points", data=points, **options)
     return len(objects)
 
 
@@ -249,51 +203,14 @@ def _write_rig(group: h5py.Group, rig: Rig) -> None:
         group.create_dataset(name, data=values, compression="gzip" if len(values) else None, shuffle=len(values) > 0)
 
 
-def _find_changes(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    still = np.zeros(measurement.size, np.float32)
-    still[rig.pixels[s]] = rig.depth[s]
-    flat = measurement.ravel()
-    pixels = np.flatnonzero(flat != still).astype(np.uint32)
-    depth = np.where(flat[pixels] < FARTHEST, flat[pixels], np.float32(0))
-    seen = (depth > 0) & rig.in_crop(rig.world(s, pixels, depth), MARGIN)
-    steps = np.where(seen, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(np.uint16)
-    counts = seen | (still[pixels] > 0)  # or hides a point of the empty site
-    return pixels[counts], steps[counts]
-
-
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack rows of ends, padded with empty parts. Padding is needed where a rig has fewer sensors."""
+    """Stack rows of ends, padded with empty parts where a rig has fewer sensors."""
     most = max(map(len, ends))
     return np.stack([np.pad(each, (0, most - len(each)), mode="edge") for each in ends])
 
 
-class _Clouds:
-    """Clouds of recorded frames, written together at the end."""
-
-    def __init__(self) -> None:
-        self._frames: list[int] = []
-        self._ends: list[np.ndarray] = []
-        self._steps: list[np.ndarray] = []
-        self._length = 0
-
-    def append(self, frame: int, clouds: Sequence[np.ndarray]) -> None:
-        self._frames.append(frame)
-        self._ends.append(np.cumsum([self._length, *map(len, clouds)]))
-        self._steps += [np.rint(np.asarray(cloud, np.float64) * STEPS_PER_METRE).astype(np.int32) for cloud in clouds]
-        self._length += sum(map(len, clouds))
-
-    def write(self, file: h5py.File) -> None:
-        if not self._frames:
-            return
-        steps = np.concatenate([np.zeros((0, 3), np.int32), *self._steps])
-        file["clouds/frames"] = np.array(self._frames, np.int64)
-        file["clouds/ends"] = _of_one_length(self._ends)
-        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(steps) else {}
-        file.create_dataset("clouds/points", data=steps, **options)
-
-
 class _Column:
-    """Growing array of a file. Written a few chunks at a time."""
+    """Growing array of a file, written a few chunks at a time."""
 
     def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
         options = {"chunks": (_CHUNK,), "compression": "gzip", "compression_opts": 1, "shuffle": True}

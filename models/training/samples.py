@@ -1,6 +1,4 @@
-"""Training examples: a packed frame and its targets.
-
-The frame gets fresh noise, and is augmented and voxelised.
+"""Training examples: a packed frame with fresh noise, augmented and voxelised, and its targets.
 
 Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes.
 """
@@ -19,8 +17,8 @@ from models.config import VoxelNetConfig
 from models.network.anchors import anchors
 from models.network.voxels import Voxels, collate, voxelise
 from models.training.losses import Assignment, assign, assign_by_kind, sample
-from models.training.packed import PackedFrames, Rig
-from toolkit.arrays import Bool, Float, Float32, Shaped
+from models.training.packed import STEPS_PER_METRE, PackedFrames, Rig
+from toolkit.arrays import Bool, Float, Float32
 from toolkit.boxes import count_points, points_in_boxes
 from toolkit.geometry import level_rows
 from toolkit.objects import HEAVY, Objects, label_index
@@ -48,10 +46,7 @@ BEYOND = 150.0  # m, assumed distance of surfaces outside the crop, which a pack
 
 
 def random_errors(rng: np.random.Generator) -> ErrorProfile:
-    """Draw sensor errors of random strength.
-
-    Each goes from none to a little more than in the profile `poor`; few examples have all of them.
-    """
+    """Draw sensor errors, each from none to a little more than in the profile `poor`."""
 
     def strength(chance: float, most: float) -> float:
         return float(rng.uniform(0, most)) if rng.random() < chance else 0.0
@@ -74,44 +69,31 @@ def random_errors(rng: np.random.Generator) -> ErrorProfile:
 def with_errors(
     frames: PackedFrames, k: int, errors: ErrorProfile, seed: int, sensors: Iterable[int] | None = None
 ) -> list[Float32[np.ndarray, "_ 3"]]:
-    """Points of frame k with random sensor errors.
+    """Points of frame k with sensor errors, in the crop of each chosen sensor (None: all), on level ground.
 
-    They lie in the crop of each chosen sensor. sensors: None for all. The ground is levelled.
+    Sensors stand where they are believed to. Surfaces outside the crop can mix with those inside, but give no points.
     """
-    rig, objects = frames.rig(k), frames.objects(k)
+    rig, objects, clouds = frames.rig(k), frames.objects(k), []
     pixels, steps = frames.changes(k)
-    chosen = range(len(rig.sensors)) if sensors is None else sensors
-    return [_read(rig, s, frames.metres(steps[s]), pixels[s], (objects, errors, seed, k)) for s in chosen]
-
-
-def _read(
-    rig: Rig,
-    s: int,
-    depth: Float32[np.ndarray, " n"],
-    changed: np.ndarray,
-    drawn: tuple[Objects, ErrorProfile, int, int],
-) -> Float32[np.ndarray, "_ 3"]:
-    """Points of sensor s, placed by its believed pose.
-
-    Surfaces outside the crop can mix with those inside, but give no points themselves.
-    """
-    objects, errors, seed, k = drawn
-    sensor = rig.sensors[s]
-    beyond = np.float32(min(BEYOND, 0.99 * sensor.model.max_range))
-    image = np.full(sensor.model.shape, beyond)
-    flat = image.ravel()
-    flat[rig.pixels[s]] = rig.depth[s]
-    flat[changed] = np.where(depth > 0, depth, beyond)
-    reading = errors.read(TrueImage(sensor, image, objects), seed=seed, sensor=s, frame=k)
-    measured = reading.measurement.ravel()
-    seen = np.flatnonzero(reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))).astype(np.uint32)
-    believed = Rig((Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ())
-    points = believed.world(0, seen, measured[seen])
-    return level_rows(points[rig.in_crop(points)], rig.slope)
+    for s in range(len(rig.sensors)) if sensors is None else sensors:
+        sensor = rig.sensors[s]
+        depth = steps[s].astype(np.float32) / STEPS_PER_METRE
+        beyond = np.float32(min(BEYOND, 0.99 * sensor.model.max_range))
+        image = np.full(sensor.model.shape, beyond)
+        flat = image.ravel()
+        flat[rig.pixels[s]] = rig.depth[s]
+        flat[pixels[s]] = np.where(depth > 0, depth, beyond)
+        reading = errors.read(TrueImage(sensor, image, objects), seed=seed, sensor=s, frame=k)
+        measured = reading.measurement.ravel()
+        seen = np.flatnonzero(reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))).astype(np.uint32)
+        believed = Rig((Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ())
+        points = believed.world(0, seen, measured[seen])
+        clouds.append(level_rows(points[rig.in_crop(points)], rig.slope))
+    return clouds
 
 
 def thin(points: Float32[np.ndarray, "n 3"], rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
-    """Keep a random share of the points. The share is from a tenth to all of them."""
+    """Keep a random share of the points, from a tenth to all of them."""
     return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
 
 
@@ -121,10 +103,7 @@ def tilt(
     centre: Float[np.ndarray, "2"],
     rng: np.random.Generator,
 ) -> tuple[Float32[np.ndarray, "n 3"], Float[np.ndarray, "m 7"]]:
-    """Lift and tilt the ground at random.
-
-    It is lifted by N(0, 7 cm) and sloped by N(0, 0.6 %) along x and y. It turns about `centre`. Boxes stay upright.
-    """
+    """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y. Boxes stay upright."""
     lift, slope = rng.normal(0, LIFT), rng.normal(0, SLOPE, 2)
     points, boxes = points.copy(), boxes.copy()
     points[:, 2] += lift + (points[:, :2] - centre) @ slope
@@ -136,15 +115,11 @@ Augmentation = Literal["none", "object", "scene"]
 
 
 class Batch(NamedTuple):
-    """Examples ready for training.
-
-    voxels: of B clouds; labels: (B, H, W, A), see `models.training.losses`; boxes: (B, H, W, A, 7), targets of positive
-    anchors.
-    """
+    """Examples ready for training, of B clouds."""
 
     voxels: Voxels
-    labels: Tensor
-    boxes: Tensor
+    labels: Tensor  # (B, H, W, A), see `models.training.losses`
+    boxes: Tensor  # (B, H, W, A, 7), targets of positive anchors
 
     def to(self, device: torch.device | str) -> Batch:
         """Move the batch to another device."""
@@ -153,30 +128,23 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class SampleRecipe:
-    """Recipe that turns a frame into an example.
+    """Recipe that turns a frame into an example. A network of several classes has the thresholds of its kinds."""
 
-    subsets: share of examples made from a random subset of the sensors, so that one network serves any set.
-    augmentation: object turns and shifts each object with its points (the paper's); scene turns and mirrors everything.
-    positive, negative: IoU thresholds of the anchors; sampled: anchors in the loss, 0 for all; seen: points below which
-    a vehicle need not be found. errors, thinned, tilted: shares of the examples with sensor errors, with thinned
-    points, and with uneven ground. elsewhere: share of the windows laid anywhere in the area instead of near an object.
-    A network of several classes has the thresholds of its kinds.
-    """
-
-    subsets: float = 0.5
+    subsets: float = 0.5  # share of examples seen by a random subset of the sensors, so that one network serves any set
     augmentation: Augmentation = "none"
-    positive: float = 0.5
+    """object: turn and shift each object with its points (the paper's); scene: turn and mirror everything."""
+    positive: float = 0.5  # IoU thresholds of the anchors
     negative: float = 0.35
-    sampled: int = 0
-    seen: int = 3
-    errors: float = 0.0
-    thinned: float = 0.0
-    tilted: float = 0.0
-    elsewhere: float = 0.0
+    sampled: int = 0  # anchors in the loss, 0 for all
+    seen: int = 3  # points below which a vehicle need not be found
+    errors: float = 0.0  # share of examples with sensor errors
+    thinned: float = 0.0  # share with thinned points
+    tilted: float = 0.0  # share with uneven ground
+    elsewhere: float = 0.0  # share of the windows laid anywhere in the area instead of near an object
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
-    """Samples of a packed file, by epoch and k. A sample (epoch, k) is reproducible, and different in every epoch."""
+    """Samples (epoch, k) of a packed file, reproducible and different in every epoch."""
 
     def __init__(self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int) -> None:
         self.frames, self.config, self.recipe, self.seed = frames, config, recipe, seed
@@ -202,10 +170,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         )
 
     def _assign(self, objects: Objects, asked: Bool[np.ndarray, " n"]) -> Assignment:
-        """Targets of the anchors.
-
-        A network for vehicles alone ignores heavy ones; a network for both tells them apart.
-        """
+        """Targets of the anchors. A network for vehicles alone ignores heavy ones; others tell them apart."""
         if self.config.kinds:
             return assign_by_kind(self._anchors, self.config.kinds, objects.boxes, objects.labels, asked)
         vehicle = objects.labels == label_index(self.config.labels[0])
@@ -216,44 +181,29 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return Assignment(found.labels, np.append(rows, 0)[found.owner])
 
     def _scene(self, k: int, rng: np.random.Generator) -> tuple[Float32[np.ndarray, "n 3"], Objects, np.ndarray]:
-        """Points and objects of frame k.
-
-        They are in the grid's frame. A mask marks the objects in the detection area.
-        """
-        points = read_points(self.frames, k, rng, subsets=self.recipe.subsets, errors=self.recipe.errors)
+        """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
+        recipe = self.recipe
+        points = read_points(self.frames, k, rng, subsets=recipe.subsets, errors=recipe.errors)
         objects, area = self.frames.level_objects(k), np.array(self.frames.rig(k).area)
         boxes, inside = objects.boxes.copy(), has_centre_inside(objects.boxes, area)
-        if self.recipe.augmentation == "object":
+        if recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
-        grid = np.array(self.config.area)
-        wanted = boxes[inside & (objects.labels == self._choose_class(objects.labels[inside], rng)), :2]
-        if self.recipe.elsewhere and rng.random() < self.recipe.elsewhere:
+        grid, classes = np.array(self.config.area), [label_index(name) for name in self.config.labels]
+        if len(classes) > 1:  # the window lies near an object of any present class, each equally often
+            classes = [int(rng.choice([label for label in classes if label in objects.labels[inside]] or classes))]
+        wanted = boxes[inside & (objects.labels == classes[0]), :2]
+        if recipe.elsewhere and rng.random() < recipe.elsewhere:
             wanted = wanted[:0]
         centre = window_centre(area, grid[2:] - grid[:2], wanted, rng)
-        if self.recipe.augmentation == "scene":
+        if recipe.augmentation == "scene":
             points, boxes = turn_scene(points, boxes, centre, rng)
-        points, boxes = self._roughen(points, boxes, centre, rng)
+        if recipe.thinned and rng.random() < recipe.thinned:
+            points = thin(points, rng)
+        if recipe.tilted and rng.random() < recipe.tilted:
+            points, boxes = tilt(points, boxes, centre, rng)
         points[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         boxes[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         return points, Objects(boxes, objects.labels, objects.ids), inside
-
-    def _roughen(
-        self, points: np.ndarray, boxes: np.ndarray, centre: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Thin points and tilt the ground. The recipe says how; no numbers are drawn without either."""
-        if self.recipe.thinned and rng.random() < self.recipe.thinned:
-            points = thin(points, rng)
-        if self.recipe.tilted and rng.random() < self.recipe.tilted:
-            points, boxes = tilt(points, boxes, centre, rng)
-        return points, boxes
-
-    def _choose_class(self, there: Shaped[np.ndarray, " n"], rng: np.random.Generator) -> int:
-        """Draw the class near which the window lies. Each present class is drawn equally often."""
-        known = [label_index(name) for name in self.config.labels]
-        if len(known) == 1:
-            return known[0]
-        present = [label for label in known if label in there] or known
-        return int(rng.choice(present))
 
 
 def read_points(
@@ -285,10 +235,9 @@ def window_centre(
     wanted: Float[np.ndarray, "n 2"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "2"]:
-    """Draw the centre of a window in an area.
+    """Draw the centre (x, y, m) of a window near one of the places wanted.
 
-    The centre is in m along x and y, the area xmin ymin xmax ymax, m. It lies near one of the places wanted, so that
-    little of the window is empty, and inside the area along each side that is at least as long as the window.
+    The window lies inside the area (xmin ymin xmax ymax, m) along each side that is at least as long as the window.
     """
     middle, room = (area[:2] + area[2:]) / 2, ((area[2:] - area[:2] - window) / 2).clip(0)
     near = wanted[rng.integers(len(wanted))] if len(wanted) else rng.uniform(area[:2], area[2:])
@@ -303,10 +252,9 @@ def jitter_objects(
     yaw: float = np.deg2rad(18.0),
     shift: float = 0.5,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turn and shift each object with its points.
+    """Turn each object with its points by up to ±yaw (rad), and shift it by N(0, shift) (m) in the plane.
 
-    From the paper, training process. Turns are up to ±yaw (rad), shifts N(0, shift) (m) in the plane. An object that
-    would then touch another stays put.
+    An object that would then touch another stays put (paper, training process).
     """
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
@@ -330,7 +278,7 @@ def turn_scene(
     centre: Float[np.ndarray, "2"],
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the scene about `centre` by any angle. Every second scene is mirrored."""
+    """Turn the scene about `centre` by any angle, every second one mirrored."""
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
     matrix = _rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
     points, boxes = points.copy(), boxes.copy()

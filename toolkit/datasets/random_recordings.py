@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -34,8 +34,7 @@ _LONGEST_NOTE = 4096
 _Made = TypeVar("_Made")
 
 
-@dataclass(frozen=True)
-class RandomRecording:
+class RandomRecording(NamedTuple):
     """Frames of a random site. empty: each sensor's measurement without traffic, (rows, columns) m."""
 
     site: Site

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -150,8 +150,7 @@ def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarra
     return points[Crop.of(area, CROP_HEIGHT).holds(points)]
 
 
-@dataclass(frozen=True, eq=False)
-class LevelFrame:
+class LevelFrame(NamedTuple):
     """Frame on level ground, ready to train a network.
 
     Coordinates are counted from the middle of the area. sensors: names; clouds: points in the area, below 4 m; objects:

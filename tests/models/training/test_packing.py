@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import chain
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -77,15 +76,14 @@ def test_the_file_of_a_drawn_junction_is_its_recording(frames, tmp_path):
     site = Site("drawn", np.array(AREA))
     empty = tuple(np.zeros_like(each) + 9 for each in frames[0].measurements)
     pack([recording(frames[:2], AREA, 4.0, empty=empty)], tmp_path / "x")
-    drawn = SimpleNamespace(site=site, frames=tuple(frames[:2]), empty=empty)
-    assert drawn_file(drawn) == (tmp_path / "x").read_bytes()
+    assert drawn_file((site, tuple(frames[:2]), empty)) == (tmp_path / "x").read_bytes()
 
 
 def levelled(sensors, seed, area=AREA):
     rng = np.random.default_rng(seed)
     clouds = tuple(rng.uniform(-10, 10, (5 + k, 3)).astype(np.float32) for k in range(len(sensors)))
     box = np.array([[float(seed), 0, 0.75, 4, 2, 1.5, 0.5]])
-    return SimpleNamespace(sensors=sensors, clouds=clouds, objects=Objects(box), area=area)
+    return sensors, clouds, Objects(box), area
 
 
 def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_path):
@@ -96,9 +94,9 @@ def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_
     assert [mixed.is_recorded(k) for k in range(5)] == [True, True, True, False, False]
     assert [len(mixed.rig(k).sensors) for k in range(5)] == [2, 2, 1, 3, 3]
     for k, each in enumerate(samples):
-        for ours, cloud in zip(mixed.points(k, np.random.default_rng(0)), each.clouds, strict=True):
+        for ours, cloud in zip(mixed.points(k, np.random.default_rng(0)), each[1], strict=True):
             np.testing.assert_allclose(ours, cloud, atol=0.5 / 512 + 1e-6)  # no noise is drawn
-        np.testing.assert_array_equal(mixed.objects(k).boxes, each.objects.boxes)
+        np.testing.assert_array_equal(mixed.objects(k).boxes, each[2].boxes)
     assert len(mixed.points(1, None, [1])) == 1
     for k in range(2):
         for ours, theirs in zip(mixed.points(3 + k, None), packed.points(k, None), strict=True):
