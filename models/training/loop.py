@@ -1,7 +1,7 @@
-"""Training loop that resumes after a kill.
+"""Training loop that resumes after a kill, on CPU and CUDA.
 
-It is the same on CPU and CUDA. Step s of a run always sees the same examples, so weights, optimiser, schedule and step
-number are the whole state. The log is a CSV file in long format: step, epoch, name, value.
+Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are the whole state. The
+log is a CSV file in long format: step, epoch, name, value.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from models.config import VoxelNetConfig, road_users, select_anchors
 from models.network.anchors import anchors
 from models.network.voxelnet import Prediction, VoxelNet
 from models.training.losses import paper_loss, quality_loss
-from models.training.packed import PackedFrames
+from models.training.packed import Area, PackedFrames
 from models.training.samples import Batch, SampleRecipe, Samples, stack
 from models.weight_files import (
     check_identity,
@@ -70,21 +70,15 @@ PRESETS = {
 }
 
 
-def make_config(
-    area: tuple[float, float, float, float],
-    preset: str,
-    size: str = "light",
-    classes: Sequence[str] = ("vehicle",),
-) -> VoxelNetConfig:
-    """Return the network that a preset trains for an area.
+def make_config(area: Area, preset: str, size: str = "light", classes: Sequence[str] = ("vehicle",)) -> VoxelNetConfig:
+    """Return the network that a preset trains for an area, light or published in size, with the head of its loss.
 
-    It is light or published in size, has the head that its loss needs, and detects vehicles or several classes. The
-    light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts the
-    result on all of it.
+    The light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts
+    the result on all of it.
     """
-    quality = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
-    published = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
-    head: dict[str, Any] = dict(published if PRESETS[preset].loss == "published" else quality)
+    head: dict[str, Any] = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
+    if PRESETS[preset].loss == "published":
+        head = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
     if tuple(classes) != ("vehicle",):
         head |= road_users(select_anchors(classes))
     if size == "light":
@@ -93,10 +87,8 @@ def make_config(
     return VoxelNetConfig(area=area, voxel_size=voxel, **head)
 
 
-def window(area: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """Middle of an area, at most `WINDOW` wide.
-
-    The area is xmin ymin xmax ymax, m.
+def window(area: Area) -> Area:
+    """Middle of an area (xmin ymin xmax ymax, m), at most `WINDOW` wide.
 
     >>> window((-40.0, -20.0, 40.0, 10.0))
     (-20.0, -20.0, 20.0, 10.0)
@@ -116,11 +108,8 @@ def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
         raise ValueError(f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}")
 
 
-def choose_area(preset: str, data: Path) -> tuple[float, float, float, float]:
-    """Choose the area to train.
-
-    A window of any place for `general`, else the one area of all frames. Raises ValueError if the frames differ.
-    """
+def choose_area(preset: str, data: Path) -> Area:
+    """Choose a window of any place for `general`, else the area of all frames. Raises ValueError if they differ."""
     if preset == "general":
         return ANYWHERE
     areas = {rig.area for rig in PackedFrames(data).rigs}
@@ -129,28 +118,26 @@ def choose_area(preset: str, data: Path) -> tuple[float, float, float, float]:
     return next(iter(areas))
 
 
-CHECKPOINT = "checkpoint.pt"
-
-
-LOG = "log.csv"
-HEADER = ("step", "epoch", "name", "value")
+CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
+_HEADER = "step,epoch,name,value"
 
 
 def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) -> None:
     """Append figures to the log."""
     rows = _rows(path) + [f"{step},{epoch:.4f},{name},{value}" for name, value in figures.items()]
-    write_text(path, "\n".join([",".join(HEADER), *rows, ""]))
+    write_text(path, "\n".join([_HEADER, *rows, ""]))
 
 
 def cut_log(path: Path, step: int) -> None:
-    """Drop log rows after `step`, the last checkpoint. Those steps are done again."""
+    """Drop log rows after `step`, the last checkpoint: those steps are done again."""
     if path.exists():
-        kept = [row for row in _rows(path) if row.count(",") == 3 and _step_number(row) <= step]
-        write_text(path, "\n".join([",".join(HEADER), *kept, ""]))
+        split = [row.split(",") for row in _rows(path)]
+        kept = [",".join(row) for row in split if len(row) == 4 and row[0].isdigit() and int(row[0]) <= step]
+        write_text(path, "\n".join([_HEADER, *kept, ""]))
 
 
 def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
-    """Read epochs and values of each figure. In order of first appearance."""
+    """Read epochs and values of each figure, in order of first appearance."""
     found: dict[str, tuple[list[float], list[float]]] = {}
     with path.open(newline="") as file:
         for row in csv.DictReader(file):
@@ -162,11 +149,6 @@ def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
 
 def _rows(path: Path) -> list[str]:
     return path.read_text().splitlines()[1:] if path.exists() else []
-
-
-def _step_number(row: str) -> float:
-    step = row.split(",", 1)[0]
-    return float(step) if step.isdigit() else float("inf")
 
 
 LOG_STEPS = 50  # steps per logged mean of the losses
@@ -189,33 +171,23 @@ class Machine:
 
 @dataclass
 class TrainingState:
-    """Training in progress: exactly a checkpoint's content.
-
-    recent: losses since the last row of the log; the next row is their mean.
-    """
+    """Training in progress: exactly a checkpoint's content."""
 
     network: VoxelNet
     optimiser: torch.optim.Optimizer
     scheduler: torch.optim.lr_scheduler.LRScheduler
     step: int = 0
-    recent: list[dict[str, float]] = field(default_factory=list)
+    recent: list[dict[str, float]] = field(default_factory=list)  # losses since the last row of the log
 
     def state(self) -> dict[str, object]:
-        """Return plain tensors and numbers. torch's generator is included, though the loop draws nothing from it."""
-        return {
-            "network": self.network.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "scheduler": self.scheduler.state_dict(),
-            "step": self.step,
-            "rng": torch.get_rng_state(),
-            "recent": self.recent,
-        }
+        """Return plain tensors and numbers, with torch's generator, though the loop draws nothing from it."""
+        parts = {name: getattr(self, name).state_dict() for name in ("network", "optimiser", "scheduler")}
+        return {**parts, "step": self.step, "rng": torch.get_rng_state(), "recent": self.recent}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Resume from a state."""
-        self.network.load_state_dict(state["network"])
-        self.optimiser.load_state_dict(state["optimiser"])
-        self.scheduler.load_state_dict(state["scheduler"])
+        for name in ("network", "optimiser", "scheduler"):
+            getattr(self, name).load_state_dict(state[name])
         torch.set_rng_state(state["rng"].cpu())
         self.step, self.recent = state["step"], list(state.get("recent", []))
 
@@ -231,13 +203,12 @@ def train(
     validate: Callable[[VoxelNet], dict[str, float]] | None = None,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> VoxelNet:
-    """Train on a packed file, or resume.
+    """Train on a packed file, or resume where `checkpoint.pt` and `log.csv` in `out` are.
 
-    `out` receives `checkpoint.pt` and `log.csv`; called again, training resumes there. start: a network of the same
-    shape, on any area, to start from instead of random weights; machine: the CPU by default; validate: called with the
-    network after each epoch, and its figures are logged; progress: called with the step, the number of steps, and the
-    losses of the step or the figures of `validate`. Raises ValueError if preset and network do not fit, or if `out`
-    holds a run with other settings.
+    start: a network of the same shape, on any area, to start from instead of random weights; machine: the CPU by
+    default; validate: called with the network after each epoch, and its figures are logged; progress: called with the
+    step, the number of steps, and the losses of the step or the figures of `validate`. Raises ValueError if preset and
+    network do not fit, or if `out` holds a run with other settings.
     """
     machine = machine or Machine()
     device, bfloat16 = machine.device, machine.bfloat16
@@ -254,7 +225,11 @@ def train(
         check_tensors(run.network.state_dict(), start.state_dict(), "the network to start from")
         run.network.load_state_dict(start.state_dict())
         identity["start"] = digest_tensors(start.state_dict())
-    _resume(run, out / CHECKPOINT, identity, device)
+    if (out / CHECKPOINT).exists():
+        state = read_checkpoint(out / CHECKPOINT, device)
+        check_identity(out / CHECKPOINT, state, identity)
+        with checkpoint_errors(out / CHECKPOINT):
+            run.restore(state)
     cut_log(out / LOG, run.step)
 
     by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
@@ -289,18 +264,22 @@ def train(
     return run.network
 
 
+@dataclass(frozen=True)
 class _Steps:
-    """Examples of each step from `start` on. (epoch, frame) pairs of a permutation drawn for each epoch."""
+    """Examples of steps `first` to `last`: (epoch, frame) pairs of a permutation drawn for each epoch."""
 
-    def __init__(self, preset: Preset, frames: int, per_epoch: int, start: int, total: int) -> None:
-        self.preset, self.frames, self.per_epoch, self.start, self.total = preset, frames, per_epoch, start, total
+    preset: Preset
+    frames: int
+    per_epoch: int
+    first: int
+    last: int
 
     def __len__(self) -> int:
-        return self.total - self.start
+        return self.last - self.first
 
     def __iter__(self) -> Iterator[list[tuple[int, int]]]:
         order, drawn = np.empty(0, int), -1
-        for step in range(self.start, self.total):
+        for step in range(self.first, self.last):
             epoch, place = divmod(step, self.per_epoch)
             if epoch != drawn:
                 order, drawn = np.random.default_rng([self.preset.seed, epoch]).permutation(self.frames), epoch
@@ -313,29 +292,16 @@ def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, d
     network = VoxelNet(config).to(device)
     if not config.middle_widths:
         network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    parameters = network.train().parameters()
-    optimiser: torch.optim.Optimizer
+    parameters, rate, decay = network.train().parameters(), preset.learning_rate, preset.weight_decay
+    optimiser: torch.optim.Optimizer = torch.optim.AdamW(parameters, rate, weight_decay=decay)
     if preset.optimiser == "sgd":
-        optimiser = torch.optim.SGD(parameters, preset.learning_rate, momentum=0.9, weight_decay=preset.weight_decay)
-    else:
-        optimiser = torch.optim.AdamW(parameters, preset.learning_rate, weight_decay=preset.weight_decay)
+        optimiser = torch.optim.SGD(network.parameters(), rate, momentum=0.9, weight_decay=decay)
     schedule: torch.optim.lr_scheduler.LRScheduler
     if preset.schedule == "one-cycle":
-        schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimiser, preset.learning_rate, total_steps=max(total, 10), pct_start=0.2
-        )
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2)
     else:
         schedule = torch.optim.lr_scheduler.MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1)
     return TrainingState(network, optimiser, schedule)
-
-
-def _resume(run: TrainingState, path: Path, identity: dict[str, object], device: str) -> None:
-    if not path.exists():
-        return
-    state = read_checkpoint(path, device)
-    check_identity(path, state, identity)
-    with checkpoint_errors(path):
-        run.restore(state)
 
 
 def _step(run: TrainingState, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool) -> dict[str, float]:
