@@ -1,14 +1,14 @@
 """Scalar and vector environments of a task, the rules of n episodes side by side.
 
-They agree with `gymnasium.vector.SyncVectorEnv` over the scalar environments, step by step, infos and autoreset (next
-step) included.
+The vector ones agree with `gymnasium.vector.SyncVectorEnv` over the scalar ones, step by step, infos and autoreset
+included.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -19,55 +19,106 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
+from placement_env.envs.config import EnvConfig, build_config
 from placement_env.envs.rendering import bird_view, summary
-from placement_env.envs.scenario import STATIC, Options
+from placement_env.envs.scenario import STATIC, EpisodeSource, Options
 from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 
 RENDER_MODES = ["rgb_array", "ansi"]
 METADATA = {"render_modes": RENDER_MODES, "render_fps": 2}
-ActionSpace = Space[Any]
 AnyEnv = gym.Env[Any, Any]
+Ends = tuple[
+    Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]
+]  # rewards, terminated, truncated
 Picture = Shaped[np.ndarray, "height width 3"] | str
 
 
-@runtime_checkable
-class Task(Protocol):
-    """Rules of an environment, for n episodes at once."""
+class Task:
+    """Rules of an environment, for n episodes at once. A subclass has its configuration, scenarios and rules."""
 
+    config_type: ClassVar[type[EnvConfig]]
+    scenarios_type: ClassVar[type[EpisodeSource]]
+    scenarios: EpisodeSource
     state: State
     observation_space: Box
-    action_space: ActionSpace
+    action_space: Space[Any]
 
-    def resize(self, n: int) -> Task:
-        """Return the same rules, at the same scenarios, for n episodes."""
+    def __init__(self, n: int, scenarios: EpisodeSource, *, max_steps: int | None = None, fixed: bool = False) -> None:
+        self.scenarios, self.state = scenarios, State(n, scenarios.slots, max_steps=max_steps, fixed=fixed)
+        size = (len(STATIC) + len(DYNAMIC)) * scenarios.slots + len(GLOBAL)
+        self.observation_space = Box(-1.0, 1.0, (size,), np.float32)
+
+    @classmethod
+    def build(cls, n: int, config: EnvConfig | Task | None, given: Mapping[str, object]) -> Task:
+        """Build n episodes of a configuration and fields by name, or of the scenarios of another task."""
+        if isinstance(config, Task):
+            return type(config)(n, config.scenarios)
+        return cls(n, cls.scenarios_type(build_config(cls.config_type, config, given)))
 
     def reset(
         self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
     ) -> None:
         """Start new episodes in some rows, one from each generator."""
+        self.state.reset(rows, [self.scenarios.draw(rng, options) for rng in rngs])
 
-    def step(
-        self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
-    ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Take one action in each active row: rewards, terminated, truncated."""
+        raise NotImplementedError
 
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
         """Return observations and info, an array (n, ...) each."""
+        return self.state.observe(), {**self.state.info(), "action_mask": self.info_mask().astype(np.int8)}
+
+    def info_mask(self) -> Bool[np.ndarray, "n entries"]:
+        """Mask of legal actions in the info."""
+        return self.action_masks()
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
         """Tell which actions are legal."""
+        raise NotImplementedError
+
+    def running(self) -> Task:
+        """Return the task. Raises ResetNeeded where an episode has not started."""
+        if not self.state.ready:
+            raise ResetNeeded("no episode has started: call reset() first")
+        return self
+
+    def read_actions(self, actions: ArrayLike) -> Shaped[np.ndarray, "n ..."]:
+        """Return an action for each of n episodes.
+
+        Raises ValueError for a wrong number of values, one that is not finite, or not whole where choices are counted;
+        ResetNeeded before the first reset.
+        """
+        array, shape = np.asarray(actions), (self.running().state.n, *(self.action_space.shape or ()))
+        kind = array.dtype.kind
+        if array.size != math.prod(shape) or kind not in "biuf":
+            raise ValueError(f"actions must be numbers of shape {shape}, got {array.dtype} {array.shape}")
+        if kind == "f" and not np.isfinite(array).all():
+            raise ValueError(f"actions must be finite, got {array.tolist()}")
+        if kind == "f" and np.dtype(self.action_space.dtype).kind != "f" and (array != np.round(array)).any():
+            raise ValueError(f"actions must be whole numbers, one of {self.action_space} each, got {array.tolist()}")
+        return array.reshape(shape)
+
+    def draw(self, row: int, mode: str) -> Picture:
+        """Draw a row, or describe it in text."""
+        objective, members = self.running().state.placement(row)
+        return bird_view(objective, members) if mode == "rgb_array" else summary(objective, members)
 
 
 class PlacementEnv(gym.Env[np.ndarray, Any]):
-    """One episode after another of a task. The registered environments differ by their task."""
+    """One episode after another of a task. The registered environments differ by their task.
+
+    config: of the task, or its fields by name.
+    """
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # type: ignore[misc]
+    task_type: ClassVar[type[Task]] = Task
 
-    def __init__(self, task: Task, render_mode: str | None) -> None:
-        self.task, self.render_mode = task, check_render_mode(render_mode)
-        self.observation_space, self.action_space = task.observation_space, task.action_space
+    def __init__(self, config: EnvConfig | None = None, *, render_mode: str | None = None, **given: object) -> None:
+        self.task, self.render_mode = self.task_type.build(1, config, given), _check_render_mode(render_mode)
+        self.observation_space, self.action_space = self.task.observation_space, self.task.action_space
 
     def reset(self, *, seed: int | None = None, options: Options | None = None) -> tuple[np.ndarray, Info]:
         """Start an episode.
@@ -78,43 +129,47 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         super().reset(seed=seed)
         self.task.reset(np.zeros(1, np.int64), [self.np_random], options)
         observations, info = self.task.observe()
-        return observations[0], first_info(info)
+        return observations[0], _first_info(info)
 
     def step(self, action: ArrayLike) -> tuple[np.ndarray, float, bool, bool, Info]:
         """Take an action. Raises ValueError for an invalid action, ResetNeeded before the first `reset`."""
-        actions = check_actions(self.task, action)
-        reward, terminated, truncated = self.task.step(np.ones(1, np.bool_), actions)
+        reward, terminated, truncated = self.task.step(np.ones(1, np.bool_), self.task.read_actions(action))
         observations, info = self.task.observe()
-        return observations[0], reward.item(), terminated.item(), truncated.item(), first_info(info)
+        return observations[0], reward.item(), terminated.item(), truncated.item(), _first_info(info)
 
     def action_masks(self) -> Bool[np.ndarray, " choices"]:
         """Tell which actions are legal, in the form of sb3-contrib's MaskablePPO."""
-        check_ready(self.task)
-        return self.task.action_masks()[0]
+        return self.task.running().action_masks()[0]
 
     def placement(self) -> tuple[Objective, list[int]]:
         """Return the objective of the episode and the chosen candidates."""
-        check_ready(self.task)
-        return self.task.state.placement(0)
+        return self.task.running().state.placement(0)
 
     def render(self) -> Picture | None:
         """Draw the area with the chosen sensors (uint8), or describe them in text."""
-        if self.render_mode is None:
-            return None
-        check_ready(self.task)
-        return draw_row(self.task, 0, self.render_mode)
+        return None if self.render_mode is None else self.task.draw(0, self.render_mode)
 
 
 class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """n episodes of a task.
 
-    An episode that has ended starts anew, without options, at the next step, whose reward is 0.
+    An episode that has ended starts anew, without options, at the next step, whose reward is 0. config: of the task, or
+    its fields by name, or the task of another environment, whose scenarios are shared.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
+    task_type: ClassVar[type[Task]] = Task
 
-    def __init__(self, task: Task, render_mode: str | None) -> None:
-        self.task, self.render_mode, self.num_envs = task, check_render_mode(render_mode), task.state.n
+    def __init__(
+        self,
+        num_envs: int = 1,
+        config: EnvConfig | Task | None = None,
+        *,
+        render_mode: str | None = None,
+        **given: object,
+    ) -> None:
+        task = self.task = self.task_type.build(num_envs, config, given)
+        self.render_mode, self.num_envs = _check_render_mode(render_mode), task.state.n
         self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -135,7 +190,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if len(seeds) != self.num_envs:
             raise ValueError(f"there must be a seed for each of {self.num_envs} environments, got {len(seeds)}")
         if not mask.all():
-            check_ready(self.task)
+            self.task.running()
         for row in rows.tolist():
             if seeds[row] is not None:
                 self._generators[row] = seeding.np_random(seeds[row])[0]
@@ -146,8 +201,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
         """Take an action in every episode. One that has ended starts anew and ignores its action."""
-        actions = check_actions(self.task, actions)
-        rewards, terminated, truncated = self.task.step(~self._ended, actions)
+        rewards, terminated, truncated = self.task.step(~self._ended, self.task.read_actions(actions))
         rewards = rewards.copy()
         if self._ended.any():
             self._start(np.flatnonzero(self._ended), None)
@@ -157,67 +211,27 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def action_masks(self) -> np.ndarray:
         """Tell which actions are legal, a row for each episode."""
-        check_ready(self.task)
-        return self.task.action_masks()
+        return self.task.running().action_masks()
 
     def render(self) -> tuple[Picture, ...] | None:
         """Draw each episode."""
-        if self.render_mode is None:
-            return None
-        check_ready(self.task)
-        return tuple(draw_row(self.task, row, self.render_mode) for row in range(self.num_envs))
+        mode = self.render_mode
+        return None if mode is None else tuple(self.task.draw(row, mode) for row in range(self.num_envs))
 
     def _start(self, rows: np.ndarray, options: Options | None) -> None:
         self.task.reset(rows, [self._generators[row] for row in rows.tolist()], options)
 
 
-def side_by_side(env: PlacementEnv, n: int) -> PlacementVectorEnv:
-    """Return n episodes of an environment's task, at its scenarios."""
-    return PlacementVectorEnv(env.task.resize(n), None)
-
-
-def check_render_mode(render_mode: str | None) -> str | None:
-    """Return the render mode. Raises ValueError for an unknown one."""
+def _check_render_mode(render_mode: str | None) -> str | None:
     if render_mode not in (None, *RENDER_MODES):
         raise ValueError(f"render_mode must be None or one of {', '.join(RENDER_MODES)}, got {render_mode!r}")
     return render_mode
 
 
-def check_ready(task: Task) -> None:
-    """Raise ResetNeeded where an episode has not started."""
-    if not task.state.ready:
-        raise ResetNeeded("no episode has started: call reset() first")
-
-
-def check_actions(task: Task, actions: ArrayLike) -> Shaped[np.ndarray, "n ..."]:
-    """Return an action for each of n episodes.
-
-    Raises ValueError for a wrong number of values, one that is not finite, or not whole where choices are counted;
-    ResetNeeded before the first reset.
-    """
-    check_ready(task)
-    array, shape = np.asarray(actions), (task.state.n, *(task.action_space.shape or ()))
-    kind = array.dtype.kind
-    if array.size != math.prod(shape) or kind not in "biuf":
-        raise ValueError(f"actions must be numbers of shape {shape}, got {array.dtype} {array.shape}")
-    if kind == "f":
-        if not np.isfinite(array).all():
-            raise ValueError(f"actions must be finite, got {array.tolist()}")
-        if task.action_space.dtype.kind != "f" and (array != np.round(array)).any():  # type: ignore[union-attr]
-            raise ValueError(f"actions must be whole numbers, one of {task.action_space} each, got {array.tolist()}")
-    return array.reshape(shape)
-
-
-def draw_row(task: Task, row: int, mode: str) -> Picture:
-    """Draw a row of a task, or describe it in text."""
-    objective, members = task.state.placement(row)
-    return bird_view(objective, members) if mode == "rgb_array" else summary(objective, members)
-
-
-def first_info(info: Info) -> Info:
-    """Return the info of the first episode, with Python's numbers."""
+def _first_info(info: Info) -> Info:
+    """Info of the first episode, with Python's numbers."""
     return {
-        key: first_info(value) if isinstance(value, dict) else value.item(0) if value.ndim == 1 else value[0]
+        key: _first_info(value) if isinstance(value, dict) else value.item(0) if value.ndim == 1 else value[0]
         for key, value in info.items()
     }
 
@@ -229,12 +243,3 @@ def _batch_info(info: Info, rows: np.ndarray) -> Info:
         whole[key] = _batch_info(value, rows) if isinstance(value, dict) else value
         whole[f"_{key}"] = rows.copy()
     return whole
-
-
-def observation_space(slots: int) -> Box:
-    """Space of observations of candidates.
-
-    Features of the slots come first, feature after feature, then those of the whole.
-    """
-    size = (len(STATIC) + len(DYNAMIC)) * slots + len(GLOBAL)
-    return Box(-1.0, 1.0, (size,), np.float32)

@@ -9,16 +9,15 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from placement_env.candidates.candidates import Axes, Candidates, aim_sensor
-from placement_env.envs.config import PoseConfig, build_config
-from placement_env.envs.env import ActionSpace, PlacementEnv, PlacementVectorEnv, observation_space
-from placement_env.envs.scenario import Conditions, Episode, Options, Scenario, Sites, poses
-from placement_env.envs.state import Info, State
+from placement_env.envs.config import PoseConfig
+from placement_env.envs.env import Ends, PlacementEnv, PlacementVectorEnv, Task
+from placement_env.envs.scenario import Episode, EpisodeSource, Options, Scenario, poses
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.subsets import find_index
-from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+from toolkit.arrays import Bool, Float64, Int64, Shaped
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
 TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
@@ -70,40 +69,44 @@ class Rig:
         return Candidates(sensors, mount, self.candidates.mounts, factors, axes)
 
 
-@dataclass(frozen=True, eq=False)
-class PoseEpisode:
-    """Start of an episode: site and traffic, and sensors."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _PoseEpisode(Episode):
+    """Start of an episode, and sensors that move at a site in its traffic."""
 
     preparation: Preparation
     rig: Rig
 
 
-class PoseScenarios:
+class _PoseScenarios(EpisodeSource):
     """Sites and sensors of the episodes.
 
     Raises ValueError where a site has too few mounts for the budget, or no surrogate for it.
     """
 
     def __init__(self, config: PoseConfig) -> None:
-        self.config, self.sites = config, Sites(config)
-        needed = config.budgets[1] + config.failure_counts[1]
+        super().__init__(config)
+        self.slots, self.moves = config.budgets[1], config.moves
         for index in range(len(self.sites)):
             mounts = len(np.unique(self.sites.candidates(index).mount))
-            if mounts < needed:
+            if mounts < self.slots + config.failure_counts[1]:
                 raise ValueError(
                     f"{self.sites[index].name} has {mounts} mounts with candidates, too few for a budget of "
-                    f"{config.budgets[1]} and {config.failure_counts[1]} failures: lower them"
+                    f"{self.slots} and {config.failure_counts[1]} failures: lower them"
                 )
         self.sites.check_scorable()
         self._made: dict[tuple[int, str], Preparation] = {}
 
-    def draw(self, rng: np.random.Generator, options: Options | None) -> PoseEpisode:
+    def draw(self, rng: np.random.Generator, options: Options | None) -> _PoseEpisode:
         """Draw sensors that have not failed, on different mounts. Raises ValueError if there are too few."""
         conditions = self.sites.draw(rng, options)
-        budget, most = conditions.budget, self.config.budgets[1]
-        if budget > most:
-            raise ValueError(f"budget must lie in 1..{most}, the sensors that an action moves, got {budget}")
-        preparation = self._preparation(conditions)
+        budget = conditions.budget
+        if budget > self.slots:
+            raise ValueError(f"budget must lie in 1..{self.slots}, the sensors that an action moves, got {budget}")
+        key = conditions.site, conditions.scheme.digest
+        if key not in self._made:
+            setting = self.sites.setting(conditions.site, conditions.scheme)
+            self._made[key] = Preparation(setting, replace(self.config.run, workers=1, ray=None))
+        preparation = self._made[key]
         candidates = preparation.candidates
         names = [sensor.name for sensor in candidates.sensors]
         failed = {find_index(member, names) for member in conditions.failed}
@@ -117,7 +120,11 @@ class PoseScenarios:
             int(rng.choice(usable[candidates.mount[usable] == mount]))
             for mount in np.sort(rng.choice(mounts, budget, replace=False))
         ]
-        return PoseEpisode(preparation, Rig.of(candidates.select(chosen)))
+        rig, slots = Rig.of(candidates.select(chosen)), np.arange(self.slots)
+        scenario = self.scenario(preparation, rig, None)
+        return _PoseEpisode(
+            scenario, budget, np.zeros(self.slots, np.bool_), slots < budget, preparation=preparation, rig=rig
+        )
 
     def scenario(self, preparation: Preparation, rig: Rig, before: tuple[Rig, Visibility | None] | None) -> Scenario:
         """Score sensors as they stand now.
@@ -128,48 +135,29 @@ class PoseScenarios:
         still, visibility = np.zeros(len(candidates), np.bool_), None
         if before is not None:
             still, visibility = (rig.aim == before[0].aim).all(axis=1), before[1]
-        seen = see_again(preparation, candidates, visibility, still)
-        objective = Objective.of_moved(preparation, candidates, seen, self.config.setting.weights)
-        return Scenario(objective, self.config.budgets[1])
-
-    def _preparation(self, conditions: Conditions) -> Preparation:
-        key = conditions.site, conditions.scheme.digest
-        if key not in self._made:
-            setting = self.sites.setting(conditions.site, conditions.scheme)
-            self._made[key] = Preparation(setting, replace(self.config.run, workers=1, ray=None))
-        return self._made[key]
+        seen = _see_again(preparation, candidates, visibility, still)
+        return Scenario(Objective.of_moved(preparation, candidates, seen, self.config.setting.weights), self.slots)
 
 
-class PoseTask:
+class _PoseTask(Task):
     """n episodes of moving sensors. Each has an objective of its own, made anew after each move."""
 
-    def __init__(self, n: int, scenarios: PoseScenarios) -> None:
-        slots = scenarios.config.budgets[1]
-        self.scenarios, self.state = scenarios, State(n, slots, max_steps=scenarios.config.moves, fixed=True)
-        self.action_space: ActionSpace = Box(-1.0, 1.0, (3 * slots,), np.float32)
-        self.observation_space = observation_space(slots)
-        self._now: dict[int, PoseEpisode] = {}
+    config_type, scenarios_type = PoseConfig, _PoseScenarios
 
-    def resize(self, n: int) -> PoseTask:
-        """Return the same rules, at the same scenarios, for n episodes."""
-        return PoseTask(n, self.scenarios)
+    def __init__(self, n: int, scenarios: _PoseScenarios) -> None:
+        super().__init__(n, scenarios, max_steps=scenarios.moves, fixed=True)
+        self.action_space = Box(-1.0, 1.0, (3 * scenarios.slots,), np.float32)
+        self._source, self._now = scenarios, dict[int, _PoseEpisode]()
 
     def reset(
         self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
     ) -> None:
         """Start new episodes in some rows and score their sensors."""
-        episodes = [self.scenarios.draw(rng, options) for rng in rngs]
-        starts, slots = [], np.arange(self.state.slots)
-        for episode in episodes:
-            count = len(episode.rig.aim)
-            scenario = self.scenarios.scenario(episode.preparation, episode.rig, None)
-            starts.append(Episode(scenario, count, np.zeros(len(slots), np.bool_), slots < count))
-        self.state.reset(rows, starts)
+        episodes = [self._source.draw(rng, options) for rng in rngs]
+        self.state.reset(rows, episodes)
         self._now.update(zip(rows.tolist(), episodes, strict=True))
 
-    def step(
-        self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
-    ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Move the sensors of each active row. A move that overloads a link more than before is undone."""
         state, moves = self.state, np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
         illegal, scenarios = np.zeros(state.n, np.bool_), dict[int, Scenario]()
@@ -178,32 +166,23 @@ class PoseTask:
             rig = now.rig.move(moves[row, : len(now.rig.aim)])
             if (rig.aim == now.rig.aim).all():
                 continue
-            scenario = self.scenarios.scenario(now.preparation, rig, (now.rig, objective.visibility))
-            if overloads(scenario.objective, objective):
-                illegal[row] = True
-            else:
+            scenario = self._source.scenario(now.preparation, rig, (now.rig, objective.visibility))
+            after = scenario.objective
+            illegal[row] = (~after.linked & (after.sent > objective.sent)).any()
+            if not illegal[row]:
                 self._now[row], scenarios[row] = replace(now, rig=rig), scenario
         state.move(active, scenarios, illegal)
         return state.gain, np.zeros(state.n, np.bool_), active & (state.steps >= state.max_steps)
-
-    def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
-        """Return observations and info."""
-        return self.state.observe(), {**self.state.info(), "action_mask": self.action_masks().astype(np.int8)}
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
         """Tell which entries of an action move a sensor."""
         return np.repeat(self.state.chosen, 3, axis=1)
 
 
-def overloads(after: Objective, before: Objective) -> bool:
-    """Return True if an overloaded link carries more than before."""
-    return bool((~after.linked & (after.sent > before.sent)).any())
-
-
-def see_again(
+def _see_again(
     preparation: Preparation, candidates: Candidates, visibility: Visibility | None, still: Bool[np.ndarray, " C"]
 ) -> Visibility:
-    """Return the candidates' view of the traffic. That of candidates that stand `still` is taken from `visibility`."""
+    """View of the traffic; that of candidates that stand `still` is taken from `visibility`."""
     moved = np.flatnonzero(~still)
     there = candidates if len(moved) == len(still) else candidates.select(moved)
     live = preparation.live
@@ -258,17 +237,13 @@ class SensorPoseEnv(PlacementEnv):
     v0: first version.
     """
 
-    def __init__(self, config: PoseConfig | None = None, *, render_mode: str | None = None, **given: object) -> None:
-        super().__init__(PoseTask(1, PoseScenarios(build_config(PoseConfig, config, given))), render_mode)
+    task_type = _PoseTask
 
 
 class SensorPoseVectorEnv(PlacementVectorEnv):
     """n of `SensorPoseEnv`, which describes the arguments."""
 
-    def __init__(
-        self, num_envs: int = 1, config: PoseConfig | None = None, *, render_mode: str | None = None, **given: object
-    ) -> None:
-        super().__init__(PoseTask(num_envs, PoseScenarios(build_config(PoseConfig, config, given))), render_mode)
+    task_type = _PoseTask
 
 
 def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:

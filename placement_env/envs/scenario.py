@@ -15,7 +15,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aims
 from placement_env.checks import check_range
-from placement_env.envs.config import EnvConfig, SubsetConfig
+from placement_env.envs.config import EnvConfig, SelectConfig, SubsetConfig
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
@@ -271,15 +271,29 @@ class Sites:
         return sorted(rng.choice(count, number, replace=False).tolist())
 
 
-class Scenarios:
+class EpisodeSource:
+    """Scenarios from which episodes are drawn. slots: of every scenario."""
+
+    slots: int
+
+    def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
+        self.config, self.sites = config, Sites(config, candidates)
+
+    def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
+        """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
+        raise NotImplementedError
+
+
+class Scenarios(EpisodeSource):
     """Scenarios to choose among candidates, each made when first drawn.
 
     Raises ValueError where the sets of a site cannot be scored as asked, before anything is rendered.
     """
 
     def __init__(self, config: SubsetConfig) -> None:
-        self.config, objective = config, config.objective
-        self.sites = Sites(config, None if objective is None else objective.candidates)
+        objective = self._objective = config.objective
+        super().__init__(config, None if objective is None else objective.candidates)
+        self.factored = isinstance(config, SelectConfig) and config.actions == "factored"
         whole = [self.sites.candidates(index) for index in range(len(self.sites))]
         self.slots = max(map(len, whole)) if config.slots is None else config.slots
         self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
@@ -291,7 +305,7 @@ class Scenarios:
         self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
-        """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
+        """Draw an episode with these options."""
         if options:
             return self._draw(rng, options)
         episode = self._always or self._draw(rng, {})
@@ -300,7 +314,7 @@ class Scenarios:
         return episode
 
     def _draw(self, rng: np.random.Generator, options: Options) -> Episode:
-        objective = self.config.objective
+        objective = self._objective
         other = "scheme" in options and objective and find_scheme(options["scheme"]) != objective.scheme
         if objective and ("site" in options or other):
             raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
@@ -310,6 +324,12 @@ class Scenarios:
             made = objective or Objective(self.sites.setting(conditions.site, conditions.scheme), self.config.run)
             self._made[key] = Scenario(made, self.slots)
         scenario = self._made[key]
+        shape = scenario.objective.candidates.shape
+        if self.factored and any(size > known for size, known in zip(shape, self.shape, strict=True)):
+            raise ValueError(
+                f"factored actions are for {self.shape} mounts, heights, headings, tilts and models, this site has "
+                f"{shape}: make the environment with all its sites"
+            )
         return Episode(scenario, conditions.budget, scenario.mark_failed(conditions.failed))
 
 

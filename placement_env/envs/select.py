@@ -2,51 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete
 
-from placement_env.envs.config import SelectConfig, build_config
-from placement_env.envs.env import ActionSpace, PlacementEnv, PlacementVectorEnv, observation_space
-from placement_env.envs.scenario import Options, Scenario, Scenarios
-from placement_env.envs.state import Info, State
-from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+from placement_env.envs.config import SelectConfig
+from placement_env.envs.env import Ends, PlacementEnv, PlacementVectorEnv, Task
+from placement_env.envs.scenario import Scenario, Scenarios
+from toolkit.arrays import Bool, Float32, Int64, Shaped
 
 
-class SelectTask:
+class _SelectTask(Task):
     """n episodes of choosing one candidate after another."""
 
+    config_type, scenarios_type = SelectConfig, Scenarios
+
     def __init__(self, n: int, scenarios: Scenarios) -> None:
-        config, slots = scenarios.config, scenarios.slots
-        assert isinstance(config, SelectConfig)
-        self.scenarios, self.state, self.flat = scenarios, State(n, slots), config.actions == "flat"
+        self.flat, self.stop = not scenarios.factored, scenarios.slots
         self.factors = (scenarios.shape[0] + 1, *scenarios.shape[1:])
-        self.action_space: ActionSpace = Discrete(slots + 1) if self.flat else MultiDiscrete(list(self.factors))
-        self.observation_space = observation_space(slots)
+        super().__init__(n, scenarios)
+        self.action_space = Discrete(self.stop + 1) if self.flat else MultiDiscrete(list(self.factors))
         self._rows, self._always = np.arange(n), np.ones((n, 1), np.bool_)
         self._one_hot: dict[Scenario, np.ndarray] = {}
 
-    def resize(self, n: int) -> SelectTask:
-        """Return the same rules, at the same scenarios, for n episodes."""
-        return SelectTask(n, self.scenarios)
-
-    def reset(
-        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
-    ) -> None:
-        """Start new episodes in some rows, with no sensors."""
-        episodes = [self.scenarios.draw(rng, options) for rng in rngs]
-        for shape in {each.scenario.objective.candidates.shape for each in episodes if not self.flat}:
-            if any(size > known for size, known in zip(shape, self.scenarios.shape, strict=True)):
-                raise ValueError(
-                    f"factored actions are for {self.scenarios.shape} mounts, heights, headings, tilts and models, "
-                    f"this site has {shape}: make the environment with all its sites"
-                )
-        self.state.reset(rows, episodes)
-
-    def step(
-        self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
-    ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Add a candidate in each active row. The last action adds none and ends the episode."""
         slot, stops = self._slots(actions)
         state, acting = self.state, active & ~stops
@@ -56,12 +34,6 @@ class SelectTask:
         state.place(active, chosen, acting & ~places)
         terminated = active & (stops | ~state.allowed.any(axis=1))
         return state.gain, terminated, active & ~terminated & (state.steps >= state.max_steps)
-
-    def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
-        """Return observations and info."""
-        info = self.state.info()
-        info["action_mask"] = self.action_masks().astype(np.int8)
-        return self.state.observe(), info
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
         """Tell which actions are legal. Of factored ones, tell which values of each factor some legal candidate has."""
@@ -79,10 +51,10 @@ class SelectTask:
     def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Candidate of each action (-1: none), and True for stops."""
         if self.flat:
-            slot, last = actions.astype(np.int64).reshape(-1), self.scenarios.slots
-            if ((slot < 0) | (slot > last)).any():
-                raise ValueError(f"actions are 0 to {last} (stop), got {slot.tolist()}")
-            stops = slot == last
+            slot = actions.astype(np.int64).reshape(-1)
+            if ((slot < 0) | (slot > self.stop)).any():
+                raise ValueError(f"actions are 0 to {self.stop} (stop), got {slot.tolist()}")
+            stops = slot == self.stop
             return np.where(stops, -1, slot), stops
         factors = actions.astype(np.int64).reshape(-1, len(self.factors))
         slot = np.full(len(factors), -1)
@@ -149,19 +121,10 @@ class SensorSelectEnv(PlacementEnv):
     v0: first version.
     """
 
-    def __init__(self, config: SelectConfig | None = None, *, render_mode: str | None = None, **given: object) -> None:
-        super().__init__(SelectTask(1, Scenarios(build_config(SelectConfig, config, given))), render_mode)
+    task_type = _SelectTask
 
 
 class SensorSelectVectorEnv(PlacementVectorEnv):
     """n of `SensorSelectEnv`, which describes the arguments."""
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        config: SelectConfig | None = None,
-        *,
-        render_mode: str | None = None,
-        **given: object,
-    ) -> None:
-        super().__init__(SelectTask(num_envs, Scenarios(build_config(SelectConfig, config, given))), render_mode)
+    task_type = _SelectTask

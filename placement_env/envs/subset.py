@@ -2,39 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from gymnasium.spaces import MultiBinary
 
-from placement_env.envs.config import SubsetConfig, build_config
-from placement_env.envs.env import ActionSpace, PlacementEnv, PlacementVectorEnv, observation_space
-from placement_env.envs.scenario import Options, Scenarios
-from placement_env.envs.state import Info, State
-from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+from placement_env.envs.config import SubsetConfig
+from placement_env.envs.env import Ends, PlacementEnv, PlacementVectorEnv, Task
+from placement_env.envs.scenario import Scenarios
+from toolkit.arrays import Bool, Shaped
 
 
-class SubsetTask:
+class _SubsetTask(Task):
     """n episodes of one choice each."""
 
+    config_type, scenarios_type = SubsetConfig, Scenarios
+
     def __init__(self, n: int, scenarios: Scenarios) -> None:
-        self.scenarios, self.state = scenarios, State(n, scenarios.slots)
-        self.action_space: ActionSpace = MultiBinary(scenarios.slots)
-        self.observation_space = observation_space(scenarios.slots)
+        super().__init__(n, scenarios)
+        self.action_space = MultiBinary(scenarios.slots)
 
-    def resize(self, n: int) -> SubsetTask:
-        """Return the same rules, at the same scenarios, for n episodes."""
-        return SubsetTask(n, self.scenarios)
-
-    def reset(
-        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
-    ) -> None:
-        """Start new episodes in some rows."""
-        self.state.reset(rows, [self.scenarios.draw(rng, options) for rng in rngs])
-
-    def step(
-        self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
-    ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Choose the set of each active row. A set that may not be built is left empty."""
         chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
         if (actions.reshape(chosen.shape) != chosen).any():
@@ -43,14 +29,12 @@ class SubsetTask:
         self.state.place(active, chosen & legal[:, None], active & ~legal)
         return self.state.gain, active.copy(), np.zeros(self.state.n, np.bool_)
 
-    def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
-        """Return observations and info."""
-        mask = self.state.allowed | self.state.chosen
-        return self.state.observe(), {**self.state.info(), "action_mask": mask.astype(np.int8)}
+    def info_mask(self) -> Bool[np.ndarray, "n slots"]:
+        return self.state.allowed | self.state.chosen
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
         """Tell for each slot whether it may be 0, always True, and 1."""
-        may = self.state.allowed | self.state.chosen
+        may = self.info_mask()
         return np.stack([np.ones_like(may), may], axis=2).reshape(self.state.n, -1)
 
 
@@ -88,19 +72,10 @@ class SensorSubsetEnv(PlacementEnv):
     v0: first version.
     """
 
-    def __init__(self, config: SubsetConfig | None = None, *, render_mode: str | None = None, **given: object) -> None:
-        super().__init__(SubsetTask(1, Scenarios(build_config(SubsetConfig, config, given))), render_mode)
+    task_type = _SubsetTask
 
 
 class SensorSubsetVectorEnv(PlacementVectorEnv):
     """n of `SensorSubsetEnv`, which describes the arguments."""
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        config: SubsetConfig | None = None,
-        *,
-        render_mode: str | None = None,
-        **given: object,
-    ) -> None:
-        super().__init__(SubsetTask(num_envs, Scenarios(build_config(SubsetConfig, config, given))), render_mode)
+    task_type = _SubsetTask

@@ -141,13 +141,20 @@ class TableFidelity:
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set, of several classes combined."""
-        return self.by_class(subsets).combined(self.classes)
+        if len(self.classes.names) > 1:
+            return self.by_class(subsets).combined(self.classes)
+        rows, ((ap, recall),) = self.table.row(subsets), self._columns
+        return Estimate(ap[rows], recall[rows], self._kbit[rows])
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
         """Figures of each set for each class."""
         rows = self.table.row(subsets)
         ap, recall = (np.stack([column[rows] for column in of], axis=1) for of in zip(*self._columns, strict=True))
-        return ClassEstimates(ap, recall, self.table.kbit[rows, _scheme_number(self.scheme)])
+        return ClassEstimates(ap, recall, self._kbit[rows])
+
+    @cached_property
+    def _kbit(self) -> Float64[np.ndarray, " sets"]:
+        return self.table.kbit[:, _scheme_number(self.scheme)]
 
     @cached_property
     def _columns(self) -> list[tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]]:

@@ -16,7 +16,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from placement_env.envs.env import AnyEnv, PlacementEnv, PlacementVectorEnv, side_by_side
+from placement_env.envs.env import AnyEnv, PlacementEnv, PlacementVectorEnv
 from placement_env.envs.pose import SensorPoseEnv
 from placement_env.envs.scenario import STATIC
 from placement_env.envs.select import SensorSelectEnv
@@ -47,7 +47,7 @@ def vectorize(first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment:
     """
     ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
     if ours and isinstance(first, PlacementEnv):
-        return SB3VecEnv(side_by_side(first, n), augment=augment)
+        return SB3VecEnv(PlacementVectorEnv(n, first.task), augment=augment)
     if augment:
         raise ValueError(f"only junctions of our own environments can be augmented, got {first}: leave augment out")
     return DummyVecEnv([lambda: Monitor(first), *[lambda: Monitor(make_env())] * (n - 1)])
