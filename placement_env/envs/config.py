@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Literal, TypeVar, cast, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
-from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_range, check_whole
 from placement_env.classes import VEHICLES
 from placement_env.objective import Objective
@@ -30,13 +29,10 @@ RUN_FIELDS = {field.name for field in fields(Run)}
 class EnvConfig:
     """Configuration that all environments share.
 
-    setting: what is asked; run: how sets are scored; site: a site, its name or file, or several of these, None for the
-    setting's; scheme: of fusion, or several, None for the setting's; budget: sensors to place; failures: number of
-    candidates that have failed.
-
-    Each episode draws one of several sites and schemes, a number from a budget or failures given as (lowest, highest),
-    and the failed candidates, all by the environment's own generator; options of `reset` come first. Raises ValueError
-    where a field does not fit.
+    site, scheme: one or several, None for the setting's; budget: sensors to place; failures: number of candidates that
+    have failed. Each episode draws one of several sites and schemes, a number from a budget or failures given as
+    (lowest, highest), and the failed candidates, all by the environment's own generator; options of `reset` come first.
+    Raises ValueError where a field does not fit.
     """
 
     setting: Setting = Setting()
@@ -85,10 +81,6 @@ class EnvConfig:
     def leaves_open(self) -> bool:
         """True where an episode draws its scheme, budget or failed candidates."""
         return len(self.schemes) > 1 or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
-
-    def local_setting(self, site: Site, candidates: Candidates, scheme: Scheme) -> Setting:
-        """Return the setting of an episode."""
-        return replace(self.setting, site=site, candidates=candidates, scheme=scheme)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,17 +133,17 @@ class PoseConfig(EnvConfig):
 
 
 def build_config(kind: type[Config], config: Config | None, given: Mapping[str, object]) -> Config:
-    """Build a configuration from another and fields given by name.
+    """Build a configuration from another and fields by name, those of `Setting` and `Run` and `iou` of `Cases` too.
 
-    Gymnasium's `make` gives them so. Fields of `Setting` and `Run` go by their own names, and `iou` of `Cases`. Raises
-    TypeError for an unknown name and for a configuration of another kind.
+    Raises TypeError for an unknown name and for a configuration of another kind.
     """
     config = kind() if config is None else config
     if type(config) is not kind:
         raise TypeError(f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as site=...")
-    own = cast(dict[str, Any], dict(given))
-    asked = {name: own.pop(name) for name in given if name in SETTING_FIELDS}
-    computed = {name: own.pop(name) for name in given if name in RUN_FIELDS}
+    own: dict[str, Any] = dict(given)
+    asked, computed = (
+        {name: own.pop(name) for name in given if name in names} for names in (SETTING_FIELDS, RUN_FIELDS)
+    )
     if "iou" in own:
         asked["cases"] = replace(asked.get("cases", config.setting.cases), iou=own.pop("iou"))
     if asked:

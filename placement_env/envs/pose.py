@@ -25,10 +25,7 @@ TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad b
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Sensors on their mounts.
-
-    candidates: the sensors as chosen; aim: (B, 3) present height above the mount's foot (m), heading and tilt (rad).
-    """
+    """Sensors on their mounts. aim: present height above the mount's foot (m), heading and tilt (rad)."""
 
     candidates: Candidates
     aim: Float64[np.ndarray, "B 3"]
@@ -40,10 +37,7 @@ class Rig:
         return Rig(candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1))
 
     def move(self, action: Float64[np.ndarray, "B 3"]) -> Rig:
-        """Return the rig after an action, within the mounts' heights and `TILT_LIMITS`.
-
-        A sensor that was beyond them may stay there.
-        """
+        """Return the rig after an action, within the mounts' heights and `TILT_LIMITS`, or beyond if it was."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T
         low = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
@@ -54,19 +48,16 @@ class Rig:
 
     def to_candidates(self) -> Candidates:
         """Return the sensors as they stand now."""
-        height, heading, tilt = self.aim.T
-        count = np.arange(len(self.aim))
-        models = tuple(dict.fromkeys(sensor.model for sensor in self.candidates.sensors))
-        model = np.array([models.index(sensor.model) for sensor in self.candidates.sensors])
-        mount = self.candidates.mount
-        factors = np.stack([mount, count, count, count, model], axis=1)
-        feet = _feet(self.candidates)
+        old, (height, heading, tilt), count = self.candidates, self.aim.T, np.arange(len(self.aim))
+        models = tuple(dict.fromkeys(sensor.model for sensor in old.sensors))
+        model = np.array([models.index(sensor.model) for sensor in old.sensors])
         sensors = tuple(
-            aim_sensor(s, np.array([*s.position[:2], foot + h]), float(y), float(t))
-            for s, foot, h, y, t in zip(self.candidates.sensors, feet, height, heading, tilt, strict=True)
+            aim_sensor(s, np.array([*s.position[:2], z]), float(y), float(t))
+            for s, z, y, t in zip(old.sensors, _feet(old) + height, heading, tilt, strict=True)
         )
-        axes = Axes(height, heading, tilt, models, self.candidates.axes.select_prices(models))
-        return Candidates(sensors, mount, self.candidates.mounts, factors, axes)
+        factors = np.stack([old.mount, count, count, count, model], axis=1)
+        axes = Axes(height, heading, tilt, models, old.axes.select_prices(models))
+        return Candidates(sensors, old.mount, old.mounts, factors, axes)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -224,13 +215,11 @@ class SensorPoseEnv(PlacementEnv):
     As of `coview/SensorSelect-v0`.
 
     ## Arguments
-    config: a `placement_env.envs.config.PoseConfig`; or its fields by name. site, scheme: one or several; budget:
-    sensors; failures: candidates that have failed. Each episode draws one of several, and a number from a budget or
-    failures given as (lowest, highest). moves: of an episode; fidelity: surrogate, coverage or detector; rendering:
-    "full" casts every ray of a sensor that has moved, "panorama" looks its view up in panoramas from its mount, made
-    when a sensor is first there, and is some fifty times faster; "auto" takes these where at least four candidates
-    share a place, as in a pool; cache: folder that keeps panoramas; the other fields of
-    `placement_env.setting.Setting` and `toolkit.runtime.run.Run`, and iou. `reset` takes the options site, scheme,
+    config: a `placement_env.envs.config.PoseConfig`; or its fields by name, which are those of `coview/SensorSelect-v0`
+    except `actions`, `slots` and `objective`, with moves: of an episode. fidelity: surrogate, coverage or detector;
+    rendering: "full" casts every ray of a sensor that has moved, "panorama" looks its view up in panoramas from its
+    mount, made when a sensor is first there, and is some fifty times faster; "auto" takes these where at least four
+    candidates share a place, as in a pool; cache: folder that keeps panoramas. `reset` takes the options site, scheme,
     budget (up to the environment's) and failed.
 
     ## Version History

@@ -1,6 +1,4 @@
-"""Registration of the environments with Gymnasium.
-
-It happens once Gymnasium and `placement_env` are imported, in either order.
+"""Registration of the environments once Gymnasium and `placement_env` are imported, in either order.
 
 Gymnasium itself imports a package named before the environment: `gymnasium.make("placement_env:coview/...")`.
 """
@@ -8,8 +6,8 @@ Gymnasium itself imports a package named before the environment: `gymnasium.make
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
-from importlib.abc import Loader, MetaPathFinder
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 
@@ -37,44 +35,25 @@ def register_with_gymnasium() -> None:
     if sys.modules.get("gymnasium"):
         register()
     else:
-        sys.meta_path.insert(0, AfterImport("gymnasium", register))
+        sys.meta_path.insert(0, _AfterImport())
 
 
-class AfterImport(MetaPathFinder):
-    """Import hook (PEP 451) that calls `then` after a module, once."""
-
-    def __init__(self, name: str, then: Callable[[], None]) -> None:
-        self.name, self.then = name, then
+class _AfterImport(MetaPathFinder):
+    """Import hook (PEP 451) that registers after Gymnasium is imported, once."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the module's spec, whose loader calls `then` when done. None for other modules."""
-        if fullname != self.name:
-            return None
-        spec = PathFinder.find_spec(fullname, path, target)
-        if spec is not None and spec.loader is not None:
-            spec.loader = _ThenLoader(spec.loader, self._finish)
+        spec = PathFinder.find_spec(fullname, path, target) if fullname == "gymnasium" else None
+        if spec is None or spec.loader is None:
+            return spec
+        execute = spec.loader.exec_module
+
+        def execute_and_register(module: ModuleType) -> None:
+            execute(module)
+            if self in sys.meta_path:
+                sys.meta_path.remove(self)
+            register()
+
+        spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
         return spec
-
-    def _finish(self) -> None:
-        if self in sys.meta_path:
-            sys.meta_path.remove(self)
-        self.then()
-
-
-class _ThenLoader(Loader):
-    def __init__(self, loader: Loader, then: Callable[[], None]) -> None:
-        self.loader, self.then = loader, then
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self.loader, name)
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        return self.loader.create_module(spec)
-
-    def exec_module(self, module: ModuleType) -> None:
-        if module.__spec__ is not None:
-            module.__spec__.loader = module.__loader__ = self.loader
-        self.loader.exec_module(module)
-        self.then()

@@ -34,14 +34,12 @@ _SIDE, _HEAD, _FOOT = 6.4, 0.5, 0.42  # inches of a square picture, and of the s
 
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:
-    """Draw the area from above (RGB, uint8).
-
-    The picture is a square of the same size for every site.
+    """Draw the area from above (RGB, uint8), a square of the same size for every site.
 
     Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is more, pale grey
     none), places where sensors may hang, and the chosen sensors with their fields of view.
     """
-    sensors = objective.candidates.sensors
+    sensors, site = objective.candidates.sensors, objective.site
     places, area = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2), find_area(objective)
     feet = np.concatenate([[area[:2], area[2:]], places])
     side = _SIDE - _HEAD - _FOOT
@@ -53,36 +51,34 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         axes = figure.add_axes((0, _FOOT / _SIDE, 1, side / _SIDE))
         axes.set(xlim=(middle[0] - reach[0], middle[0] + reach[0]), ylim=(middle[1] - reach[1], middle[1] + reach[1]))
         axes.set(xticks=[], yticks=[])
-        for spine in axes.spines.values():
-            spine.set_visible(False)
-        if objective.site is not None:
-            draw_ground(axes, objective.site)
+        axes.spines[:].set_visible(False)
+        if site is not None:
+            draw_ground(axes, site)
         draw_area(axes, area)
         vehicles = _draw_vehicles(axes, objective, members)
         draw_poles(axes, np.unique(places, axis=0), size=3.5)
         chosen = [sensors[member] for member in members]
-        draw_wedges(axes, chosen, objective.site.solids if objective.site is not None else ())
+        draw_wedges(axes, chosen, () if site is None else site.solids)
         draw_sensors(axes, chosen, 72 * scale)
-        towards = north(objective.site) if objective.site is not None else np.array([0.0, 1.0])
-        strip = _draw_strips(figure, scale)
-        draw_north(strip, (1.85, _FOOT / 2), towards)
-        name = objective.site.name if objective.site is not None else "a site"
-        title = f"{shorten(name, 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
+        towards = np.array([0.0, 1.0]) if site is None else north(site)
+        draw_north(_draw_strips(figure, scale), (1.85, _FOOT / 2), towards)
+        title = f"{shorten(_name(objective), 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
         figure.text(0.02, 1 - 0.16 / _SIDE, title, fontsize=10, fontweight="bold", va="center")
         figure.text(0.02, 1 - 0.36 / _SIDE, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
         return render_pixels(figure)
 
 
-def _noun(objective: Objective) -> str:
-    return "vehicles" if objective.classes.names == VEHICLES.names else " and ".join(objective.classes.names)
+def _name(objective: Objective) -> str:
+    return "a site" if objective.site is None else objective.site.name
 
 
 def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
     """Draw some vehicles, coloured by the members' points, and return a caption."""
     from matplotlib.collections import PolyCollection
 
+    noun = "vehicles" if objective.classes.names == VEHICLES.names else " and ".join(objective.classes.names)
     if objective.visibility is None or not len(objective.visibility.boxes):
-        return f"no {_noun(objective)}"
+        return f"no {noun}"
     boxes = objective.visibility.boxes
     some = np.linspace(0, len(boxes) - 1, min(len(boxes), MOST_VEHICLES)).round().astype(np.int64)
     points = objective.visibility.points[members][:, some].astype(np.float64).sum(axis=0)
@@ -91,7 +87,7 @@ def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
     )
     axes.add_collection(shown, autolim=False)
     drawn = f", {len(some)} drawn" if len(some) < len(boxes) else ""
-    return f"N = {len(boxes)} {_noun(objective)} in {objective.visibility.frames} frames{drawn}"
+    return f"N = {len(boxes)} {noun} in {objective.visibility.frames} frames{drawn}"
 
 
 def _draw_strips(figure: Figure, scale: float) -> Axes:
@@ -118,9 +114,8 @@ def summary(objective: Objective, members: list[int]) -> str:
     """Describe site, scheme, chosen sensors and their score in a few lines."""
     score = objective.score(members)
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
-    where = objective.site.name if objective.site is not None else "a site"
     return (
-        f"{where}, {objective.scheme.name} fusion, by {score.fidelity}\n{names}\n"
+        f"{_name(objective)}, {objective.scheme.name} fusion, by {score.fidelity}\n{names}\n"
         f"AP {score.ap:.3f}, recall {score.recall:.3f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
         f"{score.kbit:.1f} kbit, price {score.price:g}: reward {score.reward:.3f}\n"
     )

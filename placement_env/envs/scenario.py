@@ -1,15 +1,14 @@
 """Scenarios, objectives as agents observe them, and episodes drawn from them.
 
-A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. The
-view of a candidate is taken at up to `PLACES` places: vehicles of the traffic if known, else spots of the area.
+A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. What
+a candidate sees is taken at up to `PLACES` places: vehicles of the traffic if known, else spots of the area.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.setting import Setting
-from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+from toolkit.arrays import Bool, Float64, Shaped
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 from toolkit.sites.files import load_site
@@ -33,102 +32,55 @@ Options = Mapping[str, Any]  # of `reset`
 OPTIONS = ("site", "scheme", "budget", "failed")
 
 
-@dataclass(frozen=True, eq=False)
 class Scenario:
-    """An objective with its C candidates in `slots` slots."""
+    """An objective with its C candidates in `slots` slots.
 
-    objective: Objective
-    slots: int
+    width: number of candidates; mount, usable: of each slot; the empty ones share a mount of their own, and usable are
+    those with a candidate whose link carries its data; mount_places: sensors that each mount may carry; load: share of
+    the link that each candidate takes, None unless links are shared; seen: places that each candidate sees, a bit each;
+    places: their number.
 
-    def __post_init__(self) -> None:
-        if len(self.objective.candidates) > self.slots:
+    static: `STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to the area, whose sides
+    lie at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view of a full turn; price and kbit are
+    x / (x + 1) of the price, and of the data in Mbit; seen is a share of the places. constants: last features of the
+    whole: weights, of a Mbit and of a mount, as x / (x + 1), and scheme.
+    """
+
+    def __init__(self, objective: Objective, slots: int) -> None:
+        candidates = objective.candidates
+        self.objective, self.slots, self.width = objective, slots, len(candidates)
+        if self.width > slots:
             raise ValueError(
-                f"the environment has slots for {self.slots} candidates, this site has "
-                f"{len(self.objective.candidates)}: make it with slots={len(self.objective.candidates)}"
+                f"the environment has slots for {slots} candidates, this site has {self.width}: make it with "
+                f"slots={self.width}"
             )
+        self.mount = pad(candidates.mount, slots, fill=len(candidates.mounts))
+        self.mount_places = np.append(candidates.places, 1)
+        sent = objective.shared_links
+        self.load = None if sent is None else pad(sent / candidates.capacity, slots)
+        self.usable = pad(objective.linked, slots)
+        seen, whole = places_seen(objective), np.zeros((slots, PLACES), np.bool_)
+        self.places = seen.shape[1]
+        whole[: len(seen), : self.places] = seen
+        self.seen: Shaped[np.ndarray, "words slots"]
+        self.seen = np.ascontiguousarray(np.packbits(whole, axis=1).view(np.uint64).T)
+        self.static = np.zeros((len(STATIC), slots), np.float32)
+        self.static[:, : self.width] = np.clip(self._features(seen.sum(axis=1) / max(1, self.places)), -1, 1)
+        weights = np.array([1000 * objective.weights.comm, objective.weights.price])
+        scheme = [objective.scheme.name == name for name in PAPER_SCHEMES]
+        self.constants = np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
-    @cached_property
-    def mount(self) -> Int64[np.ndarray, " slots"]:
-        """Mount of each candidate. The empty slots share a mount of their own."""
-        return pad(self.objective.candidates.mount, self.slots, fill=len(self.objective.candidates.mounts))
-
-    @cached_property
-    def mounts(self) -> int:
-        """Number of mounts, including that of the empty slots."""
-        return int(self.mount.max()) + 1
-
-    @cached_property
-    def mount_places(self) -> Int64[np.ndarray, " mounts"]:
-        """Most sensors that each mount may carry."""
-        return np.append(self.objective.candidates.places, 1)[: self.mounts]
-
-    @cached_property
-    def load(self) -> Float64[np.ndarray, " slots"] | None:
-        """Share of the link that each candidate takes. None unless links are shared."""
-        sent = self.objective.shared_links
-        return None if sent is None else pad(sent / self.objective.candidates.capacity, self.slots)
-
-    @cached_property
-    def width(self) -> int:
-        """Number of candidates."""
-        return len(self.objective.candidates)
-
-    @cached_property
-    def usable(self) -> Bool[np.ndarray, " slots"]:
-        """True for slots with a candidate whose link carries its data."""
-        return pad(self.objective.linked, self.slots)
-
-    @cached_property
-    def seen(self) -> Shaped[np.ndarray, "words slots"]:
-        """Places that each candidate sees, a bit each."""
-        seen = self._places_seen
-        whole = np.zeros((self.slots, PLACES), np.bool_)
-        whole[: len(seen), : seen.shape[1]] = seen
-        return np.ascontiguousarray(np.packbits(whole, axis=1).view(np.uint64).T)
-
-    @cached_property
-    def places(self) -> int:
-        """Number of places."""
-        return self._places_seen.shape[1]
-
-    @cached_property
-    def _places_seen(self) -> Bool[np.ndarray, "C places"]:
-        return places_seen(self.objective)
-
-    @cached_property
-    def static(self) -> Float32[np.ndarray, "features slots"]:
-        """`STATIC` of each candidate, in -1..1; 0 in the empty slots.
-
-        x and y are relative to the area, whose sides lie at ±0.5; z is in units of 20 m, tilt of a right angle, the
-        field of view of a full turn; price and kbit are x / (x + 1) of the price, and of the data in Mbit; seen is a
-        share of the places.
-        """
-        features = np.zeros((len(STATIC), self.slots), np.float32)
-        own = np.bitwise_count(self.seen).sum(axis=0) / max(1, self.places)
-        filled = candidate_features(self.objective, own[: len(self.objective.candidates)])
-        features[:, : filled.shape[1]] = np.clip(filled, -1, 1)
-        return features
-
-    @cached_property
-    def constants(self) -> Float32[np.ndarray, "5"]:
-        """Last features of the whole: weights and scheme.
-
-        The weights, of a Mbit and of a mount, are given as x / (x + 1).
-        """
-        weights = np.array([1000 * self.objective.weights.comm, self.objective.weights.price])
-        scheme = [self.objective.scheme.name == name for name in PAPER_SCHEMES]
-        return np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
-
-    def mark_failed(self, failed: Iterable[Any]) -> Bool[np.ndarray, " slots"]:
-        """Return a row over the slots, True for these candidates. They are given by index or name."""
-        return pad(self.objective.row(failed), self.slots)
+    def _features(self, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
+        position, heading, tilt, width, lidar = poses(self.objective.candidates)
+        area = find_area(self.objective)
+        x, y = ((position[:, :2] - (area[:2] + area[2:]) / 2) / (area[2:] - area[:2])).T
+        price, megabit = self.objective.candidates.prices, self.objective.sent / 1000
+        aim = (np.cos(heading), np.sin(heading), tilt / (np.pi / 2), width / (2 * np.pi))
+        return np.stack([x, y, position[:, 2] / 20, *aim, lidar, price / (price + 1), megabit / (megabit + 1), seen])
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
-    """Tell which places each candidate sees.
-
-    These are vehicles, seen with enough points on them, or spots of the area in view.
-    """
+    """Tell which vehicles each candidate sees with enough points on them, or which spots of the area are in view."""
     if objective.visibility is not None:
         points = objective.visibility.points
         some = np.unique(np.linspace(0, points.shape[1] - 1, PLACES).round().astype(np.int64))[: points.shape[1]]
@@ -150,25 +102,11 @@ def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
 
 
 def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Position, heading, tilt, field of view and kind of each candidate.
-
-    Positions are (C, 3), angles in rad, the field of view is the horizontal one; the kind is True for lidars.
-    """
+    """Position (C, 3), heading, tilt and horizontal field of view (rad) of each candidate, and if it is a lidar."""
     sensors = candidates.sensors
     lidar = np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_)
     width = [sensor.model.horizontal_fov for sensor in sensors]
     return np.array([sensor.position for sensor in sensors]), *aims(sensors), np.array(width), lidar
-
-
-def candidate_features(objective: Objective, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
-    """`STATIC` of each candidate; seen: share of places that it sees."""
-    position, heading, tilt, width, lidar = poses(objective.candidates)
-    area = find_area(objective)
-    middle, size = (area[:2] + area[2:]) / 2, area[2:] - area[:2]
-    x, y = ((position[:, :2] - middle) / size).T
-    price, megabit = objective.candidates.prices, objective.sent / 1000
-    aim = (np.cos(heading), np.sin(heading), tilt / (np.pi / 2), width / (2 * np.pi))
-    return np.stack([x, y, position[:, 2] / 20, *aim, lidar, price / (price + 1), megabit / (megabit + 1), seen])
 
 
 def pad(row: Shaped[np.ndarray, " C"], slots: int, fill: int = 0) -> Shaped[np.ndarray, " slots"]:
@@ -189,27 +127,25 @@ class Episode:
     chosen: Bool[np.ndarray, " slots"] | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Conditions:
+class Conditions(NamedTuple):
     """Conditions of an episode, drawn or given by options. site: its number; failed: candidates, by index or name."""
 
     site: int
     scheme: Scheme
     budget: int
-    failed: Iterable[Any]
+    failed: Iterable[int | str]
 
 
 class Sites:
     """Sites of an environment, with their candidates.
 
-    Episodes draw from those of the config; options may name others.
+    Episodes draw from the first `drawn`, those of the config; options may name others.
     """
 
     def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
-        self.config, self._given = config, list(config.sites)
+        self.config, self._given, self._of_all = config, list(config.sites), candidates
         self._known = [_load(each) for each in self._given]
         self.drawn = len(self._known)
-        self._of_all = candidates
         self._candidates: dict[int, Candidates] = {}
 
     def __len__(self) -> int:
@@ -239,7 +175,7 @@ class Sites:
 
     def setting(self, index: int, scheme: Scheme) -> Setting:
         """Return the setting at a site with one scheme."""
-        return self.config.local_setting(self[index], self.candidates(index), scheme)
+        return replace(self.config.setting, site=self[index], candidates=self.candidates(index), scheme=scheme)
 
     def check_scorable(self) -> None:
         """Raise ValueError if the candidates of some site cannot be scored as asked."""
@@ -248,9 +184,7 @@ class Sites:
                 Preparation(self.setting(index, scheme)).check()
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> Conditions:
-        """Take conditions from the options, else draw them.
-
-        The order is site, scheme, budget and failed candidates.
+        """Take site, scheme, budget and failed candidates from the options, else draw them in this order.
 
         What the config does not leave open takes nothing from the generator. Raises ValueError for an option that is
         unknown or does not fit.
@@ -260,15 +194,12 @@ class Sites:
         schemes = config.schemes
         scheme = options["scheme"] if "scheme" in options else schemes[_within((0, len(schemes) - 1), rng)]
         budget = options["budget"] if "budget" in options else _within(config.budgets, rng)
-        failed = options["failed"] if "failed" in options else self._draw_failures(site, rng)
+        failed = options.get("failed", [])
+        if "failed" not in options and config.failure_counts[1]:
+            count = len(self.candidates(site))
+            number = min(_within(config.failure_counts, rng), count)
+            failed = sorted(rng.choice(count, number, replace=False).tolist())
         return Conditions(site, find_scheme(scheme), int(budget), failed)
-
-    def _draw_failures(self, site: int, rng: np.random.Generator) -> list[int]:
-        if not self.config.failure_counts[1]:
-            return []
-        count = len(self.candidates(site))
-        number = min(_within(self.config.failure_counts, rng), count)
-        return sorted(rng.choice(count, number, replace=False).tolist())
 
 
 class EpisodeSource:
@@ -306,15 +237,9 @@ class Scenarios(EpisodeSource):
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
         """Draw an episode with these options."""
-        if options:
-            return self._draw(rng, options)
-        episode = self._always or self._draw(rng, {})
-        if not self.config.leaves_open and self.sites.drawn == 1:
-            self._always = episode
-        return episode
-
-    def _draw(self, rng: np.random.Generator, options: Options) -> Episode:
-        objective = self._objective
+        if not options and self._always is not None:
+            return self._always
+        objective, options = self._objective, options or {}
         other = "scheme" in options and objective and find_scheme(options["scheme"]) != objective.scheme
         if objective and ("site" in options or other):
             raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
@@ -330,7 +255,10 @@ class Scenarios(EpisodeSource):
                 f"factored actions are for {self.shape} mounts, heights, headings, tilts and models, this site has "
                 f"{shape}: make the environment with all its sites"
             )
-        return Episode(scenario, conditions.budget, scenario.mark_failed(conditions.failed))
+        episode = Episode(scenario, conditions.budget, pad(scenario.objective.row(conditions.failed), self.slots))
+        if not options and not self.config.leaves_open and self.sites.drawn == 1:
+            self._always = episode
+        return episode
 
 
 def _load(site: Site | str) -> Site:

@@ -30,11 +30,9 @@ Rows = slice | Int64[np.ndarray, " m"]
 class State:
     """State of n episodes, written by its own methods alone.
 
-    chosen, failed, allowed: over the slots, allowed are the candidates that may join; budget: sensors to place; steps:
-    taken; scores: of the chosen sets; gain: reward that the last step added; illegal: True if that step was; repeated:
-    True if it needed no new score (`scores.cache_hit` tells whether a score was in the objective's memory, which
-    depends on earlier episodes; `info["cache_hit"]` must not, so it is `repeated`).
-
+    chosen, failed, allowed: over the slots, allowed are the candidates that may join; scores: of the chosen sets; gain:
+    reward that the last step added; repeated: True if it needed no new score (`scores.cache_hit` tells whether a score
+    was in the objective's memory, which depends on earlier episodes; `info["cache_hit"]` must not, so it is this);
     ready: an episode has started in every row; max_steps: of an episode, None for `STEPS` for each sensor of the
     budget; fixed: sensors are moved, none may join.
     """
@@ -46,12 +44,10 @@ class State:
         self.ready = False
         self._groups: list[tuple[Scenario, Rows]] = []
         self._weights, self._constants = np.zeros((2, n)), np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
-        self._fidelity = np.full(n, None, object)
-        self.chosen, self.failed = np.zeros((n, slots), np.bool_), np.zeros((n, slots), np.bool_)
-        self.allowed = np.zeros((n, slots), np.bool_)
+        self._fidelity, self.gain = np.full(n, None, object), np.zeros(n)
+        self.chosen, self.failed, self.allowed = (np.zeros((n, slots), np.bool_) for _ in range(3))
         self.budget, self.steps, self.max_steps = np.ones(n, np.int64), np.zeros(n, np.int64), np.ones(n, np.int64)
         self.scores = Scores(*np.zeros((6, n)), np.zeros(n, np.bool_))  # type: ignore[call-arg]
-        self.gain = np.zeros(n)
         self.illegal, self.repeated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
 
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
@@ -108,9 +104,7 @@ class State:
         return scenario.objective, np.flatnonzero(self.chosen[row]).tolist()
 
     def observe(self) -> Float32[np.ndarray, "n size"]:
-        """Return the features of each slot and of the whole, in -1..1.
-
-        `STATIC` and `DYNAMIC` come feature after feature, then `GLOBAL`.
+        """Return `STATIC` and `DYNAMIC` of the slots, feature after feature, then `GLOBAL`, all in -1..1.
 
         Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1).
         """
@@ -124,40 +118,31 @@ class State:
             covered[rows] = together / places
             features[rows, :static], features[rows, static] = scenario.static, added / places
         features[:, -2], features[:, -1] = self.chosen, self.allowed
-        self._observe_globally(whole[:, -len(GLOBAL) :], covered)
+        last, scores, megabit = whole[:, -len(GLOBAL) :], self.scores, self.scores.kbit_per_sensor / 1000
+        last[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
+        last[:, 1] = self.budget / (self.budget + 8.0)
+        last[:, 2] = 1 - self.steps / self.max_steps
+        last[:, 3], last[:, 4] = scores.ap, scores.recall
+        last[:, 5], last[:, 6] = megabit / (megabit + 1), scores.price / (scores.price + 8)
+        last[:, 7], last[:, 8:] = covered, self._constants
         return whole
 
     def info(self) -> Info:
         """Return the info, an array (n, ...) for each key. `reward_terms` is a dictionary of these."""
-        comm, price = self._weights
-        scores = self.scores
-        return self._class_ap() | {
-            "ap": scores.ap.copy(),
-            "recall": scores.recall.copy(),
-            "kbit": scores.kbit.copy(),
-            "kbit_per_sensor": scores.kbit_per_sensor.copy(),
-            "price": scores.price.copy(),
-            "subset": self.chosen.copy(),
-            "marginal_gain": self.gain.copy(),
-            "reward_terms": {
-                "ap": scores.ap.copy(),
-                "comm": 0 - comm * scores.kbit_per_sensor,
-                "price": 0 - price * scores.price,
-            },
-            "fidelity": self._fidelity.copy(),
-            "cache_hit": self.repeated.copy(),
-            "illegal": self.illegal.copy(),
+        scores, (comm, price) = self.scores, self._weights
+        terms = {"ap": scores.ap.copy(), "comm": 0 - comm * scores.kbit_per_sensor, "price": 0 - price * scores.price}
+        info: Info = {
+            name: getattr(scores, name).copy() for name in ("ap", "recall", "kbit", "kbit_per_sensor", "price")
         }
-
-    def _class_ap(self) -> Info:
-        """AP of each class, if several count."""
+        info |= {"subset": self.chosen.copy(), "marginal_gain": self.gain.copy(), "reward_terms": terms}
+        info |= {"fidelity": self._fidelity.copy(), "cache_hit": self.repeated.copy(), "illegal": self.illegal.copy()}
         names = self._groups[0][0].objective.classes.names if self._groups else ()
-        if len(names) < 2:
-            return {}
-        figures = np.zeros((self.n, len(names)))
-        for scenario, rows in self._groups:
-            figures[rows] = scenario.objective.class_ap(self.chosen[rows, : scenario.width])
-        return {"class_ap": {name: figures[:, k].copy() for k, name in enumerate(names)}}
+        if len(names) > 1:
+            figures = np.zeros((self.n, len(names)))
+            for scenario, rows in self._groups:
+                figures[rows] = scenario.objective.class_ap(self.chosen[rows, : scenario.width])
+            info["class_ap"] = {name: figures[:, k].copy() for k, name in enumerate(names)}
+        return info
 
     def _step(
         self,
@@ -205,32 +190,9 @@ class State:
             return
         allowed = ~self.failed
         for scenario, rows in self._groups:
-            allowed[rows] &= scenario.usable
-            if scenario.objective.candidates.several:
-                allowed[rows] &= with_room(scenario.mount, scenario.mount_places, self.chosen[rows], scenario.load)
-            else:
-                allowed[rows] &= on_free_mounts(scenario.mount, scenario.mounts, self.chosen[rows])
-        allowed &= (self.chosen.sum(axis=1) < self.budget)[:, None]
-        self.allowed = allowed
-
-    def _observe_globally(self, whole: Float32[np.ndarray, "n globals"], covered: Float64[np.ndarray, " n"]) -> None:
-        scores, megabit = self.scores, self.scores.kbit_per_sensor / 1000
-        whole[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
-        whole[:, 1] = self.budget / (self.budget + 8.0)
-        whole[:, 2] = 1 - self.steps / self.max_steps
-        whole[:, 3], whole[:, 4] = scores.ap, scores.recall
-        whole[:, 5], whole[:, 6] = megabit / (megabit + 1), scores.price / (scores.price + 8)
-        whole[:, 7], whole[:, 8:] = covered, self._constants
-
-
-def on_free_mounts(
-    mount: Int64[np.ndarray, " slots"], mounts: int, chosen: Bool[np.ndarray, "n slots"]
-) -> Bool[np.ndarray, "n slots"]:
-    """Tell which candidates are on a mount without a chosen one."""
-    empty = np.ones((len(chosen), mounts), np.bool_)
-    row, slot = chosen.nonzero()
-    empty[row, mount[slot]] = False
-    return empty.take(mount, axis=1)
+            room = with_room(scenario.mount, scenario.mount_places, self.chosen[rows], scenario.load)
+            allowed[rows] &= scenario.usable & room
+        self.allowed = allowed & (self.chosen.sum(axis=1) < self.budget)[:, None]
 
 
 def with_room(
@@ -243,12 +205,13 @@ def with_room(
 
     load: share of the link that each takes, None if links always suffice.
     """
-    count, taken = np.zeros((len(chosen), len(places)), np.int64), np.zeros((len(chosen), len(places)))
     row, slot = chosen.nonzero()
+    count = np.zeros((len(chosen), len(places)), np.int64)
     np.add.at(count, (row, mount[slot]), 1)
     room = (count < places).take(mount, axis=1) & ~chosen
     if load is None:
         return np.asarray(room)
+    taken = np.zeros(count.shape)
     np.add.at(taken, (row, mount[slot]), load[slot])
     return np.asarray(room & ((taken.take(mount, axis=1) + load <= 1 + ROUNDED) | (count == 0).take(mount, axis=1)))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import placement_env
-from placement_env.envs.state import State, coverage_gain, on_free_mounts
+from placement_env.envs.state import State, coverage_gain, with_room
 
 FOLDER = Path(placement_env.__file__).parent
 
@@ -26,7 +26,7 @@ def test_gains_free_candidates_and_episodes_of_a_state():
         assert added[row].tolist() == [(bits[slot] & ~covered).sum() for slot in range(7)]
     mount = np.array([0, 0, 1, 2, 2, 3])
     chosen = np.array([[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 1, 0]], np.bool_)
-    free = on_free_mounts(mount, 4, chosen)
+    free = with_room(mount, np.ones(4, np.int64), chosen, None)
     assert free.astype(int).tolist() == [
         [1, 1, 1, 1, 1, 1],
         [0, 0, 1, 1, 1, 1],
