@@ -1,6 +1,4 @@
-"""Files for spreadsheets, GIS tools and coview itself.
-
-The same set gives the same bytes.
+"""Files for spreadsheets, GIS tools and coview itself. The same set gives the same bytes.
 
 schedule.csv has a line per sensor (RFC 4180, UTF-8); a text that a spreadsheet would read as a formula begins with an
 apostrophe. plan.geojson is in longitude and latitude (RFC 7946), or in the site's metres if it has no geographic
@@ -12,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -59,39 +57,36 @@ def write_exchange(
     save_site(site, folder / SITE)
 
 
-def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
-    """Mounting schedule, one line per sensor. Lengths are in m (site frame), angles in degrees, kbit per frame."""
-    rows = [_row(sensor, currency or "ordinary poles") for sensor in sensors]
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\r\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(rows)
-    return text.getvalue()
-
-
 COLUMNS = (
     *("pole", "sensor", "x_m", "y_m", "z_m", "longitude", "latitude", "height_m", "bearing_deg", "tilt_deg"),
     *("model", "model_price", "pole_price", "price_unit"),
     *("kbit_per_frame", "peak_kbit_per_frame", "link_kbit_per_frame"),
 )
 
+PROPERTIES = (  # of a sensor on the map
+    *("name", "pole", "model", "height", "z", "bearing_deg", "tilt_deg"),
+    *("model_price", "pole_price", "kbit", "peak_kbit", "capacity_kbit"),
+)
+DIGITS = {"height": 3, "z": 3, "tilt_deg": 1, "kbit": 1, "peak_kbit": 1}  # after the points of these
 
-def _row(sensor: PlannedSensor, unit: str) -> list[str]:
-    degrees = ["" if angle is None else f"{angle:.8f}" for angle in (sensor.longitude, sensor.latitude)]
-    return [
-        safe_cell(sensor.pole),
-        safe_cell(sensor.name),
-        *(_fixed(length, 3) for length in (sensor.x, sensor.y, sensor.z)),
-        *degrees,
-        _fixed(sensor.height, 3),
-        _fixed(_bearing(sensor), 1),
-        _fixed(sensor.tilt_deg, 1),
-        safe_cell(sensor.model),
-        f"{sensor.model_price:.10g}",
-        f"{sensor.pole_price:.10g}",
-        safe_cell(unit),
-        *(_fixed(kbit, 1) for kbit in (sensor.kbit, sensor.peak_kbit, sensor.capacity_kbit)),
-    ]
+
+def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
+    """Mounting schedule, one line per sensor. Lengths are in m (site frame), angles in degrees, kbit per frame."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\r\n")
+    writer.writerow(COLUMNS)
+    for sensor in sensors:
+        row = (
+            *(safe_cell(name) for name in (sensor.pole, sensor.name)),
+            *(_fixed(length, 3) for length in (sensor.x, sensor.y, sensor.z)),
+            *("" if angle is None else f"{angle:.8f}" for angle in (sensor.longitude, sensor.latitude)),
+            *(_fixed(sensor.height, 3), _fixed(_bearing(sensor), 1), _fixed(sensor.tilt_deg, 1)),
+            *(safe_cell(sensor.model), f"{sensor.model_price:.10g}", f"{sensor.pole_price:.10g}"),
+            safe_cell(currency or "ordinary poles"),
+            *(_fixed(kbit, 1) for kbit in (sensor.kbit, sensor.peak_kbit, sensor.capacity_kbit)),
+        )
+        writer.writerow(row)
+    return text.getvalue()
 
 
 def safe_cell(text: str) -> str:
@@ -108,39 +103,22 @@ def _bearing(sensor: PlannedSensor) -> float:
 
 
 def plan_geojson(site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *, unused: Sequence[Mount] = ()) -> str:
-    """Sensors, their ground, blind spots and unused poles. The layers are for GIS tools."""
+    """Sensors, their ground, blind spots and unused poles as layers for GIS tools."""
     note: dict[str, object] = {} if site.geo_reference is not None else {"coview_site": 1, "note": IN_METRES}
-    return feature_collection(_layers(site, sensors, ground, unused), name=f"{site.name} plan", **note)
-
-
-def _layers(
-    site: Site, sensors: Sequence[PlannedSensor], ground: Ground, unused: Sequence[Mount]
-) -> Iterator[dict[str, object]]:
-    yield feature(site, shapely.box(*site.area), layer="area", name=site.name)
+    layers = [feature(site, shapely.box(*site.area), layer="area", name=site.name)]
     for sensor in sensors:
-        yield feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **_properties(sensor))
-    square = ground.cell**2
-    for sensor, seen, polygons in zip(sensors, ground.seen, visible_polygons(ground), strict=True):
-        size = round(float((seen & ground.open_ground).sum()) * square, 1)
-        yield feature(site, shapely.MultiPolygon(polygons), layer="visible", name=sensor.name, m2=size)
+        properties = {name: getattr(sensor, name) for name in PROPERTIES}
+        properties |= {name: round(properties[name], digits) + 0.0 for name, digits in DIGITS.items()}
+        properties["bearing_deg"] = _bearing(sensor)
+        layers.append(feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **properties))
+    names, square = [sensor.name for sensor in sensors], ground.cell**2
     dark = ground.open_ground & ~np.any(ground.seen, axis=0)
-    blind = shapely.MultiPolygon(blind_polygons(ground))
-    yield feature(site, blind, layer="blind", name="seen by no sensor", m2=round(float(dark.sum()) * square, 1))
-    yield from (mount_feature(site, mount, used=False) for mount in unused)
-
-
-def _properties(sensor: PlannedSensor) -> dict[str, object]:
-    return {
-        "name": sensor.name,
-        "pole": sensor.pole,
-        "model": sensor.model,
-        "height": round(sensor.height, 3),
-        "z": round(sensor.z, 3),
-        "bearing_deg": _bearing(sensor),
-        "tilt_deg": round(sensor.tilt_deg, 1) + 0.0,
-        "model_price": sensor.model_price,
-        "pole_price": sensor.pole_price,
-        "kbit": round(sensor.kbit, 1),
-        "peak_kbit": round(sensor.peak_kbit, 1),
-        "capacity_kbit": sensor.capacity_kbit,
-    }
+    areas = [
+        ("visible", *each)
+        for each in zip(names, ground.seen & ground.open_ground, visible_polygons(ground), strict=True)
+    ]
+    for layer, name, cells, polygons in (*areas, ("blind", "seen by no sensor", dark, blind_polygons(ground))):
+        size = round(float(cells.sum()) * square, 1)
+        layers.append(feature(site, shapely.MultiPolygon(polygons), layer=layer, name=name, m2=size))
+    layers += [mount_feature(site, mount, used=False) for mount in unused]
+    return feature_collection(layers, name=f"{site.name} plan", **note)

@@ -1,6 +1,4 @@
-"""Ground of a site that sensors see.
-
-Visibility and density of points come from rays cast at the empty site.
+"""Ground of a site that sensors see, and the density of their points, by rays cast at the empty site.
 
 The area is cut into square cells. A sensor sees a cell if a place `TARGET_HEIGHT` above the ground at its centre lies
 in the sensor's field of view and range, and nothing in the static scene is in between. The density is counted in the
@@ -34,9 +32,7 @@ MOST_CELLS = 4_000_000  # of a grid
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Ground of the area that each sensor sees.
-
-    It is a grid of square cells.
+    """Ground of the area that each sensor sees, as a grid of square cells.
 
     x, y: centres of columns and rows (m, site frame, ascending); seen: whether the centre of a cell of open ground is
     in unobstructed view; density: points that a frame puts on the cell's open ground, per m²; open_ground: free of
@@ -79,74 +75,13 @@ class GroundShares:
 
 
 def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) -> Ground:
-    """Compute the ground that each sensor sees.
-
-    No sensor sees cells with a solid or a pond.
+    """Compute the ground that each sensor sees. No sensor sees cells with a solid or a pond.
 
     cell: side of a cell (m). If it does not divide the area, the grid is centred on it and the outermost cells stick
     out or fall short by a quarter of a cell at most. Raises ValueError for a cell that is not positive, so large that a
     side has fewer than two, or far too small.
     """
-    x, y = _grid(site.area, cell)
-    middles = np.stack(np.meshgrid(x, y), axis=-1)
-    targets = np.concatenate([middles, site.ground(middles)[..., None] + TARGET_HEIGHT], axis=-1)
-    open_ground = _open_ground(site, targets)
-    still = build_scenery(site)
-    lines = SightLines(still)
-    images = Renderer(site, (), sensors, still).background
-    bare = Renderer(site, (), sensors, ground_mesh(site)).background
-    shape = (len(sensors), len(y), len(x))
-    seen, density = np.zeros(shape, bool), np.zeros(shape, np.float32)
-    for s, sensor in enumerate(sensors):
-        seen[s] = _in_sight(sensor, lines, targets, open_ground)
-        on_ground = np.where(np.abs(images[s] - bare[s]) < SAME, images[s], np.float32(0))
-        density[s] = np.where(open_ground, _density(sensor, on_ground, x, y), np.float32(0))
-    lanes, footways = (_covered(polygons, middles) for polygons in (site.lanes, site.footways))
-    return Ground(x, y, seen, density, open_ground, lanes, footways)
-
-
-def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
-    """Compute shares of the ground.
-
-    names: of its sensors, in order. Without lanes their blind share is 0.
-
-    Raises ValueError for names that are too few, too many or not distinct, and for an area without open ground.
-    """
-    if len(names) != len(ground.seen) or len(set(names)) < len(names):
-        raise ValueError(f"each of the {len(ground.seen)} sensors needs a name of its own, got {list(names)}")
-    if not ground.open_ground.any():
-        raise ValueError("the area has no open ground: solids cover all of it, so move the area or the solids")
-    views, square = ground.views[ground.open_ground], ground.cell**2
-    lanes = (ground.views == 0)[ground.open_ground & ground.lanes]
-    blind = float((views == 0).mean())
-    return GroundShares(
-        seen_by=(float((views >= 1).mean()), float((views >= 2).mean()), float((views >= 3).mean())),
-        blind=blind,
-        blind_lanes=float(lanes.mean()) if len(lanes) else 0.0,
-        sensor_m2={
-            name: float((each & ground.open_ground).sum() * square)
-            for name, each in zip(names, ground.seen, strict=True)
-        },
-        open_m2=float(len(views) * square),
-        blind_m2=float((views == 0).sum() * square),
-    )
-
-
-def blind_polygons(ground: Ground) -> list[shapely.Polygon]:
-    """Open ground that no sensor sees, as polygons.
-
-    They have holes (m, site frame); pieces below `SPECK` are left out.
-    """
-    return _polygons(ground, ground.open_ground & (ground.views == 0))
-
-
-def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
-    """Ground that each sensor sees, as polygons. They have holes (m, site frame); pieces below `SPECK` are left out."""
-    return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
-
-
-def _grid(area: Float64[np.ndarray, "4"], cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of columns and rows."""
+    area = site.area
     sides = area[2:] - area[:2]
     if not 0 < cell <= sides.min() / 1.5:
         raise ValueError(
@@ -159,16 +94,55 @@ def _grid(area: Float64[np.ndarray, "4"], cell: float) -> tuple[np.ndarray, np.n
         )
     middle = (area[:2] + area[2:]) / 2
     x, y = (m + (np.arange(n) - (n - 1) / 2) * cell for m, n in zip(middle, np.rint(sides / cell), strict=True))
-    return x, y
+    middles = np.stack(np.meshgrid(x, y), axis=-1)
+    targets = np.concatenate([middles, site.ground(middles)[..., None] + TARGET_HEIGHT], axis=-1)
+    open_ground = _open_ground(site, targets)
+    still = build_scenery(site)
+    lines = SightLines(still)
+    images = Renderer(site, (), sensors, still).background
+    bare = Renderer(site, (), sensors, ground_mesh(site)).background
+    shape = (len(sensors), len(y), len(x))
+    seen, density = np.zeros(shape, bool), np.zeros(shape, np.float32)
+    for s, sensor in enumerate(sensors):
+        seen[s] = open_ground & sensor.model.in_view(transform(invert(sensor.pose), targets))
+        seen[s, seen[s]] = lines.clear(sensor.position, targets[seen[s]])
+        on_ground = np.where(np.abs(images[s] - bare[s]) < SAME, images[s], np.float32(0))
+        density[s] = np.where(open_ground, _density(sensor, on_ground, x, y), np.float32(0))
+    lanes, footways = (_covered(polygons, middles) for polygons in (site.lanes, site.footways))
+    return Ground(x, y, seen, density, open_ground, lanes, footways)
 
 
-def _in_sight(
-    sensor: Sensor, lines: SightLines, targets: Float64[np.ndarray, "ny nx 3"], wanted: Bool[np.ndarray, "ny nx"]
-) -> Bool[np.ndarray, "ny nx"]:
-    """Select the wanted targets that the sensor sees."""
-    in_view = wanted & sensor.model.in_view(transform(invert(sensor.pose), targets))
-    in_view[in_view] = lines.clear(sensor.position, targets[in_view])
-    return in_view
+def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
+    """Compute shares of the ground. names: of its sensors, in order. Without lanes their blind share is 0.
+
+    Raises ValueError for names that are too few, too many or not distinct, and for an area without open ground.
+    """
+    if len(names) != len(ground.seen) or len(set(names)) < len(names):
+        raise ValueError(f"each of the {len(ground.seen)} sensors needs a name of its own, got {list(names)}")
+    if not ground.open_ground.any():
+        raise ValueError("the area has no open ground: solids cover all of it, so move the area or the solids")
+    views, square = ground.views[ground.open_ground], ground.cell**2
+    lanes = (ground.views == 0)[ground.open_ground & ground.lanes]
+    one, two, three = (float((views >= count).mean()) for count in (1, 2, 3))
+    seen = (ground.seen & ground.open_ground).sum(axis=(1, 2))
+    return GroundShares(
+        seen_by=(one, two, three),
+        blind=float((views == 0).mean()),
+        blind_lanes=float(lanes.mean()) if len(lanes) else 0.0,
+        sensor_m2=dict(zip(names, (seen * square).tolist(), strict=True)),
+        open_m2=float(len(views) * square),
+        blind_m2=float((views == 0).sum() * square),
+    )
+
+
+def blind_polygons(ground: Ground) -> list[shapely.Polygon]:
+    """Open ground that no sensor sees, as polygons with holes (m, site frame) without pieces below `SPECK`."""
+    return _polygons(ground, ground.open_ground & (ground.views == 0))
+
+
+def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
+    """Ground that each sensor sees, as polygons with holes (m, site frame) without pieces below `SPECK`."""
+    return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
 
 
 def _density(
@@ -215,9 +189,8 @@ def _polygons(ground: Ground, mask: Bool[np.ndarray, "ny nx"]) -> list[shapely.P
         ground.x[first] - half, ground.y[rows] - half, ground.x[end - 1] + half, ground.y[rows] + half
     )  # one for each run of cells in a row
     merged = shapely.simplify(shapely.union_all(runs, grid_size=ground.cell / 1000), 1.2 * half)
-    kept = []
-    for part in shapely.get_parts(merged):
-        holes = [ring for ring in part.interiors if shapely.Polygon(ring).area >= SPECK]
-        if part.area >= SPECK:
-            kept.append(shapely.Polygon(part.exterior, holes))
-    return kept
+    return [
+        shapely.Polygon(part.exterior, [ring for ring in part.interiors if shapely.Polygon(ring).area >= SPECK])
+        for part in shapely.get_parts(merged)
+        if part.area >= SPECK
+    ]

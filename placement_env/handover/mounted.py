@@ -1,7 +1,4 @@
-"""A chosen set as it is mounted.
-
-The site has it; each sensor is described for its installer, with links and materials.
-"""
+"""A chosen set as it is mounted: its site, and each sensor for its installer, with links and materials."""
 
 from __future__ import annotations
 
@@ -55,10 +52,7 @@ class PlannedSensor:
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of one pole's link, and its capacity.
-
-    The load is at `RATE` frames a second, for the average and the largest frame.
-    """
+    """Load of one pole's link at `RATE` frames a second, in the average and the largest frame, and its capacity."""
 
     pole: str
     mbit_s: float
@@ -79,13 +73,14 @@ class MaterialItem:
 
 
 def mounted_site(site: Site, candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()) -> Site:
-    """Return `site` with only the chosen sensors.
+    """Return `site` with only the chosen sensors, and their mounts if it lacks them.
 
-    Their mounts are added if it lacks them. chosen: indices of candidates; moved: the same sensors, in that order, as
-    placed by a search of continuous poses.
+    chosen: indices of candidates; moved: the same sensors, in that order, as placed by a search of continuous poses.
     """
     sensors, mounts = _sensors(candidates, chosen, moved)
-    return replace(site, sensors=sensors, mounts=_merge_mounts(site.mounts, mounts))
+    feet = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
+    new = {m.name: m for m in mounts if not (np.hypot(*(feet - m.position[:2]).T) <= SAME_SPOT).any()}
+    return replace(site, sensors=sensors, mounts=(*(m for m in site.mounts if m.name not in new), *new.values()))
 
 
 def format_sensors(
@@ -94,47 +89,37 @@ def format_sensors(
     chosen: Chosen,
     moved: Sequence[Sensor] = (),
     *,
-    kbit: Sequence[float] | Float64[np.ndarray, " k"],
-    peak_kbit: Sequence[float] | Float64[np.ndarray, " k"],
-    model_names: Sequence[str] | None = None,
-    model_prices: Sequence[float] | Float64[np.ndarray, " k"] | None = None,
+    kbit: Float64[np.ndarray, "k frames"],
+    catalogue: SensorCatalogue | None = None,
 ) -> tuple[PlannedSensor, ...]:
-    """Describe each sensor of a set for its installer.
+    """Describe each sensor of a set for its installer, in the order of the set.
 
-    All arguments but the first two follow the order of the set.
-
-    chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit, peak_kbit: sent by each, mean and
-    maximum per frame; model_names: None for the usual names of the sensor models; model_prices: None for no price.
-    A mount is paid for with the first sensor on it.
+    chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit: sent by each sensor, per frame;
+    catalogue: with names of models, None for their usual names. A mount is paid for with the first sensor on it.
     Raises ValueError if their numbers differ; ImportError if the site's map needs pyproj.
     """
     sensors, mounts = _sensors(candidates, chosen, moved)
-    names = (
-        [name_in_words(type(sensor.model).__name__) for sensor in sensors] if model_names is None else list(model_names)
-    )
-    prices = np.zeros(len(sensors)) if model_prices is None else np.asarray(model_prices, np.float64)
-    figures = {"kbit": kbit, "peak_kbit": peak_kbit, "model_names": names, "model_prices": prices}
-    for argument, values in figures.items():
-        if len(values) != len(sensors):
-            raise ValueError(f"{argument} must hold one value for each of {len(sensors)} sensors, got {len(values)}")
-    places = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
-    degrees = longitude_latitude(site, places[:, :2])
+    if len(kbit) != len(sensors):
+        raise ValueError(f"kbit must hold a row for each of {len(sensors)} sensors, got {len(kbit)}")
+    degrees = longitude_latitude(site, np.array([sensor.position for sensor in sensors]).reshape(-1, 3)[:, :2])
+    places = [(None, None)] * len(sensors) if degrees is None else degrees.tolist()
     headings, tilts = aims(sensors)
+    prices = candidates.model_prices[np.asarray(chosen, np.int64)]
     return tuple(
         PlannedSensor(
             name=sensor.name,
             pole=mount.name,
             **dict(zip("xyz", sensor.position.tolist(), strict=True)),
-            longitude=None if degrees is None else float(degrees[i, 0]),
-            latitude=None if degrees is None else float(degrees[i, 1]),
+            longitude=places[i][0],
+            latitude=places[i][1],
             height=float(sensor.position[2] - mount.position[2]),
             bearing_deg=bearing_deg(site, float(headings[i])),
             tilt_deg=round(float(np.rad2deg(tilts[i])), 9) + 0.0,
-            model=names[i],
+            model=name_in_words(type(sensor.model).__name__) if catalogue is None else catalogue.get_name(sensor.model),
             model_price=float(prices[i]),
             pole_price=0.0 if mount.name in {before.name for before in mounts[:i]} else float(mount.price),
-            kbit=float(kbit[i]),
-            peak_kbit=float(peak_kbit[i]),
+            kbit=float(kbit[i].mean()),
+            peak_kbit=float(kbit[i].max()),
             capacity_kbit=float(mount.capacity),
         )
         for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True))
@@ -150,71 +135,27 @@ def unused_mounts(candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor
 def _sensors(
     candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor]
 ) -> tuple[tuple[Sensor, ...], tuple[Mount, ...]]:
-    """Sensors and mounts of the set. The sensors have their names in files."""
+    """Sensors of the set, with their names in files, and their mounts."""
     members = np.asarray(chosen, np.int64)
     if len(moved) not in (0, len(members)):
         raise ValueError(f"moved must hold the {len(members)} chosen sensors, got {len(moved)}: pass one for each")
-    if not len(moved):
-        sensors = [candidates.sensors[member] for member in members]
-        mounts = [candidates.mounts[mount] for mount in candidates.mount[members]]
-    else:
+    sensors = [candidates.sensors[member] for member in members]
+    mounts = [candidates.mounts[mount] for mount in candidates.mount[members]]
+    if len(moved):
         feet = np.array([mount.position[:2] for mount in candidates.mounts])
-        nearest = [int(np.hypot(*(feet - sensor.position[:2]).T).argmin()) for sensor in moved]
-        mounts = [candidates.mounts[mount] for mount in nearest]
-        stayed = {candidates.sensors[member].digest: candidates.sensors[member].name for member in members}
-        names = [stayed.get(s.digest) or _moved_name(s, m) for s, m in zip(moved, mounts, strict=True)]
-        sensors = [replace(sensor, name=name) for sensor, name in zip(moved, names, strict=True)]
+        mounts = [candidates.mounts[np.hypot(*(feet - each.position[:2]).T).argmin()] for each in moved]
+        stayed = {sensor.digest: sensor.name for sensor in sensors}
+        sensors = []
+        for sensor, mount in zip(moved, mounts, strict=True):
+            (heading,), (tilt,) = np.rad2deg(aims([sensor])).round(1) + 0.0
+            pose = f"{sensor.position[2] - mount.position[2]:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}"
+            name = stayed.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"  # as in a pool
+            sensors.append(replace(sensor, name=name))
     return tuple(replace(sensor, name=sensor.name.replace("/", "-")) for sensor in sensors), tuple(mounts)
 
 
-def _moved_name(sensor: Sensor, mount: Mount) -> str:
-    """Name of a moved sensor, as in a pool.
-
-    It has the mount, height, heading and tilt (degrees) of the new pose, and the model.
-    """
-    (heading,), (tilt,) = np.rad2deg(aims([sensor])).round(1) + 0.0
-    height = sensor.position[2] - mount.position[2]
-    return f"{mount.name}_{height:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}_{sensor.model.kind}"
-
-
-def _merge_mounts(mounts: Sequence[Mount], others: Sequence[Mount]) -> tuple[Mount, ...]:
-    """Merge mounts with those of `others` elsewhere. These replace mounts of the same name."""
-    feet = np.array([mount.position[:2] for mount in mounts]).reshape(-1, 2)
-    new = [o for o in others if not (np.hypot(*(feet - o.position[:2]).T) <= SAME_SPOT).any()]
-    names = {mount.name for mount in new}
-    return (*(mount for mount in mounts if mount.name not in names), *new)
-
-
-def mounted_sensors(
-    site: Site,
-    candidates: Candidates,
-    members: Sequence[int],
-    bits: Sequence[Int64[np.ndarray, " k"]],
-    catalogue: SensorCatalogue | None,
-) -> tuple[PlannedSensor, ...]:
-    """Describe the sensors of a set.
-
-    The set is indices of candidates, ascending. Names and prices of a catalogue are used, if any.
-
-    bits: sent by each sensor, for every frame.
-    """
-    kbit = np.array(bits, np.float64).reshape(len(bits), -1) / 1000
-    models = [candidates.sensors[c].model for c in members]
-    return format_sensors(
-        site,
-        candidates,
-        members,
-        kbit=kbit.mean(axis=0),
-        peak_kbit=kbit.max(axis=0),
-        model_names=None if catalogue is None else [catalogue.get_name(model) for model in models],
-        model_prices=candidates.model_prices[list(members)],
-    )
-
-
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
-    """Load of each pole's link.
-
-    Sensors that share one add up, peaks too.
+    """Load of each pole's link. Sensors that share one add up, peaks too.
 
     limited: whether the scheme sends points; only points count against the capacity.
     """

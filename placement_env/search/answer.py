@@ -78,15 +78,7 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
         return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
     moved = () if answer.result is None else answer.result.sensors
     site, kbit = mounted_site(plain, candidates, members, moved), kbit_per_frame(objective, members, moved)
-    sensors = format_sensors(
-        plain,
-        candidates,
-        members,
-        moved,
-        kbit=kbit.mean(axis=1),
-        peak_kbit=kbit.max(axis=1),
-        model_prices=candidates.model_prices[list(members)],
-    )
+    sensors = format_sensors(plain, candidates, members, moved, kbit=kbit)
     ground, unused = visible_ground(site, site.sensors), unused_mounts(candidates, members, moved)
     with writing_together(Path(folder)) as unfinished:
         write_exchange(unfinished, site, sensors, ground, unused=unused)

@@ -18,7 +18,7 @@ from placement_env.cases import Cases
 from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import Ground, ground_shares
-from placement_env.handover.mounted import bill_of_materials, link_loads, mounted_sensors, unused_mounts
+from placement_env.handover.mounted import bill_of_materials, format_sensors, link_loads, unused_mounts
 from placement_env.objective import Objective
 from placement_env.report.content import BuildStep, FailureCase, Judgement, Plan, SchemeFigures, SensorWorth
 from placement_env.report.planning import breakdown, sentences
@@ -66,7 +66,8 @@ def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
     option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=kbit / len(members))
     scored = breakdown.score_boxes(final, members)
-    sensors = mounted_sensors(site, candidates, members, [each.bits for each in outcomes], question.stock.catalogue)
+    each_kbit = np.array([outcome.bits for outcome in outcomes], np.float64).T / 1000
+    sensors = format_sensors(site, candidates, members, kbit=each_kbit, catalogue=question.stock.catalogue)
     detector: str = detector_origin(final.detected.detector)["detector"]
     if question.setting.detector is None:
         detector = f"{detector} (shipped network {findings.network!r})"

@@ -14,7 +14,6 @@ from placement_env.handover.mounted import (
     bill_of_materials,
     format_sensors,
     link_loads,
-    mounted_sensors,
     mounted_site,
     unused_mounts,
 )
@@ -33,7 +32,7 @@ SITE = Site(
     map_SE3_site=pose(3.0, 4.0, yaw=np.pi / 2),
     geo_reference=projection(*CENTRE),
 )
-KBIT = {"kbit": [300.0, 20.5], "peak_kbit": [400.0, 30.5]}
+KBIT = {"kbit": np.array([[200.0, 400.0], [10.5, 30.5]])}
 
 
 @pytest.fixture
@@ -62,8 +61,6 @@ def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
     assert (north.pole_price, north.capacity_kbit, north.kbit, north.peak_kbit) == (0.5, 800.0, 300.0, 400.0)
     assert (east.pole_price, east.capacity_kbit, east.kbit, east.peak_kbit) == (1.0, 2000.0, 20.5, 30.5)
     assert (north.model_price, east.model_price) == (0.0, 0.0)
-    priced = format_sensors(SITE, candidates, chosen, **KBIT, model_names=["Acme", "Spin"], model_prices=[1.5, 2.0])
-    assert [(s.model, s.model_price) for s in priced] == [("Acme", 1.5), ("Spin", 2.0)]
     north, _ = format_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
     assert (north.longitude, north.latitude) == (None, None)
     assert north.bearing_deg == pytest.approx(90.0)
@@ -80,7 +77,7 @@ def test_sensors_that_were_moved_or_roam(candidates, chosen):
     assert [s.name for s in site.sensors] == [north.name, east.name]
     assert np.array_equal(site.sensors[0].pose, moved[0].pose)
     away = (aim_sensor(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
-    (there,) = format_sensors(SITE, candidates, chosen[:1], away, kbit=[1.0], peak_kbit=[1.0])
+    (there,) = format_sensors(SITE, candidates, chosen[:1], away, kbit=np.ones((1, 1)))
     assert (there.pole, there.name) == ("e/1", "e-1_5.00m_h0.0_t0.0_camera")
     assert [mount.name for mount in unused_mounts(candidates, chosen[:1], away)] == ["north"]
     site = mounted_site(SITE, candidates, np.array(chosen))
@@ -109,21 +106,12 @@ def test_mounts_of_sites_come_once_and_of_no_set_none():
     assert {m.name for m in mounted_site(site, paper_candidates(site), [0, 3]).mounts} >= {m.name for m in site.mounts}
     none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
     empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
-    assert format_sensors(SITE, empty, [], kbit=[], peak_kbit=[]) == ()
+    assert format_sensors(SITE, empty, [], kbit=np.zeros((0, 1))) == ()
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"kbit": [1.0]}, "kbit must hold one value for each of 2 sensors, got 1"),
-        ({"peak_kbit": [1.0] * 3}, "peak_kbit must hold one value"),
-        ({"model_prices": [1.0]}, "model_prices must hold"),
-        ({"model_names": ["a"]}, "model_names must hold"),
-    ],
-)
-def test_numbers_that_differ(wrong, message, candidates, chosen):
-    with pytest.raises(ValueError, match=message):
-        format_sensors(SITE, candidates, chosen, **KBIT | wrong)
+def test_numbers_that_differ(candidates, chosen):
+    with pytest.raises(ValueError, match="kbit must hold a row for each of 2 sensors, got 1"):
+        format_sensors(SITE, candidates, chosen, kbit=np.ones((1, 3)))
     with pytest.raises(ValueError, match="moved must hold the 2 chosen sensors, got 1"):
         format_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
 
@@ -143,10 +131,10 @@ def test_a_mount_is_paid_with_the_first_sensor_on_it(candidates, chosen):
 
 @pytest.fixture
 def sensors(street):
-    bits = [np.array(each) for each in ([100_000, 200_000], [300_000, 600_000])]
+    kbit = np.array([[100.0, 300.0], [200.0, 600.0]])
     first, second = street.candidates.axes.models
     catalogue = SensorCatalogue((PricedModel("eye", first, 10.0), PricedModel("wide eye", second, 20.0)))
-    return mounted_sensors(street.site, street.candidates, (2, 3), bits, catalogue)
+    return format_sensors(street.site, street.candidates, (2, 3), kbit=kbit, catalogue=catalogue)
 
 
 def test_bills_of_prices_and_links_add_up(sensors):
