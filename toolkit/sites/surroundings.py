@@ -15,6 +15,7 @@ import shapely
 
 from toolkit.arrays import Float, Float64
 from toolkit.sites import furniture as f
+from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Solid
 
 LANE_CLEARANCE = 0.25  # m between a lane and solids beside it
@@ -44,8 +45,7 @@ class Road:
     @cached_property
     def driven(self) -> shapely.Geometry:
         """Carriageway without its shoulders."""
-        unused = shapely.union_all([shapely.Polygon(p) for p in self.shoulders])
-        return self.carriageway.difference(unused.buffer(0.02, join_style="mitre"))
+        return self.carriageway.difference(unite(self.shoulders).buffer(0.02, join_style="mitre"))
 
     @cached_property
     def surface(self) -> shapely.Geometry:
@@ -59,11 +59,10 @@ class Road:
 
 
 class Plot:
-    """Ground around a road for placing solids.
+    """Ground around a road, where solids are placed one by one.
 
-    They are placed one by one. Nothing stands on driven lanes or in another solid. solids: placed so far; open: ground
-    beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on shoulders;
-    mounts: (n, 2) places of sensors.
+    solids: placed so far; open: ground beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept
+    clear even of solids on shoulders; mounts: (n, 2) places of sensors.
     """
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
@@ -74,8 +73,7 @@ class Plot:
         self.driven = road.driven.buffer(LANE_CLEARANCE)
         self.mounts = np.array([m.position[:2] for m in mounts]).reshape(-1, 2)
         self._taken = [shapely.Point(place).buffer(MOUNT_CLEARANCE) for place in self.mounts]
-        for geometry in (self.lanes, self.open, self.driven):
-            shapely.prepare(geometry)
+        shapely.prepare([self.lanes, self.open, self.driven])
 
     def claim(self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False) -> bool:
         """Take `ground` if it is free; return success.
@@ -93,9 +91,8 @@ class Plot:
         return True
 
     def place(self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False) -> bool:
-        """Place solids together if there is room for all. Returns True on success."""
-        ground = shapely.union_all([shapely.Polygon(solid.footprint) for solid in solids])
-        if not self.claim(ground, footway=footway, shoulder=shoulder):
+        """Place solids together if there is room for all; return success."""
+        if not self.claim(unite(solid.footprint for solid in solids), footway=footway, shoulder=shoulder):
             return False
         self.solids += solids
         return True
@@ -110,10 +107,9 @@ def place_mounts(
     spacing: float = 5.0,
     avoid: shapely.Geometry | None = None,
 ) -> tuple[Mount, ...]:
-    """Choose sensor places at the kerb and behind the footway.
+    """Choose sensor places at the kerb and behind the footway, their feet at z = 0.
 
     `at_least` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is room.
-    Their feet are at z = 0.
     """
     window = shapely.box(*area).buffer(5.0)
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
@@ -121,12 +117,16 @@ def place_mounts(
     behind = behind[rng.random(len(behind)) < 0.5]
     candidates = rng.permutation(np.concatenate([kerb, behind]))[:, :2]
     kept_clear = road.carriageway.buffer(0.6).union(avoid or shapely.Polygon())
-    clear = ~shapely.intersects_xy(kept_clear, candidates)
-    candidates, wanted = candidates[clear], int(rng.integers(at_least, 2 * at_least + 1))
-    chosen = _apart(candidates, spacing, wanted)
-    while len(chosen) < at_least and spacing > 0.5:
+    candidates = candidates[~shapely.intersects_xy(kept_clear, candidates)]
+    wanted = int(rng.integers(at_least, 2 * at_least + 1))
+    while True:
+        chosen = np.zeros((0, 2))
+        for point in candidates:
+            if len(chosen) < wanted and (np.hypot(*(chosen - point).T) >= spacing).all():
+                chosen = np.vstack([chosen, point])
+        if len(chosen) >= at_least or spacing <= 0.5:
+            break
         spacing *= 0.7
-        chosen = _apart(candidates, spacing, wanted)
     return tuple(
         Mount(f"pole{i:02}", np.round([x, y, 0.0], 3), 3.0, 10.0, round(float(rng.uniform(0.5, 2.0)), 2))
         for i, (x, y) in enumerate(chosen)
@@ -134,29 +134,19 @@ def place_mounts(
 
 
 def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
-    """Points every `step` m along `lines`. They are x, y and direction (rad)."""
+    """Points x, y and direction (rad) every `step` m along `lines`."""
     rows = [np.zeros((0, 3))]
     for part in shapely.get_parts(shapely.line_merge(lines)):
-        if part.geom_type != "LineString" or part.length < 2 * step:
-            continue
-        at = np.arange(step / 2, part.length - step / 2, step)
-        here, ahead = (shapely.get_coordinates(part.interpolate(s)) for s in (at, at + step / 2))
-        rows.append(np.column_stack([here, np.arctan2(*(ahead - here).T[::-1])]))
+        if part.geom_type == "LineString" and part.length >= 2 * step:
+            at = np.arange(step / 2, part.length - step / 2, step)
+            here, ahead = (shapely.get_coordinates(part.interpolate(s)) for s in (at, at + step / 2))
+            rows.append(np.column_stack([here, np.arctan2(*(ahead - here).T[::-1])]))
     return np.concatenate(rows)
-
-
-def _apart(points: np.ndarray, spacing: float, wanted: int) -> Float64[np.ndarray, "n 2"]:
-    """First `wanted` points that are `spacing` m apart."""
-    chosen = np.zeros((0, 2))
-    for point in points:
-        if len(chosen) < wanted and (np.hypot(*(chosen - point).T) >= spacing).all():
-            chosen = np.vstack([chosen, point])
-    return chosen
 
 
 def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
     """Union of polygons, gaps up to twice `gap` (m) filled."""
-    union = shapely.union_all([shapely.Polygon(p) for p in polygons])
+    union = unite(polygons)
     return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(-gap, join_style="mitre", quad_segs=2)
 
 
@@ -171,24 +161,24 @@ Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, w
 def kerb_bays(
     plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: np.random.Generator
 ) -> Float64[np.ndarray, "n 3"]:
-    """Draw bays on the strips that have an angle.
+    """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb).
 
-    Bays are x, y, yaw.
-
-    angles: degrees, 0 in line with the kerb. The junction is at the end of a strip of an edge `in...`, and at the start
-    of the others.
+    The junction is at the end of a strip of an edge `in...`, and at the start of the others.
     """
-    rows = [np.zeros((0, 3))]
+    rows, seen = [np.zeros((0, 3))], plot.window.buffer(-_UNSEEN, join_style="mitre")
+    size = BAY[0] - 0.2, BAY[1] - 0.2
     for edge, angle in angles.items():
         if edge in strips:
-            marked = stations(strips[edge], angle, at_end=edge.startswith("in"))
-            marked = marked[rng.random(len(marked)) < rng.uniform(0.35, 1.0)]
-            rows.append(marked[[_claim(plot, bay) for bay in marked]].reshape(-1, 3))
+            bays = stations(strips[edge], angle, at_end=edge.startswith("in"))
+            bays = bays[rng.random(len(bays)) < rng.uniform(0.35, 1.0)]
+            # parts that reach into the lane or to neighbours do not count
+            ground = [outline(*bay, size).difference(plot.driven).buffer(-0.02) for bay in bays]
+            rows.append(bays[[bool(seen.contains(g) and plot.claim(g, shoulder=True)) for g in ground]].reshape(-1, 3))
     return np.concatenate(rows)
 
 
 def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "n 3"]:
-    """Middles and headings of all bays on a strip. They are x, y and heading, from the junction on."""
+    """Middles x, y and headings of all bays on a strip, from the junction on."""
     line = shapely.LineString(strip[0])
     at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), _spacing(angle))
     at = line.length - at if at_end else at
@@ -196,12 +186,7 @@ def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "
 
 
 def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = False) -> Float64[np.ndarray, "n 3"]:
-    """Middles and headings of bays on a strip between junctions.
-
-    They are x, y and heading.
-
-    line: in the direction of traffic.
-    """
+    """Middles x, y and headings of bays on a strip between junctions. line: as traffic goes."""
     at = np.arange(_CLEAR + BAY[0] / 2, line.length - _CLEAR - BAY[0] / 2, _spacing(angle))
     slant = np.deg2rad(-angle if kerb_left else angle)
     return (place_along(line, at, 0.25) - [0.0, 0.0, slant]).round(4)
@@ -233,13 +218,3 @@ def forecourts(plot: Plot, rng: np.random.Generator) -> Float64[np.ndarray, "n 3
 def outline(x: float, y: float, yaw: float, size: tuple[float, float] = BAY) -> shapely.Polygon:
     """Ground of a bay."""
     return shapely.Polygon(f.block(size, (x, y), yaw))
-
-
-def _claim(plot: Plot, bay: Float64[np.ndarray, "3"]) -> bool:
-    """Take the ground of a bay on a shoulder.
-
-    Returns True on success. Parts that reach into the lane or to its neighbours do not count.
-    """
-    ground = outline(bay[0], bay[1], bay[2], (BAY[0] - 0.2, BAY[1] - 0.2)).difference(plot.driven).buffer(-0.02)
-    near = plot.window.buffer(-_UNSEEN, join_style="mitre").contains(ground)
-    return bool(near and plot.claim(ground, shoulder=True))
