@@ -1,8 +1,8 @@
-"""Furnishing of a street and its sides, in order.
+"""Furnishing of a street and its sides: whatever is drawn first gets its ground first.
 
-Whatever is drawn first gets its ground first. A tree's crown is several clumps of leaves with gaps between them. It
-keeps clear of walls and places for sensors, and traffic passes below it: only the trunk takes ground. Islands are
-kerbed, planted and signed. Road works lie off the lanes that are driven, closed off by cones, barriers or a fence.
+A tree's crown is several clumps of leaves with gaps between them. It keeps clear of walls and places for sensors, and
+traffic passes below it: only the trunk takes ground. Islands are kerbed, planted and signed. Road works lie off the
+lanes that are driven, closed off by cones, barriers or a fence.
 """
 
 from __future__ import annotations
@@ -27,13 +27,7 @@ _SLIMMEST = 1.0  # m, radius of the smallest crown that is planted
 
 
 def avenues(plot: Plot, kerb: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> None:
-    """Plant rows of trees with crowns over the road.
-
-    They stand along `kerb`.
-
-    kerb: x, y, direction every 0.5 m. Most sites have some; on one with avenues 30 to 90 % of the kerb in the window is
-    planted.
-    """
+    """Plant rows of trees with crowns over the road along `kerb` (x, y, direction every 0.5 m), at most sites."""
     if rng.random() > 0.6 or not len(kerb):
         return
     planted, every = rng.uniform(0.3, 0.9), rng.uniform(5.0, 13.0)
@@ -57,15 +51,17 @@ def plant(
     *,
     footway: bool = True,
 ) -> bool:
-    """Plant a tree at `foot`; return success.
-
-    Returns False if there is no room.
+    """Plant a tree at `foot`; return False if there is no room.
 
     radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: lower and upper end
     of the crown (m).
     """
     x, y = (round(float(c), 3) for c in foot)
-    radius = min(radius, _room(plot, shapely.Point(x, y), over_road=levels[0] >= UNDERSIDE[0]))
+    spot = shapely.Point(x, y)
+    houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
+    gaps = [*(np.hypot(*(plot.mounts - [x, y]).T) - _MOUNT_AIR), *shapely.distance(spot, np.array(houses, object))]
+    gaps += [] if levels[0] >= UNDERSIDE[0] else [shapely.distance(spot, plot.lanes)]
+    radius = float(min([radius, *gaps]))
     trunk = f.disc(x, y, round(float(rng.uniform(0.1, 0.16 + 0.04 * radius)), 2))
     if radius < _SLIMMEST or not plot.claim(shapely.Polygon(trunk), footway=footway):
         return False
@@ -76,7 +72,7 @@ def plant(
 
 
 def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: np.random.Generator) -> list[Solid]:
-    """Draw a crown of 3 to 8 overlapping clumps. They lie within `radius` (m) and `levels` (m)."""
+    """Draw a crown of 3 to 8 overlapping clumps within `radius` (m) and `levels` (m)."""
     low, high = levels
     number = int(rng.integers(3, 9))
     around = rng.uniform(0, 2 * np.pi) + np.arange(number) * 2 * np.pi / number + rng.normal(0.0, 0.3, number)
@@ -89,17 +85,6 @@ def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: 
         outline = f.disc(x + float(out * np.cos(angle)), y + float(out * np.sin(angle)), float(size), 7)
         made.append(Solid(outline, round(float(bottom), 2), round(float(top), 2), "tree"))
     return made
-
-
-def _room(plot: Plot, foot: shapely.Point, *, over_road: bool) -> float:
-    """Largest radius of a crown at `foot` (m).
-
-    Up to walls of houses, short of mounts, and off lanes unless it may hang `over_road`.
-    """
-    gaps = np.hypot(*(plot.mounts - shapely.get_coordinates(foot)).T) - _MOUNT_AIR
-    houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
-    road = np.inf if over_road else shapely.distance(foot, plot.lanes)
-    return float(min([*gaps, *shapely.distance(foot, np.array(houses, object)), road]))
 
 
 _SMALLEST = 30.0  # m², smallest island with solids on it
@@ -118,7 +103,7 @@ def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.random.Generator) -> None:
-    """Plant an island. It gets a centre piece, rings of hedges, bushes and signs."""
+    """Plant an island: a centre piece, rings of hedges, bushes and signs."""
     x, y = middle
     if rng.random() < 0.5:
         size, height = rng.uniform(0.15, 0.4) * radius, round(float(rng.uniform(0.5, 2.5)), 2)
@@ -133,9 +118,8 @@ def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.rando
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
         low = rng.uniform(1.5, 4.0)
         levels = low, low + rng.uniform(2.0, 5.0)
-        plant(
-            plot, np.array(_around(middle, radius * rng.uniform(0.0, 0.9), angle)), rng.uniform(1.0, 3.5), levels, rng
-        )
+        at = np.array(_around(middle, radius * rng.uniform(0.0, 0.9), angle))
+        plant(plot, at, rng.uniform(1.0, 3.5), levels, rng)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 6)):
         plot.place(f.sign(*_around(middle, 0.9 * radius, angle), float(angle)), footway=True)
 
@@ -168,14 +152,14 @@ _INSIDE: tuple[Make, ...] = (container, skip, digger, digger, heap, heap, bushes
 
 
 def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: np.random.Generator) -> None:
-    """Put road works on each strip, near the junction. They take a stretch of the strip. Traffic passes on the left."""
+    """Put road works on a stretch of each strip, near the junction. Traffic passes on the left."""
     for edge, (line, width) in strips.items():
         path = shapely.LineString(line)
         length = min(float(rng.uniform(10.0, 32.0)), path.length - 10.0)
         start = float(rng.uniform(4.0, 22.0))
         first = path.length - start - length if edge.startswith("in") else start
         if first > 0 and length > 6.0:
-            _work(plot, path, (first, first + length), width, rng, shoulder=True)
+            _put_works(plot, path, (first, first + length), width, rng, shoulder=True)
 
 
 def verge_works(plot: Plot, rng: np.random.Generator) -> None:
@@ -184,10 +168,10 @@ def verge_works(plot: Plot, rng: np.random.Generator) -> None:
     for x, y, direction in rng.permutation(edge)[: rng.integers(0, 4)]:
         ahead = 9.0 * np.array([np.cos(direction), np.sin(direction)])
         path = shapely.LineString([(x, y), (x + ahead[0], y + ahead[1])])
-        _work(plot, path, (0.0, float(rng.uniform(4.0, 9.0))), float(rng.uniform(2.0, 3.0)), rng, shoulder=False)
+        _put_works(plot, path, (0.0, float(rng.uniform(4.0, 9.0))), float(rng.uniform(2.0, 3.0)), rng, shoulder=False)
 
 
-def _work(
+def _put_works(
     plot: Plot,
     path: shapely.LineString,
     stretch: tuple[float, float],
@@ -198,9 +182,11 @@ def _work(
 ) -> None:
     start, end = stretch
 
-    def put(solids: list[Solid], s: float, left: float, turn: float = 0.0) -> bool:
-        x, y, yaw = _locate(path, s, left)
-        return plot.place(move_solids(solids, x, y, yaw + turn), shoulder=shoulder)
+    def put(solids: list[Solid], s: float, left: float, turn: float = 0.0) -> None:
+        (x, y), ahead = (shapely.get_coordinates(path.interpolate(at))[0] for at in (s, s + 0.5))
+        yaw = float(np.arctan2(ahead[1] - y, ahead[0] - x))
+        spot = float(x - left * np.sin(yaw)), float(y + left * np.cos(yaw))
+        plot.place(move_solids(solids, *spot, yaw + turn), shoulder=shoulder)
 
     for s in (start, end):
         put(barrier(width - 2 * _EDGE - 0.3, rng), s, 0.0, np.pi / 2)
@@ -218,7 +204,7 @@ def _work(
 
 
 def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
-    """Barrier of two boards on feet, along x. The boards are one above the other; length in m."""
+    """Barrier of two boards on feet, one above the other, along x."""
     top = float(rng.uniform(0.9, 1.2))
     levels = [round(top - below, 2) for below in (0.2, 0.6)]
     feet = [Solid(f.block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier") for k in (-1, 1)]
@@ -234,18 +220,14 @@ def cone(rng: np.random.Generator) -> list[Solid]:
 
 def beacon(rng: np.random.Generator) -> list[Solid]:
     """Guide board on its foot, across the way."""
-    return [
-        Solid(f.block((0.4, 0.3)), 0.0, 0.12, "cone"),
-        Solid(f.block((0.06, 0.25)), 0.12, round(float(rng.uniform(1.0, 1.3)), 2), "cone"),
-    ]
+    top = round(float(rng.uniform(1.0, 1.3)), 2)
+    return [Solid(f.block((0.4, 0.3)), 0.0, 0.12, "cone"), Solid(f.block((0.06, 0.25)), 0.12, top, "cone")]
 
 
 def concrete(rng: np.random.Generator) -> list[Solid]:
     """Piece of a concrete barrier."""
-    return [
-        Solid(f.block((2.0, 0.5)), 0.0, 0.3, "barrier"),
-        Solid(f.block((2.0, 0.25)), 0.3, round(float(rng.uniform(0.75, 0.95)), 2), "barrier"),
-    ]
+    top = round(float(rng.uniform(0.75, 0.95)), 2)
+    return [Solid(f.block((2.0, 0.5)), 0.0, 0.3, "barrier"), Solid(f.block((2.0, 0.25)), 0.3, top, "barrier")]
 
 
 def fence(rng: np.random.Generator) -> list[Solid]:
@@ -257,13 +239,6 @@ def fence(rng: np.random.Generator) -> list[Solid]:
 
 
 _CLOSINGS: tuple[tuple[Make, float], ...] = ((cone, 1.5), (beacon, 2.0), (concrete, 2.1), (fence, 2.5))
-
-
-def _locate(path: shapely.LineString, s: float, left: float) -> tuple[float, float, float]:
-    """Point beside a path, and the path's direction. It is `left` m to the left at arc length s."""
-    (x, y), ahead = (shapely.get_coordinates(path.interpolate(at))[0] for at in (s, s + 0.5))
-    yaw = float(np.arctan2(ahead[1] - y, ahead[0] - x))
-    return float(x - left * np.sin(yaw)), float(y + left * np.cos(yaw)), yaw
 
 
 FOOT_AIR = 0.2  # m from the top of a mount's own post to the lowest sensor on it
@@ -279,15 +254,14 @@ def furnish(
     strips: Mapping[str, Strip] | None = None,
     angles: Mapping[str, int] | None = None,
 ) -> tuple[list[Solid], Float64[np.ndarray, "n 3"]]:
-    """Draw solids on level ground, and parking bays.
+    """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`.
 
-    Bays are x, y, yaw. They lie in and around `area`. strips: shoulders of the road by edge; angles: of the bays on
-    strips that have bays (degrees); the others have road works.
+    strips: shoulders of the road by edge; angles: of the bays on strips that have bays (degrees); the others have road
+    works.
     """
     strips, angles = strips or {}, angles or {}
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
-    posts = [(*(float(c) for c in m.position[:2]), round(m.min_height - FOOT_AIR, 2)) for m in mounts]
-    plot.solids += [f.post(x, y, height) for x, y, height in posts]
+    plot.solids += [f.post(*m.position[:2].tolist(), round(m.min_height - FOOT_AIR, 2)) for m in mounts]
     kerb = along(road.carriageway.buffer(0.8).boundary.intersection(plot.window), 0.5)
     bays = kerb_bays(plot, strips, angles, rng)
     lane_works(plot, {edge: strip for edge, strip in strips.items() if edge not in angles}, rng)
@@ -305,7 +279,7 @@ def furnish(
 
 
 def _bulky(plot: Plot, rng: np.random.Generator) -> None:
-    """Place up to 30 car-sized things beside the road. They are behind or on the footway."""
+    """Place up to 30 car-sized things behind or on the footway."""
     behind = along(plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary.intersection(plot.window), 0.5)
     kerb = along(plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary.intersection(plot.window), 0.5)
     green = rng.uniform(0.2, 0.8)
@@ -318,31 +292,27 @@ def _bulky(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _houses(plot: Plot, rng: np.random.Generator) -> None:
-    """Place rows of houses along every leg. They begin at the corner."""
+    """Place rows of houses along every leg, from the corner on."""
     density, usual_height = rng.uniform(0.3, 0.95), rng.uniform(4.5, 16.0)
     for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
+        line = shapely.LineString(path)
         for side, half_width in zip((1, -1), widths, strict=True):
             setback = rng.uniform(0.5, 8.0)
             at = rng.uniform(4.0, 16.0)
             while at < 90.0:
                 front, depth = rng.uniform(7.0, 22.0), rng.uniform(7.0, 14.0)
-                outline = _beside(path, at, front, side * (half_width + setback), side * depth)
                 if rng.random() > density:
                     at += front
                     continue
+                start, end = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + front))
+                ahead = (end - start) / (np.hypot(*(end - start)) + 1e-9)
+                across = np.array([-ahead[1], ahead[0]])
+                near, far = side * (half_width + setback) * across, side * (half_width + setback + depth) * across
+                wall = front * ahead
+                outline = np.round([start + near, start + wall + near, start + wall + far, start + far], 3)
                 height = np.clip(usual_height * rng.lognormal(0.0, 0.3), 4.0, 25.0)
                 placed = plot.place([Solid(outline, 0.0, round(float(height), 2), "building")])
                 at += front + (0.05 if rng.random() < 0.4 else rng.uniform(1.0, 9.0)) if placed else 1.5
-
-
-def _beside(path: np.ndarray, at: float, length: float, offset: float, depth: float) -> Float64[np.ndarray, "4 2"]:
-    """Rectangle beside a path. It begins at arc length `at`, `offset` to the left of the path."""
-    line = shapely.LineString(path)
-    start, end = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + length))
-    along = (end - start) / (np.hypot(*(end - start)) + 1e-9)
-    across = np.array([-along[1], along[0]])
-    near, far = offset * across, (offset + depth) * across
-    return np.round([start + near, start + length * along + near, start + length * along + far, start + far], 3)
 
 
 def _furniture(plot: Plot, rng: np.random.Generator) -> None:
@@ -351,26 +321,18 @@ def _furniture(plot: Plot, rng: np.random.Generator) -> None:
     behind = along(plot.road.surface.buffer(0.9).boundary.intersection(plot.window), 0.5)
     deep = along(plot.road.surface.buffer(2.4).boundary.intersection(plot.window), 0.5)
     lamp, crown, tall = rng.uniform(4.5, 9.0), rng.uniform(0.9, 2.2), rng.uniform(4.0, 10.0)
-    trees = deep[rng.random(len(deep)) < 0.5 / rng.uniform(6, 40)]
-    for row in trees:
+    for row in deep[rng.random(len(deep)) < 0.5 / rng.uniform(6, 40)]:
         levels = rng.uniform(1.8, 2.8), tall * rng.uniform(0.8, 1.2)
         plant(plot, row[:2], crown * rng.uniform(0.8, 1.2), levels, rng, footway=False)
-
-    def bench(x: float, y: float, along: float) -> list[Solid]:
-        half = 0.9 * np.array([np.cos(along), np.sin(along)])
-        ends = np.array([x, y]) + np.stack([-half, half])
-        return [Solid(f.bar(tuple(ends[0]), tuple(ends[1]), 0.5), 0.0, 0.5, "bench")]
-
     lines: tuple[tuple[np.ndarray, bool, Draw, float], ...] = (
         (kerb if rng.random() < 0.6 else behind, True, lambda x, y, _: [f.post(x, y, lamp, 0.09)], rng.uniform(14, 30)),
         (kerb, True, lambda x, y, a: f.sign(x, y, a), rng.uniform(20, 60)),
         (kerb, True, lambda x, y, _: [f.post(x, y, 0.9, 0.07)], rng.uniform(10, 80)),
         (behind, False, lambda x, y, _: [f.litter_bin(x, y)], rng.uniform(20, 60)),
-        (behind, False, bench, rng.uniform(30, 90)),
+        (behind, False, lambda x, y, a: [f.bench(x, y, a)], rng.uniform(30, 90)),
     )
     for rows, footway, draw, every in lines:
-        chosen = rows[rng.random(len(rows)) < 0.5 / every]
-        for x, y, direction in chosen:
+        for x, y, direction in rows[rng.random(len(rows)) < 0.5 / every]:
             plot.place(draw(float(x), float(y), float(direction)), footway=footway)
 
 
@@ -383,7 +345,8 @@ def _gardens(plot: Plot, rng: np.random.Generator) -> None:
         at = rng.uniform(0.0, 15.0)
         while at < part.length - 2.0:
             length = rng.uniform(5.0, 18.0)
-            points = [(float(x), float(y)) for x, y in shapely.get_coordinates(_stretch(part, at, at + length))]
+            stretch = substring(part, at, min(at + length, part.length)).simplify(0.1)
+            points = [(float(x), float(y)) for x, y in shapely.get_coordinates(stretch)]
             draw = (f.hedge, f.wall, f.railing)[rng.choice(kinds)]
             for solid in draw(points, round(height, 2)) if len(points) > 1 else ():
                 plot.place([solid])
@@ -392,7 +355,3 @@ def _gardens(plot: Plot, rng: np.random.Generator) -> None:
     for x, y in rng.uniform((xmin, ymin), (xmax, ymax), (rng.integers(5, 60), 2)):
         low = rng.uniform(1.2, 3.0)
         plant(plot, np.array([x, y]), rng.uniform(1.2, 2.8), (low, low + rng.uniform(2.5, 8.0)), rng, footway=False)
-
-
-def _stretch(line: shapely.LineString, start: float, end: float) -> shapely.LineString:
-    return substring(line, start, min(end, line.length)).simplify(0.1)

@@ -1,8 +1,7 @@
-"""Street furniture as solids, and `settle` for uneven ground.
+"""Street furniture as solids on level ground, and `settle` for uneven ground.
 
-The solids are made for level ground. Things about as big as a car, such as hedges, containers and skips, are what a
-detector mistakes for one, so a drawn street holds plenty of them. They are made about the origin, lengthwise along x,
-and `put` their place.
+Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for one, so a drawn
+street holds plenty of them. They are made about the origin, lengthwise along x; `move_solids` puts them in place.
 """
 
 from __future__ import annotations
@@ -77,10 +76,11 @@ def litter_bin(x: float, y: float) -> Solid:
     return Solid(disc(x, y, 0.28), 0.0, 1.0, "bin")
 
 
-def bench(x: float, y: float, along_x: bool = True) -> Solid:
-    """Bench 1.8 m long."""
-    half = (0.9, 0.25) if along_x else (0.25, 0.9)
-    return Solid(rectangle(x - half[0], y - half[1], x + half[0], y + half[1]), 0.0, 0.5, "bench")
+def bench(x: float, y: float, along: float = 0.0) -> Solid:
+    """Bench 1.8 m long. along: its direction (rad)."""
+    half = 0.9 * np.array([np.cos(along), np.sin(along)])
+    start, end = np.array([x, y]) + np.stack([-half, half])
+    return Solid(bar(tuple(start), tuple(end), 0.5), 0.0, 0.5, "bench")
 
 
 def hedge(line: Sequence[Point], height: float = 1.4, width: float = 0.7) -> list[Solid]:
@@ -99,15 +99,6 @@ def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
     uprights = [Solid(disc(*start, 0.05), 0.0, height, "fence") for start, _ in pieces]
     levels = ((0.5 * height - 0.05, 0.5 * height + 0.05), (height - 0.1, height))
     return uprights + [Solid(bar(*piece, 0.06), *level, "fence") for piece in pieces for level in levels]
-
-
-def shelter(xmin: float, ymin: float, xmax: float, ymax: float) -> list[Solid]:
-    """Bus shelter open towards -y: back wall, sides and roof."""
-    return [
-        Solid(rectangle(xmin, ymax - 0.1, xmax, ymax), 0.0, 2.3, "shelter"),
-        Solid(rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1), 0.0, 2.3, "shelter"),
-        Solid(rectangle(xmin, ymin, xmax, ymax), 2.3, 2.45, "shelter"),
-    ]
 
 
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: float = 0.15) -> list[Solid]:
@@ -135,17 +126,18 @@ def set_kerbs(
 
 
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
-    """Lift solids made for level ground onto uneven ground.
+    """Lift solids made for level ground by the height of uneven ground under their middle.
 
-    The height is that of the ground under their middle. Solids on the ground (base 0) reach 0.3 m into it, so that no
-    gap shows.
+    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows.
     """
-    solids, settled = list(solids), []
-    lifts = _ground(relief, np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2))
-    for solid, lift in zip(solids, lifts.tolist(), strict=True):
-        base = -0.3 if solid.base == 0 else solid.base
-        settled.append(replace(solid, base=round(base + lift, 3), top=round(solid.top + lift, 3)))
-    return tuple(settled)
+    solids = list(solids)
+    middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
+    lifts = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(middles).round(3).tolist()
+    bases = [-0.3 if solid.base == 0 else solid.base for solid in solids]
+    return tuple(
+        replace(solid, base=round(base + lift, 3), top=round(solid.top + lift, 3))
+        for solid, base, lift in zip(solids, bases, lifts, strict=True)
+    )
 
 
 def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
@@ -155,36 +147,36 @@ def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
     return tuple(replace(mount, position=foot) for mount, foot in zip(mounts, feet, strict=True))
 
 
-def _ground(relief: Relief, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-    return Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(places).round(3)
-
-
 def _pieces(line: Sequence[Point], length: float) -> list[tuple[Point, Point]]:
     points = shapely.get_coordinates(shapely.segmentize(shapely.LineString(line), length)).round(3)
-    corners = [(float(x), float(y)) for x, y in points]
-    return list(pairwise(corners))
+    return list(pairwise((float(x), float(y)) for x, y in points))
 
 
 Make = Callable[[np.random.Generator], list[Solid]]  # about the origin, lengthwise along x
 
 
 def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
-    """Turn solids about the origin, then move them.
-
-    The turn is `yaw` (rad), the target (x, y). Footprints lie on millimetres.
-    """
+    """Turn solids by `yaw` (rad) about the origin, then move them to (x, y). Footprints lie on millimetres."""
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-    return [Solid(np.round(s.footprint @ turn + [x, y], 3), s.base, s.top, s.kind) for s in solids]
+    return [replace(solid, footprint=np.round(solid.footprint @ turn + [x, y], 3)) for solid in solids]
 
 
 def _size(rng: np.random.Generator, *ranges: tuple[float, float]) -> tuple[float, ...]:
     return tuple(round(float(rng.uniform(*between)), 2) for between in ranges)
 
 
-def hedge_block(rng: np.random.Generator) -> list[Solid]:
-    """Clipped hedge, up to the size of a van."""
-    length, width, height = _size(rng, (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))
-    return [Solid(block((length, width)), 0.0, height, "hedge")]
+def _draw_block(kind: str, *ranges: tuple[float, float]) -> Make:
+    """Maker of a block whose length, width and height are drawn."""
+
+    def make(rng: np.random.Generator) -> list[Solid]:
+        length, width, height = _size(rng, *ranges)
+        return [Solid(block((length, width)), 0.0, height, kind)]
+
+    return make
+
+
+hedge_block = _draw_block("hedge", (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))  # clipped, up to the size of a van
+cabinet = _draw_block("cabinet", (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))  # power or telephone box
 
 
 def bushes(rng: np.random.Generator) -> list[Solid]:
@@ -203,12 +195,6 @@ def planter(rng: np.random.Generator) -> list[Solid]:
     length, width, height, green = _size(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9), (0.2, 0.9))
     grown = Solid(block((0.8 * length, 0.8 * width)), height, round(height + green, 2), "bush")
     return [Solid(block((length, width)), 0.0, height, "planter"), grown]
-
-
-def cabinet(rng: np.random.Generator) -> list[Solid]:
-    """Power or telephone box."""
-    length, width, height = _size(rng, (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))
-    return [Solid(block((length, width)), 0.0, height, "cabinet")]
 
 
 def container(rng: np.random.Generator) -> list[Solid]:
@@ -232,9 +218,14 @@ def skip(rng: np.random.Generator) -> list[Solid]:
 
 
 def bus_shelter(rng: np.random.Generator) -> list[Solid]:
-    """Bus shelter, open along one side."""
+    """Bus shelter open towards -y: back wall, sides and roof."""
     length, width = _size(rng, (2.5, 6.0), (1.2, 2.0))
-    return shelter(-length / 2, -width / 2, length / 2, width / 2)
+    xmin, ymin, xmax, ymax = -length / 2, -width / 2, length / 2, width / 2
+    return [
+        Solid(rectangle(xmin, ymax - 0.1, xmax, ymax), 0.0, 2.3, "shelter"),
+        Solid(rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1), 0.0, 2.3, "shelter"),
+        Solid(rectangle(xmin, ymin, xmax, ymax), 2.3, 2.45, "shelter"),
+    ]
 
 
 def bins(rng: np.random.Generator) -> list[Solid]:
