@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.bodies.vehicles import make_wheel, parse_profile
+from toolkit.bodies.vehicles import Proportions, loft_parts, make_wheel, parse_profile
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, shift, tube
 
 LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads
@@ -81,46 +81,16 @@ def _parse_kind(figures: str, profile: str) -> Kind:
 
 _KIND_LINES = _KINDS.strip().splitlines()
 CAR_KINDS = tuple(map(_parse_kind, _KIND_LINES[::2], _KIND_LINES[1::2]))
-
-
-@dataclass(frozen=True)
-class Proportions:
-    """Proportions of one car; lengths in metres.
-
-    belt, lean, rounding and ends are parts of height, half width, length and width. profile: (k, 2) as in `Kind`;
-    axles: distances from the front; rounding: depth of the plan's corners, front, rear; ends: width of the very front
-    and rear; bow: how far screens bulge forward in plan; camber: of the roof (m).
-    """
-
-    kind: str
-    length: float
-    width: float
-    height: float
-    profile: Float64[np.ndarray, "k 2"]
-    axles: tuple[float, float]
-    wheel: float
-    clearance: float
-    belt: float
-    lean: float
-    rounding: tuple[float, float]
-    ends: tuple[float, float]
-    bow: float
-    camber: float
-    soft: float  # half the length over which the profile is smoothed, as a part of the length
-
-    def top(self, s: float | Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
-        """Height of the profile (m) at station s, 0 front to 1 rear."""
-        return self.height * np.interp(s, self.profile[:, 0], self.profile[:, 1])
+_SHARES = np.array([kind.share for kind in CAR_KINDS]) / sum(kind.share for kind in CAR_KINDS)
 
 
 def draw_proportions(rng: np.random.Generator) -> Proportions:
     """Draw the proportions of a car of any kind."""
-    kind = CAR_KINDS[int(rng.choice(len(CAR_KINDS), p=np.array([each.share for each in CAR_KINDS]) / _TOTAL))]
+    kind = CAR_KINDS[int(rng.choice(len(CAR_KINDS), p=_SHARES))]
     along = rng.uniform()
     length = float(np.interp(along, (0, 1), kind.length))
-    width = np.interp(0.6 * along + 0.4 * rng.uniform(), (0, 1), kind.width) + 0.085 * np.clip(
-        rng.standard_normal(), -2, 2
-    )
+    width = np.interp(0.6 * along + 0.4 * rng.uniform(), (0, 1), kind.width)
+    width += 0.085 * np.clip(rng.standard_normal(), -2, 2)
     height = np.interp(0.75 * rng.uniform() + 0.25 * along, (0, 1), kind.height)
     profile = _profile(kind, rng)
     wheel = float(rng.uniform(*kind.wheel))
@@ -128,34 +98,19 @@ def draw_proportions(rng: np.random.Generator) -> Proportions:
     rear = float(wheel + rng.uniform(0.22, 0.75 if kind.name not in ("van", "pickup") else 1.0) * length / 4.6)
     while length - front - rear < 0.5 * length:  # cars of any length stand on a wheelbase of half of it and more
         front, rear = wheel + 0.8 * (front - wheel), wheel + 0.8 * (rear - wheel)
-    return Proportions(
-        kind.name,
-        length,
-        float(np.clip(width, *WIDTHS)),
-        float(np.clip(height, *HEIGHTS)),
-        profile,
-        (front, length - rear),
-        wheel,
-        float(rng.uniform(*kind.clearance)),
-        float(rng.uniform(*kind.belt)),
-        float(rng.uniform(*kind.lean)),
-        (float(rng.uniform(0.03, 0.2)), float(rng.uniform(0.02, 0.15))),
-        (float(rng.uniform(0.5, 0.88)), float(rng.uniform(0.6, 0.95))),
-        float(rng.uniform(0.0, 0.05)),
-        float(rng.uniform(0.015, 0.06)),
-        float(rng.uniform(0.004, 0.03)),
-    )
+    low = profile[(profile[:, 1] < 0.7) & (profile[:, 0] > 0.45), 0]
+    bed = (float(low[0]) + 0.012, 0.982, 0.84) if kind.name == "pickup" else None
+    figures = (kind.clearance, kind.belt, kind.lean, (0.03, 0.2), (0.02, 0.15), (0.5, 0.88), (0.6, 0.95), (0.0, 0.05))
+    drawn = [float(rng.uniform(*ends)) for ends in (*figures, (0.015, 0.06), (0.004, 0.03))]
+    size = length, float(np.clip(width, *WIDTHS)), float(np.clip(height, *HEIGHTS))
+    body = profile, (front, length - rear), wheel, *drawn[:3], tuple(drawn[3:5]), tuple(drawn[5:7]), *drawn[7:]
+    return Proportions(kind.name, *size, *body, bed=bed)
 
 
 def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
-    """Draw a side profile of a kind, its top at 1.
-
-    Its corners are moved, and a little of another kind's profile is mixed in.
-    """
-    own, other = (
-        _jitter_corners(kind.profile, rng),
-        _jitter_corners(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng),
-    )
+    """Draw a side profile of a kind, its top at 1, with a little of another kind's mixed in."""
+    own = _jitter_corners(kind.profile, rng)
+    other = _jitter_corners(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng)
     share = float(np.clip(rng.exponential(0.06), 0, 0.2)) if kind.name != "pickup" else 0.0
     stations = np.unique(np.concatenate([own[:, 0], _GRID]))
     heights = (1 - share) * np.interp(stations, *own.T) + share * np.interp(stations, *other.T)
@@ -170,52 +125,35 @@ def _jitter_corners(profile: tuple[ProfileCorner, ...], rng: np.random.Generator
     return corners[np.argsort(corners[:, 0], kind="stable")]
 
 
-_TOTAL = sum(each.share for each in CAR_KINDS)
-
-
-_STATIONS = 26
-_ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
-
-
 def loft_car(shape: Proportions) -> Mesh:
     """Loft a car without mirrors, x forward, wheels on z = 0."""
-    return stretch(merge([_hull(shape), *_wheels(shape)]), (shape.length, shape.width, shape.height))
+    return stretch(loft_parts(shape), (shape.length, shape.width, shape.height))
 
 
 def build_block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
-    """Build the same car of a few plain blocks.
-
-    A lower body, a cabin with slanted screens, wheels of few sides or none.
-    """
+    """Build the same car of a lower body, a cabin with slanted screens, and wheels of few sides or none."""
     length, half, belt = shape.length, shape.width / 2, shape.belt * shape.height
     tops = shape.profile[:, 1]
     roof, cabin = (shape.profile[tops >= least, 0][[0, -1]] for least in (0.93, 0.7))
     floor = float(rng.choice([0.02, shape.clearance], p=[0.25, 0.75]))
     chamfer = float(rng.uniform(0.0, 0.06))
-    lower = _blocks(
-        [
-            (floor, 0.5 - 0.01, -0.49, half - chamfer),
-            (floor + chamfer + 0.01, 0.5, -0.5, half),
-            (belt - chamfer - 0.01, 0.5, -0.5, half),
-            (belt, 0.5 - 0.02, -0.49, half - chamfer),
-        ],
-        length,
-    )
-    edge = half * (1 - shape.lean)
-    base = (0.5 - cabin[0] + 0.03, 0.5 - cabin[1] - 0.02)
-    upper = _blocks(
-        [
-            (belt - 0.02, max(base[0], 0.5 - roof[0]), min(base[1], 0.5 - roof[1]), half - chamfer),
-            (shape.height, 0.5 - roof[0], 0.5 - roof[1], edge),
-        ],
-        length,
-    )
+    edge, base = half * (1 - shape.lean), (0.5 - cabin[0] + 0.03, 0.5 - cabin[1] - 0.02)
+    lower = [
+        (floor, 0.5 - 0.01, -0.49, half - chamfer),
+        (floor + chamfer + 0.01, 0.5, -0.5, half),
+        (belt - chamfer - 0.01, 0.5, -0.5, half),
+        (belt, 0.5 - 0.02, -0.49, half - chamfer),
+    ]
+    upper = [
+        (belt - 0.02, max(base[0], 0.5 - roof[0]), min(base[1], 0.5 - roof[1]), half - chamfer),
+        (shape.height, 0.5 - roof[0], 0.5 - roof[1], edge),
+    ]
     sides, breadth = int(rng.choice([4, 8, 12])), float(rng.uniform(0.15, 0.26))
     wheels = []
     for axle in shape.axles if floor > 0.05 or rng.random() < 0.5 else ():
         wheel = make_wheel(length / 2 - axle, half - breadth / 2 - 0.005, shape.wheel, breadth, sides)
         wheels += [wheel, flip_sides(wheel)]
-    parts = merge([lower, upper, *wheels])
+    parts = merge([_blocks(lower, length), _blocks(upper, length), *wheels])
     standing = Mesh(parts.vertices - [0.0, 0.0, parts.vertices[:, 2].min()], parts.triangles)
     return stretch(standing, (length, shape.width, shape.height))
 
@@ -227,15 +165,6 @@ def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
     return Mesh((mesh.vertices - middle) * (np.array(size) / (high - low)), mesh.triangles)
 
 
-def half_width(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """Half the width at stations s (0 front, 1 rear). Nearly parallel flanks, superelliptic corners at both ends."""
-    corners = []
-    for distance, rounding, end in zip((s, 1 - s), shape.rounding, shape.ends, strict=True):
-        beyond = np.maximum(0.0, 1 - distance / rounding)
-        corners.append(end + (1 - end) * (1 - beyond**2.6) ** (1 / 2.6))
-    return shape.width / 2 * (1 - 0.05 * (2 * s - 1.05) ** 2) * np.minimum(*corners)
-
-
 def _blocks(levels: list[tuple[float, float, float, float]], length: float) -> Mesh:
     """Loft upwards through rectangles. levels: z, front and rear as parts of the length, half width."""
     rings = [
@@ -243,98 +172,6 @@ def _blocks(levels: list[tuple[float, float, float, float]], length: float) -> M
         for z, front, rear, y in levels
     ]
     return loft(np.array(rings))
-
-
-def _hull(shape: Proportions) -> Mesh:
-    """Painted body: half cross-sections, mirrored and lofted to the front."""
-    half = _half_sections(shape, _stations(shape)[::-1])
-    return loft(np.concatenate([half, half[:, -2:0:-1] * [1.0, -1.0, 1.0]], axis=1))
-
-
-def _stations(shape: Proportions) -> Float64[np.ndarray, " s"]:
-    """Stations of cross-sections (0 front to 1 rear). Dense at both ends and at the rims of the wheel arches."""
-    even = np.linspace(0, 1, _STATIONS // 2)
-    ends = np.concatenate([even**1.6 / 2, 1 - even**1.6 / 2])
-    reach = shape.wheel * 1.13 / shape.length
-    arches = [
-        axle / shape.length + reach * c for axle in shape.axles for c in (-1.001, -0.98, -0.55, 0.55, 0.98, 1.001)
-    ]
-    return np.unique(np.round(np.clip(np.concatenate([ends, arches]), 0, 1), 4))
-
-
-def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 13 3"]:
-    """Left halves of the sections at stations s, from floor to roof."""
-    w, roof = half_width(shape, s), _roof(shape, s)
-    floor = shape.clearance + np.interp(s, [0, 0.1, 0.85, 1], [0.06, 0, 0, 0.12])
-    nearest = np.abs(s[:, None] * shape.length - np.array(shape.axles)).min(axis=1)
-    inside = 1.13 * shape.wheel > nearest
-    arch = np.where(inside, shape.wheel + np.sqrt(np.maximum((1.13 * shape.wheel) ** 2 - nearest**2, 0)), 0.0)
-    crown = roof[:, 0]
-    shoulder = np.minimum(shape.belt * shape.height, crown - 0.035)
-    low = np.maximum(np.minimum(arch, shoulder - 0.07), floor + 0.02)
-    flank = np.maximum(low + 0.01, floor + 0.45 * (shoulder - floor))
-    lean = shape.lean * np.clip((crown - shoulder) / (shape.height * (1 - shape.belt)), 0, 1)
-    edge = w * (0.965 - lean)
-    zero, bottom = np.zeros_like(s), np.where(arch > floor, low, floor)
-    y = [
-        zero,
-        0.74 * w,
-        0.74 * w,
-        0.965 * w,
-        w,
-        0.995 * w,
-        0.965 * w,
-        0.4775 * w + 0.5 * edge + 0.012,
-        edge,
-        0.93 * edge,
-        0.72 * edge,
-        0.38 * edge,
-        zero,
-    ]
-    z = [
-        floor,
-        floor,
-        bottom,
-        low,
-        flank,
-        flank + 0.6 * (shoulder - flank),
-        shoulder,
-        shoulder + 0.52 * (crown - shoulder),
-        crown - 0.25 * np.minimum(0.16, crown - shoulder),
-        *roof.T[1:],
-    ]
-    sections = np.stack(np.broadcast_arrays(shape.length * (0.5 - s)[:, None], np.stack(y, 1), np.stack(z, 1)), axis=-1)
-    if shape.kind == "pickup":
-        bed = find_bed(shape)
-        open_ = (s > bed[0]) & (s < bed[1])
-        sections[open_, -3:, 1] = edge[open_, None] * [0.84, 0.4, 0.0]
-        sections[open_, -3:, 2] = np.maximum(shoulder - 0.42, low + 0.02)[open_, None]
-    return sections
-
-
-def find_bed(shape: Proportions) -> tuple[float, float]:
-    """Begin and end of a pick-up's bed, as parts of its length."""
-    low = shape.profile[(shape.profile[:, 1] < 0.7) & (shape.profile[:, 0] > 0.45), 0]
-    return float(low[0]) + 0.012, 0.982
-
-
-def _roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 5"]:
-    """Height at stations s and across: bowed, cambered, rounded."""
-    across = np.array(_ACROSS)
-    bow = shape.bow * across**2 * np.clip((s[:, None] - 0.55) * 6, -1, 1)
-    near = np.linspace(-1, 1, 5) * shape.soft
-    heights = shape.top(np.clip((s[:, None] + bow)[..., None] + near, 0, 1)).mean(axis=-1)
-    return heights - shape.camber * across**2 * np.clip(4 * np.minimum(s, 1 - s) + 0.3, 0, 1)[:, None]
-
-
-def _wheels(shape: Proportions) -> list[Mesh]:
-    breadth = 0.115 * shape.width
-    one, wheels = make_wheel(0.0, 0.0, shape.wheel, breadth), []
-    for axle in shape.axles:
-        y = float(half_width(shape, np.array([axle / shape.length]))[0]) * 0.985
-        wheel = shift(one, shape.length / 2 - axle, y - breadth / 2)
-        wheels += [wheel, flip_sides(wheel)]
-    return wheels
 
 
 def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
@@ -351,7 +188,8 @@ def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
 
 NOTHING = merge([])
 CARRIED = ("taxi", "light_bar", "roof_box", "rack", "rails", "spare_wheel", "hard_top", "load")
-TRAILERS = ("open_trailer", "box_trailer", "caravan")
+TRAILERS = {"open_trailer": ((1.8, 3.4), (1.3, 2.0)), "box_trailer": ((2.0, 4.2), (1.4, 2.1))}  # lengths, widths (m)
+TRAILERS["caravan"] = (3.8, 6.6), (2.0, 2.4)
 _TAXIS, _RACKS = ("sedan", "estate", "minivan", "hatchback", "suv"), ("van", "minivan", "pickup")
 
 
@@ -383,8 +221,8 @@ def draw_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
     front, rear = (shape.length * (0.5 - float(s)) for s in flat[[0, -1]])
     middle, room, width = (front + rear) / 2, front - rear, shape.width * (1 - shape.lean)
     z, chance = shape.height, rng.random()
-    if shape.kind == "pickup":
-        return _bed_load(shape, rng)
+    if shape.bed is not None:
+        return _bed_load(shape, shape.bed, rng)
     if shape.kind in _TAXIS and chance < 0.06:
         deep, wide, high = rng.uniform(0.1, 0.28), rng.uniform(0.25, 0.7), rng.uniform(0.09, 0.18)
         return "taxi", plank((deep, wide, high), middle + 0.2 * room * rng.uniform(-1, 1), 0.0, z - 0.02)
@@ -396,30 +234,21 @@ def draw_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
         return "rack", _rack(middle, 0.8 * room, width, z, rng)
     if shape.kind in ("estate", "suv", "minivan") and chance < 0.5:
         y = 0.42 * width
-        rail = tube(
-            [
-                (rear + 0.1 * room, y, z - 0.03),
-                (rear + 0.15 * room, y, z + 0.03),
-                (front - 0.15 * room, y, z + 0.03),
-                (front - 0.1 * room, y, z - 0.03),
-            ],
-            0.02,
-            4,
-        )
+        ends = [(rear + 0.1 * room, y, z - 0.03), (rear + 0.15 * room, y, z + 0.03)]
+        ends += [(front - 0.15 * room, y, z + 0.03), (front - 0.1 * room, y, z - 0.03)]
+        rail = tube(ends, 0.02, 4)
         return "rails", merge([rail, flip_sides(rail)])
     if shape.kind == "offroader" and chance < 0.6:
         x, breadth = -shape.length / 2 - 0.08, rng.uniform(0.16, 0.24)
-        spare = make_wheel(0.0, 0.0, 0.92 * shape.wheel, breadth)
-        turned = place(spare, yaw=np.pi / 2)
-        return "spare_wheel", shift(turned, x, 0.0, 0.36 * shape.height)
+        spare = place(make_wheel(0.0, 0.0, 0.92 * shape.wheel, breadth), yaw=np.pi / 2)
+        return "spare_wheel", shift(spare, x, 0.0, 0.36 * shape.height)
     return "", NOTHING
 
 
 def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
     """Draw a trailer with its drawbar: open, boxed, or a caravan."""
-    kind = TRAILERS[int(rng.integers(3))]
-    length = float(rng.uniform(*{"open_trailer": (1.8, 3.4), "box_trailer": (2.0, 4.2), "caravan": (3.8, 6.6)}[kind]))
-    width = float(rng.uniform(*{"open_trailer": (1.3, 2.0), "box_trailer": (1.4, 2.1), "caravan": (2.0, 2.4)}[kind]))
+    kind = list(TRAILERS)[int(rng.integers(3))]
+    length, width = (float(rng.uniform(*ends)) for ends in TRAILERS[kind])
     bar, floor = float(rng.uniform(0.8, 1.4)), float(rng.uniform(0.4, 0.6))
     front = -shape.length / 2 - bar
     middle, radius = front - length / 2, float(rng.uniform(0.24, 0.33))
@@ -435,33 +264,24 @@ def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
         top = float(rng.uniform(1.3, 2.3) if kind == "box_trailer" else rng.uniform(2.3, 2.65))
         slope = 0.02 if kind == "box_trailer" else float(rng.uniform(0.06, 0.16))
         ring = np.array([[-0.5, floor], [0.5, floor], [0.5, top], [-0.5, top]]) * [width, 1.0]
-        levels = [
-            (front - length, 0.0),
-            (front - length + slope * length, 1.0),
-            (front - slope * length, 1.0),
-            (front, 0),
-        ]
-        rings = [
-            np.column_stack(
-                [np.full(4, x), ring[:, 0] * (0.96 + 0.04 * t), ring[:, 1] - (1 - t) * slope * (ring[:, 1] - 0.4)]
-            )
-            for x, t in levels
-        ]
+        levels = ((-length, 0.0), (slope * length - length, 1.0), (-slope * length, 1.0), (0.0, 0.0))
+        rings = []
+        for x, t in levels:
+            y, z = ring[:, 0] * (0.96 + 0.04 * t), ring[:, 1] - (1 - t) * slope * (ring[:, 1] - 0.4)
+            rings.append(np.column_stack([np.full(4, front + x), y, z]))
         parts.append(loft(np.stack(rings)))
     wheels = [make_wheel(middle - 0.05 * length, width / 2 - (0.08 if kind == "caravan" else -0.1), radius, 0.18)]
     return kind, merge([*parts, *wheels, *(flip_sides(wheel) for wheel in wheels)])
 
 
-def _bed_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
+def _bed_load(shape: Proportions, bed: tuple[float, float, float], rng: np.random.Generator) -> tuple[str, Mesh]:
     """Load on a pick-up's bed, a hard top over it, or nothing."""
-    front, rear = (shape.length * (0.5 - s) for s in find_bed(shape))
+    front, rear = (shape.length * (0.5 - s) for s in bed[:2])
     middle, room, width = (front + rear) / 2, 0.9 * (front - rear), 0.78 * shape.width * (1 - shape.lean)
     floor, chance = shape.belt * shape.height - 0.43, rng.random()
     if chance < 0.15:
-        z = shape.belt * shape.height - 0.05
-        return "hard_top", plank(
-            (front - rear, shape.width * (1 - shape.lean), shape.height - z - 0.02), middle, 0.0, z
-        )
+        z, breadth = shape.belt * shape.height - 0.05, shape.width * (1 - shape.lean)
+        return "hard_top", plank((front - rear, breadth, shape.height - z - 0.02), middle, 0.0, z)
     if chance < 0.3:
         return "load", mound((room, width, float(rng.uniform(0.4, 0.9))), middle, floor)
     if chance < 0.45:
@@ -488,19 +308,12 @@ def _rack(x: float, length: float, width: float, z: float, rng: np.random.Genera
     """Cross bars and, mostly, ladders or pipes on them."""
     high = float(rng.uniform(0.05, 0.14))
     parts = [plank((0.05, 0.9 * width, 0.04), x + t * length, 0.0, z + high - 0.02) for t in (-0.4, 0.0, 0.4)]
-    parts += [
-        plank((0.04, 0.04, high + 0.05), x + t * length, y, z - 0.05)
-        for t in (-0.4, 0.0, 0.4)
-        for y in (-0.42 * width, 0.42 * width)
-    ]
+    feet = [(t, y) for t in (-0.4, 0.0, 0.4) for y in (-0.42 * width, 0.42 * width)]
+    parts += [plank((0.04, 0.04, high + 0.05), x + t * length, y, z - 0.05) for t, y in feet]
     if rng.random() < 0.7:
         y, reach = float(rng.uniform(-0.2, 0.2)) * width, 0.5 * length * float(rng.uniform(0.9, 1.1))
-        rails = [
-            tube([(x - reach, y + d, z + high + 0.05), (x + reach, y + d, z + high + 0.05)], 0.035, 5)
-            for d in (-0.2, 0.2)
-        ]
-        rungs = [
-            plank((0.04, 0.4, 0.04), x + t * reach, y, z + high + 0.03) for t in np.linspace(-0.9, 0.9, 7).tolist()
-        ]
-        parts += rails + rungs
+        for side in (y - 0.2, y + 0.2):
+            parts.append(tube([(x - reach, side, z + high + 0.05), (x + reach, side, z + high + 0.05)], 0.035, 5))
+        for t in np.linspace(-0.9, 0.9, 7).tolist():
+            parts.append(plank((0.04, 0.4, 0.04), x + t * reach, y, z + high + 0.03))
     return merge(parts)

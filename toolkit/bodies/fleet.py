@@ -11,10 +11,10 @@ import numpy as np
 
 from toolkit.bodies.body import Body, include_mirrors, make_body, make_boxed_body
 from toolkit.bodies.people import pedestrians, two_wheelers
-from toolkit.bodies.vehicles import CARS, car, trucks
+from toolkit.bodies.vehicles import CAR_NAMES, cars, trucks
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
-HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars that no shipped detector has been trained on
+HELD_OUT = CAR_NAMES[-5:]  # cars that no shipped detector has been trained on
 FLEETS = ("catalogue", "own", "meshes", "both")
 LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
 
@@ -136,7 +136,7 @@ def _catalogue_fleet(meshes: str | Path | None, held_out: bool, mirrors: bool) -
 
 @lru_cache(maxsize=1)
 def _procedural() -> tuple[Body, ...]:
-    with_mirrors = ((VEHICLE, {shape.name: car(shape) for shape in CARS}), (HEAVY, trucks()))
+    with_mirrors = ((VEHICLE, cars()), (HEAVY, trucks()))
     without = ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians()))
     bodies = [make_boxed_body(name, label, *meshes) for label, group in with_mirrors for name, meshes in group.items()]
     bodies += [make_body(name, label, *mesh) for label, group in without for name, mesh in group.items()]

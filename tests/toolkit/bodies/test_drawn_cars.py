@@ -16,8 +16,6 @@ from toolkit.bodies.drawn_cars import (
     build_block_car,
     draw_load,
     draw_proportions,
-    find_bed,
-    half_width,
     loft_car,
     mirrors,
     mound,
@@ -56,7 +54,6 @@ def test_wheels_touch_the_ground_within_the_length():
         assert (np.diff(stations) > 0).all()
         assert heights.max() == 1
         assert heights.min() > 0.2
-        assert car.top(np.array([0.0, 1.0])) == pytest.approx(car.height * heights[[0, -1]])
     assert len({car.profile.tobytes() for car in CARS}) == len(CARS)
 
 
@@ -105,7 +102,7 @@ def test_lofted_and_block_cars_have_wheels_and_round_corners():
     assert max(len(build_block_car(car, np.random.default_rng(1)).triangles) for car in CARS_CARS) < 420
     assert min(len(loft_car(car).triangles) for car in CARS_CARS) > 1200
     car = replace(CARS_CARS[0], rounding=(0.1, 0.1), ends=(0.7, 0.8))
-    width = half_width(car, np.array([0.0, 0.5, 1.0])) / (car.width / 2)
+    width = car.half_width(np.array([0.0, 0.5, 1.0])) / (car.width / 2)
     assert width == pytest.approx([0.7 * (1 - 0.05 * 1.05**2), 1, 0.8 * (1 - 0.05 * 0.95**2)], abs=2e-3)
 
 
@@ -115,7 +112,7 @@ def test_a_pick_up_has_a_bed_lower_than_its_cab():
     ]
     assert pickups
     for car in pickups:
-        front, rear = find_bed(car)
+        front, rear, _ = car.bed
         assert 0.5 < front < 0.75 < rear < 1
         x = car.length * (0.5 - (front + rear) / 2)
         bed = 5 - first_hits(loft_car(car), np.array([[x, 0.0, 5.0]]), [0.0, 0, -1])[0]

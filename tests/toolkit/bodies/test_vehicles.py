@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from toolkit.bodies.body import Body, make_boxed_body
-from toolkit.bodies.vehicles import CARS, car, trucks
+from toolkit.bodies.vehicles import _ROWS, cars, trucks
 from toolkit.objects import VEHICLE
 
-BODIES = [make_boxed_body(shape.name, VEHICLE, *car(shape)) for shape in CARS]
+BODIES = [make_boxed_body(name, VEHICLE, *meshes) for name, meshes in cars().items()]
+WIDTHS = [float(row.split()[3]) for row in _ROWS.strip().splitlines()]
 
 
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
@@ -27,8 +28,8 @@ def test_cars_have_the_measures_of_cars(body):
 
 
 def test_mirrors_stick_out_and_wheels_stand_on_the_ground():
-    for body, shape in zip(BODIES, CARS, strict=True):
-        assert body.size[1] == pytest.approx(shape.width, abs=0.03)
+    for body, width in zip(BODIES, WIDTHS, strict=True):
+        assert body.size[1] == pytest.approx(width, abs=0.03)
         out = np.abs(body.vertices[:, 1]).max() - body.size[1] / 2
         assert 0.05 < out < 0.12
         beyond = np.abs(body.vertices[:, 1]) > body.size[1] / 2 + 1e-4
