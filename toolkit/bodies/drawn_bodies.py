@@ -13,6 +13,7 @@ from functools import cache
 
 import numpy as np
 
+from toolkit.bodies import people
 from toolkit.bodies.body import Body, make_boxed_body
 from toolkit.bodies.drawn_cars import (
     CAR_KINDS,
@@ -28,38 +29,13 @@ from toolkit.bodies.drawn_cars import (
     plank,
     trailer,
 )
-from toolkit.bodies.people import (
-    Figure,
-    backpack,
-    bag,
-    bicycle,
-    hat,
-    motorcycle,
-    person,
-    pushchair,
-    rider,
-    scale_mesh,
-    scooter,
-    skirt,
-    stick,
-    striding,
-    trolley,
-    umbrella,
-)
+from toolkit.bodies.people import AT_AN_EAR, PUSHING, Figure, Pair, pair, person, rider, scale_mesh, standing, striding
 from toolkit.bodies.vehicles import make_wheel
 from toolkit.mesh import Mesh, Vector, box, flip_sides, loft, merge, shift, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
 
-SUPERSTRUCTURES = {
-    "box": 0.32,
-    "curtain": 0.12,
-    "flatbed": 0.16,
-    "tipper": 0.13,
-    "tank": 0.07,
-    "refuse": 0.07,
-    "container": 0.08,
-    "mixer": 0.05,
-}
+SUPERSTRUCTURES = {"box": 0.32, "curtain": 0.12, "flatbed": 0.16, "tipper": 0.13}  # and their shares
+SUPERSTRUCTURES |= {"tank": 0.07, "refuse": 0.07, "container": 0.08, "mixer": 0.05}
 BUSES = ("minibus", "bus", "bendy_bus")
 
 Built = tuple[str, Mesh, Mesh]  # kind, the body in its box, mirrors outside it
@@ -113,9 +89,8 @@ def _cab(front: float, width: float, height: float, deep: float, rng: np.random.
     if rng.random() < 0.25:
         parts.append(plank((0.5 * deep, 0.8 * width, float(rng.uniform(0.3, 0.6))), x - 0.6 * deep, 0.0, height - 0.03))
     high, out = float(rng.uniform(0.25, 0.5)), float(rng.uniform(0.1, 0.28))
-    mirror = box(
-        (float(rng.uniform(0.06, 0.2)), out + 0.04, high), (x - 0.2, width / 2 + out / 2 - 0.02, 0.68 * height)
-    )
+    size = float(rng.uniform(0.06, 0.2)), out + 0.04, high
+    mirror = box(size, (x - 0.2, width / 2 + out / 2 - 0.02, 0.68 * height))
     return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
@@ -124,17 +99,8 @@ def _loft_chamfered(stations: list[tuple[float, float, float, float]]) -> Mesh:
     rings = []
     for x, width, low, top in stations:
         y, c = width / 2, 0.06
-        ring = [
-            (-y + c, low),
-            (y - c, low),
-            (y, low + c),
-            (y, top - c),
-            (y - c, top),
-            (c - y, top),
-            (-y, top - c),
-            (-y, low + c),
-        ]
-        rings.append([(x, *point) for point in ring])
+        ring = [(-y + c, low), (y - c, low), (y, low + c), (y, top - c), (y - c, top), (c - y, top)]
+        rings.append([(x, *point) for point in (*ring, (-y, top - c), (-y, low + c))])
     return loft(np.array(rings))
 
 
@@ -150,23 +116,13 @@ def _superstructure(
         sides = width if kind != "container" else min(width, 2.44)
         return kind, merge([deck, _loft_chamfered([(rear, sides, floor, top), (front, sides, floor, top)])])
     if kind == "refuse":
-        rings = [
-            (rear, 0.9 * width, floor - 0.2, floor + 1.2),
-            (rear + 0.2 * length, width, floor, top),
-            (front, width, floor, top - 0.15),
-        ]
-        return kind, merge([deck, _loft_chamfered(rings)])
+        rings = [(rear, 0.9 * width, floor - 0.2, floor + 1.2), (rear + 0.2 * length, width, floor, top)]
+        return kind, merge([deck, _loft_chamfered([*rings, (front, width, floor, top - 0.15)])])
     if kind == "tank":
         radius = min(width / 2, float(rng.uniform(0.75, 1.2)))
-        line = [
-            (rear, 0.0, floor + radius),
-            (rear + 0.15, 0.0, floor + radius),
-            (front - 0.15, 0.0, floor + radius),
-            (front, 0.0, floor + radius),
-        ]
-        return kind, merge(
-            [deck, tube(line, [0.7 * radius, radius, radius, 0.7 * radius], 14, flat=width / 2 / radius)]
-        )
+        line = [(x, 0.0, floor + radius) for x in (rear, rear + 0.15, front - 0.15, front)]
+        radii = [0.7 * radius, radius, radius, 0.7 * radius]
+        return kind, merge([deck, tube(line, radii, 14, flat=width / 2 / radius)])
     if kind == "mixer":
         line = [(rear, 0.0, floor + 1.5), (middle, 0.0, floor + 1.25), (front - 0.1, 0.0, floor + 1.0)]
         return kind, merge([deck, tube(line, [0.45, min(1.15, width / 2), 0.6], 14)])
@@ -179,9 +135,8 @@ def _superstructure(
         parts.append(mound(heap, middle, floor + 0.12))
     elif chance < 0.75:
         sizes = rng.uniform((0.15, 0.5, 0.4), (0.3, 0.95, 1.6), (3, 3)) * [length, width - 0.15, 1.0]
-        parts += [
-            plank((a, b, c), rear + length * (0.2 + 0.3 * k), 0.0, floor) for k, (a, b, c) in enumerate(sizes.tolist())
-        ]
+        for k, (a, b, c) in enumerate(sizes.tolist()):
+            parts.append(plank((a, b, c), rear + length * (0.2 + 0.3 * k), 0.0, floor))
     return kind, merge(parts)
 
 
@@ -196,8 +151,7 @@ def _chassis(length: float, width: float, floor: float, deep: float, rng: np.ran
 
 def _wheels(rows: list[float], width: float, radius: float) -> list[Mesh]:
     """Pair of wheels at every x."""
-    breadth = 0.3
-    one = make_wheel(0.0, width / 2 - breadth / 2 - 0.02, radius, breadth, 12)
+    one = make_wheel(0.0, width / 2 - 0.15 - 0.02, radius, 0.3, 12)
     wheels = [shift(one, x) for x in rows]
     return wheels + [flip_sides(wheel) for wheel in wheels]
 
@@ -223,20 +177,15 @@ def _bus(rng: np.random.Generator) -> Built:
     if bendy:
         fold = -0.05 * length
         bellows = [(fold - 0.7, width), (fold - 0.65, 0.9 * width), (fold + 0.65, 0.9 * width), (fold + 0.7, width)]
-        rings[3:3] = [
-            (at, wide, low + (0.1 if wide < width else 0), height - (0.12 if wide < width else 0))
-            for at, wide in bellows
-        ]
+        folds = ((at, wide, 0.1 if wide < width else 0, 0.12 if wide < width else 0) for at, wide in bellows)
+        rings[3:3] = [(at, wide, low + sill, height - lid) for at, wide, sill, lid in folds]
     parts = [_loft_chamfered(rings)]
     for share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
         size = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
         parts.append(plank(size, share * (x - 1.5), 0.0, height - 0.03))
     radius = float(np.clip(0.03 * length + 0.12, 0.34, 0.5))
-    rows = [
-        x - float(rng.uniform(0.16, 0.24)) * min(length, 12.0),
-        -x + float(rng.uniform(0.22, 0.3)) * min(length, 12.0),
-    ]
-    rows += [0.08 * length] if bendy else []
+    overhangs = [float(rng.uniform(*ends)) * min(length, 12.0) for ends in ((0.16, 0.24), (0.22, 0.3))]
+    rows = [x - overhangs[0], -x + overhangs[1], *([0.08 * length] if bendy else [])]
     high, out = float(rng.uniform(0.25, 0.45)), float(rng.uniform(0.12, 0.28))
     at = x + float(rng.uniform(-0.3, -0.1))
     mirror = box((0.14, out + 0.06, high), (at, 0.48 * width + out / 2, low + 0.6 * (height - low)))
@@ -245,10 +194,6 @@ def _bus(rng: np.random.Generator) -> Built:
 
 
 PEOPLE = ("adult", "child", "pram", "walker", "wheelchair")
-_PUSHING = {
-    "elbows": ((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
-    "hands": ((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
-}
 
 
 def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
@@ -259,46 +204,32 @@ def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
     if chance < 0.2:
         height = float(rng.uniform(0.95, 1.55))
         parts = [person(_walking(rng, stout=rng.uniform(0.92, 1.12)), height)]
-        parts += [backpack(height)] if rng.random() < 0.3 else []
+        parts += [people.backpack(height)] if rng.random() < 0.3 else []
         return "child", standing(merge(parts))
     height = float(np.clip(rng.normal(1.71, 0.09), 1.48, 2.02))
     if chance < 0.25:
-        pushing = replace(_walking(rng), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
-        return "pram", standing(
-            merge([person(pushing, height), scale_mesh(pushchair(), float(rng.uniform(0.85, 1.1)))])
-        )
+        pushing = person(replace(_walking(rng), **PUSHING), height)
+        return "pram", standing(merge([pushing, scale_mesh(people.pushchair(height), float(rng.uniform(0.85, 1.1)))]))
     if chance < 0.27:
-        pushing = replace(_walking(rng, lean=0.06), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
-        return "walker", standing(merge([person(pushing, height), _walker(height)]))
+        legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], 0.015, 5) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
+        wheels = [make_wheel(x, y, 0.09, 0.04, 8) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
+        pushing = person(replace(_walking(rng, lean=0.06), **PUSHING), height)
+        return "walker", standing(merge([pushing, *legs, *wheels, plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)]))
     figure = _walking(rng, stout=float(np.clip(rng.normal(1.0, 0.13), 0.8, 1.4)))
     parts = [person(figure, height)]
     wears, carries = rng.random(2)
     if wears < 0.2:
-        parts.append(skirt(height, float(rng.uniform(0.1, 0.34)), figure.stout))
+        parts.append(people.skirt(height, float(rng.uniform(0.1, 0.34)), figure.stout))
     elif wears < 0.28:
-        parts.append(hat(height))
-    for least, extra in ((0.08, backpack), (0.2, bag), (0.25, umbrella), (0.28, stick)):
-        if carries < least:
-            parts.append(extra(height))
-            break
-    else:
-        if carries < 0.32:
-            parts.append(trolley())
+        parts.append(people.hat(height))
+    extras = {0.08: people.backpack, 0.2: people.bag, 0.25: people.umbrella, 0.28: people.stick, 0.32: people.trolley}
+    parts += [extra(height) for least, extra in extras.items() if carries < least][:1]
     return "adult", standing(merge(parts))
 
 
 def draw_pose(rng: np.random.Generator, stout: float) -> Figure:
     """Draw a standing pose: arms hanging or at an ear."""
-    figure = replace(Figure(), stout=stout)
-    if rng.random() < 0.25:
-        elbows, hands = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
-        figure = replace(figure, elbows=elbows, hands=hands)
-    return figure
-
-
-def standing(mesh: Mesh) -> Mesh:
-    """Move a mesh onto z = 0."""
-    return Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.triangles)
+    return replace(Figure(), stout=stout, **(AT_AN_EAR if rng.random() < 0.25 else {}))
 
 
 def _walking(rng: np.random.Generator, stout: float | None = None, lean: float | None = None) -> Figure:
@@ -307,16 +238,13 @@ def _walking(rng: np.random.Generator, stout: float | None = None, lean: float |
         return draw_pose(rng, stout)
     lean = float(rng.uniform(0.0, 0.05)) if lean is None else lean
     figure = striding(float(rng.uniform(0.08, 0.45)), float(rng.uniform(0.2, 1.0)), lean, stout)
-    return figure if rng.random() < 0.5 else _other_foot(figure)
-
-
-def _other_foot(figure: Figure) -> Figure:
-    """Figure with left and right exchanged."""
-    swapped = {
-        name: tuple((x, -y, z) for x, y, z in reversed(getattr(figure, name)))
-        for name in ("knees", "ankles", "elbows", "hands")
-    }
-    return replace(figure, **swapped)  # type: ignore[arg-type]  # pairs by construction
+    if rng.random() < 0.5:
+        return figure
+    joints: dict[str, Pair] = {name: getattr(figure, name) for name in ("knees", "ankles", "elbows", "hands")}
+    swapped: dict[str, Pair] = {}  # left and right
+    for name, (left, right) in joints.items():
+        swapped[name] = (right[0], -right[1], right[2]), (left[0], -left[1], left[2])
+    return replace(figure, **swapped)
 
 
 def _wheelchair(rng: np.random.Generator) -> Mesh:
@@ -325,29 +253,21 @@ def _wheelchair(rng: np.random.Generator) -> Mesh:
     half, seat = float(rng.uniform(0.26, 0.31)), float(rng.uniform(0.45, 0.52))
     hip = seat / height + 0.05
     figure = Figure(
-        hip=(-0.05, 0.0, hip),
-        neck=(-0.07, 0.0, hip + 0.31),
-        knees=((0.19, 0.06, hip + 0.02), (0.19, -0.06, hip + 0.02)),
-        ankles=((0.26, 0.05, 0.1), (0.26, -0.05, 0.1)),
-        elbows=((0.0, 0.16, hip + 0.13), (0.0, -0.16, hip + 0.13)),
-        hands=((0.14, 0.13, hip + 0.09), (0.14, -0.13, hip + 0.09)),
+        (-0.05, 0.0, hip),
+        (-0.07, 0.0, hip + 0.31),
+        knees=pair(0.19, 0.06, hip + 0.02),
+        ankles=pair(0.26, 0.05, 0.1),
+        elbows=pair(0.0, 0.16, hip + 0.13),
+        hands=pair(0.14, 0.13, hip + 0.09),
         stout=float(rng.uniform(0.9, 1.2)),
     )
     wheels = [make_wheel(-0.08, half, radius, 0.04, 14), make_wheel(0.38, half - 0.05, 0.08, 0.04, 8)]
     chair = [plank((0.42, 1.7 * half, 0.06), 0.0, 0.0, seat - 0.06), plank((0.05, 1.7 * half, 0.45), -0.24, 0.0, seat)]
     parts = [person(figure, height), *wheels, *(flip_sides(wheel) for wheel in wheels), *chair]
     if rng.random() < 0.3:
-        pushing = replace(_walking(rng), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
-        companion = person(pushing, float(rng.uniform(1.55, 1.85)))
-        parts.append(shift(companion, -0.75))
+        pushing = replace(_walking(rng), **PUSHING)
+        parts.append(shift(person(pushing, float(rng.uniform(1.55, 1.85))), -0.75))
     return merge(parts)
-
-
-def _walker(height: float) -> Mesh:
-    """Frame on four wheels, held in front."""
-    legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], 0.015, 5) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
-    wheels = [make_wheel(x, y, 0.09, 0.04, 8) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
-    return merge([*legs, *wheels, plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)])
 
 
 TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter")  # each also "_alone"
@@ -369,7 +289,7 @@ def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
         height = float(np.clip(rng.normal(1.73, 0.09), 1.5, 2.0))
         scale = float(np.clip(height / 1.74 + rng.uniform(-0.07, 0.07), 0.85, 1.12))
     sporty = float(rng.uniform(0, 1))  # 0 upright, 1 bent over a racing bar
-    bike = scale_mesh(_bare_bicycle(int(rng.integers(31, 37))), scale)
+    bike = scale_mesh(_bare_bicycle(int(rng.integers(31, 37)) / 100), scale)
     parts, kind = [_longer(bike, float(rng.uniform(0.95, 1.08)))], "bicycle"
     extra = rng.random()
     if scale > 0.84 and extra < 0.1:
@@ -395,16 +315,11 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     if rng.random() < 0.15:
         return "e_scooter_alone", merge(parts)
     height = float(np.clip(rng.normal(1.73, 0.09), 1.35, 2.0))
-    hand = ((half - 0.18 + 0.12) / height, 0.22 / height, (bar - radius - 0.06) / height)
-    pose = draw_pose(rng, float(rng.uniform(0.85, 1.2)))
-    figure = type(pose)(
-        ankles=((0.06, 0.025, 0.035), (-0.12, -0.025, 0.035)),
-        elbows=((0.03, 0.15, 0.66), (0.03, -0.15, 0.66)),
-        hands=(hand, (hand[0], -hand[1], hand[2])),
-        stout=pose.stout,
-    )
-    body = person(figure, height)
-    parts.append(shift(standing(body), -0.12, 0.0, radius + 0.06))
+    hand = pair((half - 0.18 + 0.12) / height, 0.22 / height, (bar - radius - 0.06) / height)
+    stout = draw_pose(rng, float(rng.uniform(0.85, 1.2))).stout
+    ankles = (0.06, 0.025, 0.035), (-0.12, -0.025, 0.035)
+    figure = Figure(ankles=ankles, elbows=pair(0.03, 0.15, 0.66), hands=hand, stout=stout)
+    parts.append(shift(standing(person(figure, height)), -0.12, 0.0, radius + 0.06))
     return "e_scooter", merge(parts)
 
 
@@ -425,18 +340,11 @@ def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     if rng.random() < RIDERLESS:
         return "scooter_alone", bike
     height = float(np.clip(rng.normal(1.71, 0.09), 1.5, 1.98))
-    on = [
-        rider(
-            height,
-            0.79 * scale,
-            (0.42 * scale, 0.27, 0.98 * scale),
-            upright=float(rng.uniform(0.9, 0.98)),
-            stout=float(rng.uniform(0.9, 1.15)),
-            rest=(0.31 * scale, 0.32 * scale),
-        )
-    ]
+    upright, stout = float(rng.uniform(0.9, 0.98)), float(rng.uniform(0.9, 1.15))
+    grip, rest = (0.42 * scale, 0.27, 0.98 * scale), (0.31 * scale, 0.32 * scale)
+    on = [rider(height, 0.79 * scale, grip, upright=upright, stout=stout, rest=rest)]
     if rng.random() < 0.25:
-        pack = backpack(height)  # a courier's
+        pack = people.backpack(height)  # a courier's
         on.append(Mesh(pack.vertices * [1.6, 1.4, 1.0] + [-0.2, 0.0, 0.79 * scale - 0.45 * height], pack.triangles))
     return "scooter", merge([bike, *on, *_second(on[:1], 0.35 * scale, rng)])
 
@@ -448,12 +356,7 @@ def _second(on: list[Mesh], behind: float, rng: np.random.Generator) -> list[Mes
     return [Mesh(mesh.vertices * [0.8, 0.95, 0.97] + [-behind - 0.05, 0.0, 0.08], mesh.triangles) for mesh in on]
 
 
-@cache
-def _bare_bicycle(wheel_cm: int) -> Mesh:
-    return bicycle(wheel_cm / 100)
-
-
-_bare_motorcycle, _bare_scooter = cache(motorcycle), cache(scooter)
+_bare_bicycle, _bare_motorcycle, _bare_scooter = cache(people.bicycle), cache(people.motorcycle), cache(people.scooter)
 
 
 def _longer(mesh: Mesh, factor: float) -> Mesh:
@@ -465,9 +368,7 @@ TOWING = 0.1  # of the heavy vehicles are cars with a trailer
 
 
 def draw_body(label: int | str, rng: np.random.Generator) -> Body:
-    """Draw a body of a class: vehicle, cyclist, pedestrian or heavy.
-
-    Its name says its kind.
+    """Draw a body of a class: vehicle, cyclist, pedestrian or heavy. Its name says its kind.
 
     >>> body = draw_body("vehicle", np.random.default_rng(0))
     >>> body.label, len(body.size)
@@ -478,29 +379,21 @@ def draw_body(label: int | str, rng: np.random.Generator) -> Body:
     return make_boxed_body(f"{LABELS[label]}/{kind}", label, mesh, outside)
 
 
-def draw_bodies(rng: np.random.Generator, counts: dict[int, int]) -> tuple[Body, ...]:
-    """Draw the given number of bodies of each class, in that order."""
-    return tuple(draw_body(label, rng) for label, count in counts.items() for _ in range(count))
-
-
 def possible_names() -> tuple[str, ...]:
     """Names that drawn bodies may have: class and kind."""
     cars = [kind.name for kind in CAR_KINDS]
+    towing = [f"{car}_with_{behind}" for car in cars for behind in TRAILERS]
+    trucks = [name for form in ("{}_truck", "articulated_{}") for name in map(form.format, SUPERSTRUCTURES)]
     kinds = {
         VEHICLE: [*cars, *(f"block_{car}" for car in cars), *(f"{car}_{load}" for car in cars for load in CARRIED)],
         CYCLIST: [*TWO_WHEELERS, *(f"{kind}_alone" for kind in TWO_WHEELERS)],
-        PEDESTRIAN: list(PEOPLE),
-        HEAVY: [
-            *(f"{load}_truck" for load in SUPERSTRUCTURES),
-            *(f"articulated_{load}" for load in SUPERSTRUCTURES),
-            *BUSES,
-            *(f"{car}_with_{behind}" for car in cars for behind in TRAILERS),
-        ],
+        PEDESTRIAN: PEOPLE,
+        HEAVY: [*trucks, *BUSES, *towing],
     }
     return tuple(f"{LABELS[label]}/{name}" for label, names in kinds.items() for name in names)
 
 
-def _car(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:
+def _car(rng: np.random.Generator) -> Built:
     shape = draw_proportions(rng)
     if rng.random() < BLOCKS:
         return f"block_{shape.kind}", build_block_car(shape, rng), mirrors(shape, rng)
@@ -509,7 +402,7 @@ def _car(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:
     return name, merge([loft_car(shape), load]), mirrors(shape, rng)
 
 
-def _heavy(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:
+def _heavy(rng: np.random.Generator) -> Built:
     if rng.random() >= TOWING:
         return draw_heavy(rng)
     shape = draw_proportions(rng)
@@ -517,13 +410,9 @@ def _heavy(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:
     return f"{shape.kind}_with_{kind}", merge([loft_car(shape), behind]), mirrors(shape, rng)
 
 
-def _without_mirrors(kind: str, mesh: Mesh) -> tuple[str, Mesh, Mesh]:
-    return kind, mesh, NOTHING
-
-
 _DRAW = {
     VEHICLE: _car,
-    CYCLIST: lambda rng: _without_mirrors(*draw_two_wheeler(rng)),
-    PEDESTRIAN: lambda rng: _without_mirrors(*draw_person(rng)),
+    CYCLIST: lambda rng: (*draw_two_wheeler(rng), NOTHING),
+    PEDESTRIAN: lambda rng: (*draw_person(rng), NOTHING),
     HEAVY: _heavy,
 }

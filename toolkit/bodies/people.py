@@ -11,20 +11,34 @@ import numpy as np
 from toolkit.bodies.vehicles import make_wheel
 from toolkit.mesh import Mesh, Vector, box, ellipsoid, flip_sides, loft, merge, place, tube
 
+Pair = tuple[Vector, Vector]  # left and right
+
+
+def pair(x: float, y: float, z: float) -> Pair:
+    """Return a point on the left and its mirror image."""
+    return (x, y, z), (x, -y, z)
+
+
+PUSHING = {"elbows": pair(0.02, 0.14, 0.65), "hands": pair(0.20, 0.12, 0.58)}
+AT_AN_EAR: dict[str, Pair] = {
+    "elbows": ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)),
+    "hands": ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80)),
+}
+
 
 @dataclass(frozen=True)
 class Figure:
     """Joints of a person 1 unit tall facing +x, y left.
 
-    A limb's two entries are left and right. stout: breadth of trunk and limbs relative to an average adult.
+    stout: breadth of trunk and limbs relative to an average adult.
     """
 
     hip: Vector = (0.0, 0.0, 0.52)
     neck: Vector = (0.01, 0.0, 0.83)
-    knees: tuple[Vector, Vector] = ((0.02, 0.055, 0.28), (0.02, -0.055, 0.28))
-    ankles: tuple[Vector, Vector] = ((0.0, 0.06, 0.035), (0.0, -0.06, 0.035))
-    elbows: tuple[Vector, Vector] = ((-0.02, 0.145, 0.64), (-0.02, -0.145, 0.64))
-    hands: tuple[Vector, Vector] = ((0.03, 0.15, 0.47), (0.03, -0.15, 0.47))
+    knees: Pair = ((0.02, 0.055, 0.28), (0.02, -0.055, 0.28))
+    ankles: Pair = ((0.0, 0.06, 0.035), (0.0, -0.06, 0.035))
+    elbows: Pair = ((-0.02, 0.145, 0.64), (-0.02, -0.145, 0.64))
+    hands: Pair = ((0.03, 0.15, 0.47), (0.03, -0.15, 0.47))
     stout: float = 1.0
 
 
@@ -46,11 +60,14 @@ def person(figure: Figure, height: float) -> Mesh:
     stout = figure.stout
     head = _beyond(figure.neck, 0.012, 0.0, 0.105)
     parts = [ellipsoid(head, (0.055, 0.045, 0.066), 5, 8), tube([figure.neck, head], 0.032, 6)]
-    parts.append(_trunk(figure))
+    hip, neck = np.array(_beyond(figure.hip, 0.0, 0.0, -0.03)), np.array(figure.neck)
+    rings = [(0.0, 0.075, 0.098), (0.25, 0.072, 0.092), (0.55, 0.076, 0.100), (0.85, 0.070, 0.118), (1.0, 0.035, 0.050)]
+    trunk = [hip + t * (neck - hip) + _circle() * [a * stout, b * stout, 1] for t, a, b in rings]
+    parts.append(loft(np.stack(trunk)))  # chest and belly
     for side, y in ((0, 1), (1, -1)):
-        hip = _beyond(figure.hip, 0.0, 0.045 * y, 0.0)
+        hip_joint = _beyond(figure.hip, 0.0, 0.045 * y, 0.0)
         shoulder = _beyond(figure.neck, -0.01, 0.105 * y * (0.6 + 0.4 * stout), -0.025)
-        leg = [hip, figure.knees[side], figure.ankles[side]]
+        leg = [hip_joint, figure.knees[side], figure.ankles[side]]
         arm = [shoulder, figure.elbows[side], figure.hands[side]]
         foot = _beyond(figure.ankles[side], 0.035, 0.0, -0.015)
         parts.append(tube(leg, [0.052 * stout, 0.036 * stout, 0.025], 6))
@@ -60,15 +77,9 @@ def person(figure: Figure, height: float) -> Mesh:
     return scale_mesh(merge(parts), height)
 
 
-def _trunk(figure: Figure) -> Mesh:
-    """Chest and belly: elliptical rings from the hip up to the shoulders."""
+def _circle() -> np.ndarray:
     angle = np.arange(10) * 2 * np.pi / 10
-    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    hip, neck = np.array(_beyond(figure.hip, 0.0, 0.0, -0.03)), np.array(figure.neck)
-    rings = [(0.0, 0.075, 0.098), (0.25, 0.072, 0.092), (0.55, 0.076, 0.100), (0.85, 0.070, 0.118), (1.0, 0.035, 0.050)]
-    return loft(
-        np.stack([hip + t * (neck - hip) + circle * [a * figure.stout, b * figure.stout, 1] for t, a, b in rings])
-    )
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
 
 
 def skirt(height: float, hem: float, stout: float = 1.0) -> Mesh:
@@ -80,15 +91,12 @@ def skirt(height: float, hem: float, stout: float = 1.0) -> Mesh:
 def umbrella(height: float) -> Mesh:
     """Open umbrella held in the right hand over the head."""
     x, y, top = 0.12 * height, -0.10 * height, 1.2 * height
-    angle = np.arange(10) * 2 * np.pi / 10
-    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    dome = [
-        ring * r + [x, y, top - drop] for r, drop in ((0.47, 0.26), (0.48, 0.24), (0.36, 0.1), (0.18, 0.02), (0.01, 0))
-    ]
+    bows = ((0.47, 0.26), (0.48, 0.24), (0.36, 0.1), (0.18, 0.02), (0.01, 0))
+    dome = [_circle() * r + [x, y, top - drop] for r, drop in bows]
     return merge([loft(np.stack(dome)), tube([(x, y, 0.55 * height), (x, y, top)], 0.012, 5)])
 
 
-def pushchair() -> Mesh:
+def pushchair(height: float) -> Mesh:
     """Pushchair with a child, 0.75 m ahead of the person pushing."""
     wheels = [make_wheel(x, y, 0.11, 0.05, 10) for x in (0.62, 1.15) for y in (-0.24, 0.24)]
     seat = place(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
@@ -96,11 +104,10 @@ def pushchair() -> Mesh:
     return merge([*wheels, seat, *bars, tube([(0.36, -0.22, 1.0), (0.36, 0.22, 1.0)], 0.015, 5)])
 
 
-def trolley() -> Mesh:
+def trolley(height: float) -> Mesh:
     """Suitcase on wheels, drawn behind."""
-    return merge(
-        [box((0.26, 0.42, 0.58), (-0.55, -0.30, 0.34)), tube([(-0.45, -0.30, 0.6), (-0.15, -0.28, 0.85)], 0.012, 5)]
-    )
+    handle = tube([(-0.45, -0.30, 0.6), (-0.15, -0.28, 0.85)], 0.012, 5)
+    return merge([box((0.26, 0.42, 0.58), (-0.55, -0.30, 0.34)), handle])
 
 
 def bag(height: float) -> Mesh:
@@ -126,19 +133,9 @@ def stick(height: float) -> Mesh:
 
 def pedestrians() -> dict[str, Mesh]:
     """Fourteen people on foot, 1.1 to 1.95 m tall. Umbrellas, hats and loads come on top."""
-    arms_up = replace(
-        Figure(), elbows=((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), hands=((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
-    )
-    pushing = replace(
-        striding(0.22),
-        elbows=((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
-        hands=((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
-    )
-    holding = replace(
-        striding(0.2),
-        elbows=((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68)),
-        hands=((0.02, 0.15, 0.48), (0.065, -0.06, 0.74)),
-    )
+    arms_up, pushing = replace(Figure(), **AT_AN_EAR), replace(striding(0.22), **PUSHING)
+    elbows, hands = ((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68)), ((0.02, 0.15, 0.48), (0.065, -0.06, 0.74))
+    holding = replace(striding(0.2), elbows=elbows, hands=hands)
     people: dict[str, tuple[Figure, float, Callable[[float], Mesh] | None]] = {
         "man_standing": (Figure(), 1.80, None),
         "woman_standing_bag": (replace(Figure(), stout=0.88), 1.66, bag),
@@ -150,20 +147,22 @@ def pedestrians() -> dict[str, Mesh]:
         "schoolchild_with_rucksack": (striding(0.28, stout=0.95), 1.36, backpack),
         "woman_in_a_coat": (striding(0.16, stout=0.95), 1.62, lambda h: skirt(h, 0.20)),
         "man_with_umbrella": (holding, 1.77, umbrella),
-        "woman_with_pushchair": (pushing, 1.69, lambda h: pushchair()),
+        "woman_with_pushchair": (pushing, 1.69, pushchair),
         "old_man_with_stick": (striding(0.18, lean=0.09), 1.65, lambda h: merge([stick(h), hat(h)])),
-        "traveller_with_suitcase": (striding(0.34), 1.73, lambda h: trolley()),
+        "traveller_with_suitcase": (striding(0.34), 1.73, trolley),
         "man_telephoning": (arms_up, 1.76, None),
     }
-    return {
-        name: merge([_exactly(person(figure, height), height), *([extra(height)] if extra else [])])
-        for name, (figure, height, extra) in people.items()
-    }
+    made = {}
+    for name, (figure, height, extra) in people.items():
+        body = standing(person(figure, height))
+        body = scale_mesh(body, height / body.vertices[:, 2].max())
+        made[name] = merge([body, *([extra(height)] if extra else [])])
+    return made
 
 
-def _exactly(mesh: Mesh, height: float) -> Mesh:
-    standing = Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.triangles)
-    return scale_mesh(standing, height / standing.vertices[:, 2].max())
+def standing(mesh: Mesh) -> Mesh:
+    """Move a mesh onto z = 0."""
+    return Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.triangles)
 
 
 def scale_mesh(mesh: Mesh, factor: float) -> Mesh:
@@ -184,10 +183,7 @@ def two_wheelers() -> dict[str, Mesh]:
         "child_bicycle": (scale_mesh(bicycle(0.34), 0.72), rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98)),
         "cargo_bicycle": (bicycle(0.33), crate, rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1)),
         "motorcycle": (motorcycle(), rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36))),
-        "sport_motorcycle": (
-            motorcycle(fairing=True),
-            rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42)),
-        ),
+        "sport_motorcycle": (motorcycle(True), rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42))),
         "scooter": (scooter(), rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, rest=(0.31, 0.32))),
     }
     return {name: merge(parts) for name, parts in people.items()}
@@ -210,18 +206,15 @@ def rider(
     back, x0 = 0.31, -0.2 / height
     hip = (x0, 0.0, saddle / height + 0.045)
     neck = (x0 + back * math.sqrt(1 - upright**2) + 0.03, 0.0, hip[2] + back * upright)
-    hands = tuple((grip[0] / height, y * grip[1] / height, grip[2] / height) for y in (1, -1))
-    elbows = tuple(
-        ((neck[0] + hand[0]) / 2 - 0.02, math.copysign(0.155, hand[1]), (neck[2] + hand[2]) / 2 - 0.05)
-        for hand in hands
+    hands = pair(grip[0] / height, grip[1] / height, grip[2] / height)
+    elbows = pair((neck[0] + hands[0][0]) / 2 - 0.02, 0.155, (neck[2] + hands[0][2]) / 2 - 0.05)
+    left, right = ((0.14, 0.13), (-0.10, 0.36)) if rest is None else (rest, rest)
+    ankles = (
+        ((left[0] - 0.02) / height, 0.11 / height, left[1] / height + 0.035),
+        ((right[0] - 0.02) / height, -0.11 / height, right[1] / height + 0.035),
     )
-    pedals = ((0.14, 0.13), (-0.10, 0.36)) if rest is None else (rest, rest)
-    ankles = tuple(
-        ((x - 0.02) / height, y * 0.11 / height, z / height + 0.035) for (x, z), y in zip(pedals, (1, -1), strict=True)
-    )
-    knees = tuple(_knee(hip, ankle) for ankle in ankles)
-    figure = Figure(hip, neck, knees, ankles, elbows, hands, stout)  # type: ignore[arg-type]  # pairs by construction
-    return person(figure, height)
+    knees = _knee(hip, ankles[0]), _knee(hip, ankles[1])
+    return person(Figure(hip, neck, knees, ankles, elbows, hands, stout), height)
 
 
 def _knee(hip: Vector, ankle: Vector) -> Vector:
@@ -249,15 +242,12 @@ def _tyre(x: float, radius: float, thickness: float) -> Mesh:
     """Ring of a wheel, open between the spokes, standing on z = 0."""
     around, across = np.arange(21) * 2 * np.pi / 20, np.arange(5) * 2 * np.pi / 5
     distance = radius - thickness * (1 - np.cos(across))
-    rings = np.stack(
-        [
-            x + np.sin(around)[:, None] * distance,
-            np.sin(across)[None] * thickness + 0 * around[:, None],
-            radius - np.cos(around)[:, None] * distance,
-        ],
-        axis=-1,
+    rings = (
+        x + np.sin(around)[:, None] * distance,
+        np.sin(across)[None] * thickness + 0 * around[:, None],
+        radius - np.cos(around)[:, None] * distance,
     )
-    return loft(rings)
+    return loft(np.stack(rings, axis=-1))
 
 
 def motorcycle(fairing: bool = False) -> Mesh:
@@ -267,10 +257,8 @@ def motorcycle(fairing: bool = False) -> Mesh:
     parts += [tube([(-0.95, 0.0, 0.80), (-0.55, 0.0, 0.78), (0.0, 0.0, 0.74)], [0.06, 0.13, 0.12], 8)]
     parts += [tube([(0.74, y, 0.30), (0.46, y, 0.92)], 0.03, 5) for y in (-0.1, 0.1)]
     parts += [tube([(0.48, -0.33, 1.0), (0.50, 0.0, 0.96), (0.48, 0.33, 1.0)], 0.02, 5)]
-    parts += [
-        ellipsoid((0.60, 0.0, 0.86), (0.10, 0.10, 0.11)),
-        tube([(-0.75, -0.17, 0.38), (0.0, -0.17, 0.28)], 0.06, 6),
-    ]
+    parts += [ellipsoid((0.60, 0.0, 0.86), (0.10, 0.10, 0.11))]
+    parts += [tube([(-0.75, -0.17, 0.38), (0.0, -0.17, 0.28)], 0.06, 6)]
     if fairing:
         parts += [ellipsoid((0.52, 0.0, 0.72), (0.36, 0.22, 0.34)), ellipsoid((-0.78, 0.0, 0.92), (0.26, 0.10, 0.09))]
     return merge(parts)
@@ -283,10 +271,6 @@ def scooter() -> Mesh:
     parts += [tube([(0.36, 0.0, 0.28), (0.40, 0.0, 0.60), (0.36, 0.0, 0.92)], [0.10, 0.12, 0.06], 8, flat=1.9)]
     parts += [tube([(0.60, 0.0, 0.24), (0.38, 0.0, 0.92)], 0.04, 6)]
     grips = tube([(0.36, -0.30, 0.98), (0.38, 0.0, 0.95), (0.36, 0.30, 0.98)], 0.02, 5)
-    mirror = merge(
-        [
-            ellipsoid((0.40, 0.27, 1.12), (0.02, 0.06, 0.05), 3, 6),
-            tube([(0.37, 0.24, 0.98), (0.40, 0.27, 1.12)], 0.01, 4),
-        ]
-    )
+    arm = tube([(0.37, 0.24, 0.98), (0.40, 0.27, 1.12)], 0.01, 4)
+    mirror = merge([ellipsoid((0.40, 0.27, 1.12), (0.02, 0.06, 0.05), 3, 6), arm])
     return merge([*parts, grips, mirror, flip_sides(mirror)])

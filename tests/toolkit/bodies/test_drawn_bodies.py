@@ -12,14 +12,13 @@ from toolkit.bodies.drawn_bodies import (
     RIDERLESS,
     SUPERSTRUCTURES,
     TWO_WHEELERS,
-    draw_bodies,
     draw_body,
     draw_heavy,
     draw_person,
     draw_pose,
     draw_two_wheeler,
-    standing,
 )
+from toolkit.bodies.people import standing
 from toolkit.mesh import Mesh, box, volume
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
@@ -130,7 +129,13 @@ def test_sizes_are_those_of_the_kind_of_two_wheelers(kind, low, high):
 
 
 COUNT = 120
-BODIES = {label: draw_bodies(np.random.default_rng(label), {label: COUNT}) for label in range(len(LABELS))}
+
+
+def draw_bodies(rng, label, count):
+    return [draw_body(label, rng) for _ in range(count)]
+
+
+BODIES = {label: draw_bodies(np.random.default_rng(label), label, COUNT) for label in range(len(LABELS))}
 RANGES = {
     VEHICLE: ((3.0, 6.3), (1.45, 2.2), (1.25, 2.6)),
     CYCLIST: ((0.8, 3.0), (0.3, 1.0), (0.5, 2.2)),
@@ -194,7 +199,7 @@ def test_the_length_of_a_car_does_not_tell_its_width_nor_its_height():
 
 def test_kinds_of_every_class_follow_the_seed():
     kinds = {
-        label: {body.name.partition("/")[2] for body in draw_bodies(np.random.default_rng(1), {label: 300})}
+        label: {body.name.partition("/")[2] for body in draw_bodies(np.random.default_rng(1), label, 300)}
         for label in RANGES
     }
     assert {"adult", "child", "pram", "walker", "wheelchair"} == kinds[PEDESTRIAN]
