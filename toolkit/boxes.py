@@ -236,9 +236,8 @@ def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
 
 
 def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of rows i of `a` (ascending) and j of `b` that may overlap.
-
-    The circles around their footprints meet; no other pair overlaps.
+    """Pairs of rows i of `a` (ascending) and j of `b` that may overlap. The circles around their footprints meet; no
+    other pair overlaps.
     """
     radius_a, radius_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
     along_x = np.argsort(b[:, 0])
@@ -297,10 +296,9 @@ def _points(points: ArrayLike) -> np.ndarray:
 
 
 def _rows_inside(points: np.ndarray, boxes: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the rows of the points in each box.
-
-    Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
-    the box's centre in float64, which keeps map coordinates of a million metres exact.
+    """Yield the rows of the points in each box. Points are sorted by their slice along x, so that a box looks at its
+    own slices only. Those few are measured from the box's centre in float64, which keeps map coordinates of a million
+    metres exact.
     """
     if not len(boxes):
         return

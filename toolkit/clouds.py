@@ -59,10 +59,8 @@ def from_depth(
     rng: np.random.Generator | None = None,
     sensor_id: int = 0,
 ) -> PointCloud:
-    """Cloud, world frame, of one depth or lidar range image.
-
-    See paper equations 1 and 2. Pixels that are NaN, infinite, zero, negative or beyond the sensor's range make no
-    point. rng draws its noise first.
+    """Cloud, world frame, of one depth or lidar range image. See paper equations 1 and 2. Pixels that are NaN,
+    infinite, zero, negative or beyond the sensor's range make no point. rng draws its noise first.
     """
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)
@@ -78,10 +76,9 @@ def frame_cloud(
     height: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> PointCloud:
-    """Fuse a frame's points inside the area.
-
-    It takes the points of all sensors, or of those chosen. It does the work of `from_depth`, `crop` and `fuse`, but
-    faster. Arguments as for `toolkit.points.frame_points`; each point carries its sensor's position in `frame.sensors`.
+    """Fuse a frame's points inside the area. It takes the points of all sensors, or of those chosen. It does the work
+    of `from_depth`, `crop` and `fuse`, but faster. Arguments as for `toolkit.points.frame_points`; each point carries
+    its sensor's position in `frame.sensors`.
     """
     chosen = select_sensors(frame.sensors, sensors)
     clouds = frame_points(frame, chosen, area=area, height=height, rng=rng)
@@ -90,9 +87,8 @@ def frame_cloud(
 
 
 def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
-    """Return a cloud of points.
-
-    All are from one sensor, or each from its own. float32 and float64 positions keep their type.
+    """Return a cloud of points. All are from one sensor, or each from its own. float32 and float64 positions keep their
+    type.
     """
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -119,10 +115,9 @@ def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
 
 
 def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> PointCloud:
-    """Return a cloud of positions and other attributes.
-
-    `positions` is (n, 3), each other attribute has n rows. All points get `sensor_id` if it is given, else their own
-    `sensor`, 0 without one. Raises ValueError if the lengths differ.
+    """Return a cloud of positions and other attributes. `positions` is (n, 3), each other attribute has n rows. All
+    points get `sensor_id` if it is given, else their own `sensor`, 0 without one. Raises ValueError if the lengths
+    differ.
     """
     own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
     number = own.reshape(-1).astype(np.int32)
@@ -144,11 +139,9 @@ def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
 
 
 def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
-    """Join the points of all clouds, in order.
-
-    Each keeps the number of its sensor. No clouds make an empty one. Attributes that all clouds have stay, in the type
-    that holds them all; a warning names those that only some have, or have in another width. Clouds without points do
-    not count.
+    """Join the points of all clouds, in order. Each keeps the number of its sensor. No clouds make an empty one.
+    Attributes that all clouds have stay, in the type that holds them all; a warning names those that only some have, or
+    have in another width. Clouds without points do not count.
     """
     parts = [attributes(cloud) for cloud in clouds]
     parts = [part for part in parts if len(part.get("positions", ()))]
@@ -197,10 +190,9 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
 
 
 def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
-    """Keep the points inside an area.
-
-    They lie at floor < z < height. area: a site, for its detection area, or xmin, ymin, xmax, ymax (m); height: by
-    default the site's own, else 4 m (paper section II-B). If the site slopes, z counts from its plane.
+    """Keep the points inside an area. They lie at floor < z < height. area: a site, for its detection area, or xmin,
+    ymin, xmax, ymax (m); height: by default the site's own, else 4 m (paper section II-B). If the site slopes, z counts
+    from its plane.
     """
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
@@ -210,11 +202,8 @@ def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: f
 def outside_radius(
     cloud: PointCloud, sensor: Sensor | Float[np.ndarray, "4 4"], radius: float, metric: Distance = "horizontal"
 ) -> PointCloud:
-    """Keep the points that hybrid fusion sends.
-
-    They are farther than `radius` (m) from the sensor (paper section II-E).
-
-    metric: "horizontal" as in the paper, or "published" as in its code; see `toolkit.points.is_beyond`.
+    """Keep the points that hybrid fusion sends. They are farther than `radius` (m) from the sensor (paper section
+    II-E). metric: "horizontal" as in the paper, or "published" as in its code; see `toolkit.points.is_beyond`.
     """
     return _select(cloud, is_beyond(positions(cloud), sensor, radius, metric))
 
@@ -242,9 +231,8 @@ def density_cdf(counts: Int[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " k"],
 
 
 class DensityMap(NamedTuple):
-    """Grid of points and sensors over an area.
-
-    Row 0 is at ymin, column 0 at xmin. points_per_m2: points per m²; sensors: number of sensors that see each cell.
+    """Grid of points and sensors over an area. Row 0 is at ymin, column 0 at xmin. points_per_m2: points per m²;
+    sensors: number of sensors that see each cell.
     """
 
     points_per_m2: Float64[np.ndarray, "rows columns"]
@@ -252,9 +240,8 @@ class DensityMap(NamedTuple):
 
 
 def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
-    """Count points per m² and distinct sensors in each cell.
-
-    cell: edge (m); the last row and column may reach past the area.
+    """Count points per m² and distinct sensors in each cell. cell: edge (m); the last row and column may reach past the
+    area.
     """
     if not cell > 0:
         raise ValueError(f"cell must be greater than 0 m, got {cell}")
@@ -271,10 +258,8 @@ def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
-    """Write a cloud as ply, pcd or npz.
-
-    It is written whole or not at all. Raises OSError if that is impossible, and ValueError for another kind of file
-    and for a cloud without points, which these formats cannot hold.
+    """Write a cloud as ply, pcd or npz. It is written whole or not at all. Raises OSError if that is impossible, and
+    ValueError for another kind of file and for a cloud without points, which these formats cannot hold.
     """
     path = Path(path)
     if not len(positions(cloud)):
@@ -291,10 +276,8 @@ def save(cloud: PointCloud, path: str | Path) -> None:
 
 
 def _writable(cloud: PointCloud, path: Path) -> PointCloud:
-    """Return the cloud as Open3D can write it.
-
-    Normals get the positions' type, as its PCD writer expects. ply and pcd lose the attributes of several columns that
-    they do not know; a warning names them.
+    """Return the cloud as Open3D can write it. Normals get the positions' type, as its PCD writer expects. ply and pcd
+    lose the attributes of several columns that they do not know; a warning names them.
     """
     columns = attributes(cloud)
     if "normals" in columns:
@@ -308,11 +291,8 @@ def _writable(cloud: PointCloud, path: Path) -> PointCloud:
 
 
 def load(path: str | Path) -> PointCloud:
-    """Read a ply, pcd or npz with all its attributes.
-
-    Without a `sensor` every point gets sensor 0.
-
-    Raises FileNotFoundError, and ValueError for a file without a cloud.
+    """Read a ply, pcd or npz with all its attributes. Without a `sensor` every point gets sensor 0. Raises
+    FileNotFoundError, and ValueError for a file without a cloud.
     """
     path = Path(path)
     if not path.is_file():

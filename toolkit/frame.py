@@ -28,11 +28,9 @@ _UNKNOWN_MODEL = SpinningLidar()  # stands for the model of a sensor that is kno
 
 @dataclass(frozen=True, eq=False)
 class SensorCloud:
-    """Points that one sensor measured.
-
-    points: (n, 3) m, in the sensor's own frame or in the world frame, as `frame` says. world_SE3_sensor: pose of the
-    sensor. time: of each point, seconds from the frame's time; intensity: as the set gives it; ring: number of the
-    laser. None where the set has none.
+    """Points that one sensor measured. points: (n, 3) m, in the sensor's own frame or in the world frame, as `frame`
+    says. world_SE3_sensor: pose of the sensor. time: of each point, seconds from the frame's time; intensity: as the
+    set gives it; ring: number of the laser. None where the set has none.
     """
 
     name: str
@@ -111,10 +109,8 @@ class Rectangle:
 
 @dataclass(frozen=True, eq=False)
 class ImageWedge:
-    """Labels are complete in what one camera sees.
-
-    projection: world → pixels, homogeneous; width, height: of the image; ignored: left, top, right, bottom of regions
-    where nobody labelled (DontCare).
+    """Labels are complete in what one camera sees. projection: world → pixels, homogeneous; width, height: of the
+    image; ignored: left, top, right, bottom of regions where nobody labelled (DontCare).
     """
 
     projection: Float64[np.ndarray, "3 4"]
@@ -377,9 +373,8 @@ def unproject(
 
 
 def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
-    """Return the positions of some sensors in `available`. wanted: names or numbers, None for all.
-
-    Raises ValueError for an unknown sensor, one chosen twice, and names that two sensors share.
+    """Return the positions of some sensors in `available`. wanted: names or numbers, None for all. Raises ValueError
+    for an unknown sensor, one chosen twice, and names that two sensors share.
     """
     names = [sensor.name for sensor in available]
     if len(set(names)) < len(names):
@@ -402,10 +397,9 @@ def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | No
 
 
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
-    """Return each sensor's measurement behind all that moves: the farthest return of each pixel.
-
-    sample: frames at most, spread over all. Nothing returned counts as farthest, so a pixel that ever sees the sky is
-    0. Raises ValueError without frames.
+    """Return each sensor's measurement behind all that moves: the farthest return of each pixel. sample: frames at
+    most, spread over all. Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises
+    ValueError without frames.
     """
     if not len(frames):
         raise ValueError("the empty scene needs a frame, got none")

@@ -68,9 +68,8 @@ def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4
 def transform(
     target_SE3_source: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*n 3"]
 ) -> Float[np.ndarray, "*n 3"]:
-    """Transform points (..., 3) of the source frame to the target frame (paper equation 1).
-
-    The dtype of `points` is kept.
+    """Transform points (..., 3) of the source frame to the target frame (paper equation 1). The dtype of `points` is
+    kept.
     """
     points = np.asarray(points)
     if points.ndim < 1 or points.shape[-1] != 3:

@@ -94,10 +94,8 @@ class _Header:
 
 
 def read_pcd(path: str | Path) -> Attributes:
-    """Read the attributes of a PCD file's points.
-
-    `positions`, `normals`, `colors` (uint8), and all other fields by their names. Raises ValueError, in one line, where
-    the file is damaged, cut off or has no x, y and z.
+    """Read the attributes of a PCD file's points. `positions`, `normals`, `colors` (uint8), and all other fields by
+    their names. Raises ValueError, in one line, where the file is damaged, cut off or has no x, y and z.
     """
     content = Path(path).read_bytes()
     try:

@@ -160,7 +160,6 @@ def is_beyond(
     metric: Distance = "horizontal",
 ) -> Bool[np.ndarray, " n"]:
     """Mask of points outside a circle of `radius` (m) about a sensor or a camera's pose (paper section II-E).
-
     "horizontal" measures in the world's horizontal plane, as the paper says; "published" in the plane of the sensor's
     forward and sideways axes, tilted with it, as its code does.
     """

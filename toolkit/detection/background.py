@@ -27,10 +27,9 @@ MOST_VOXELS = 1 << 28
 
 @dataclass(frozen=True)
 class Background:
-    """Voxels of the empty site and its ground height.
-
-    origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), including one layer
-    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
+    """Voxels of the empty site and its ground height. origin: (3,) lowest corner of the grid (m); voxel: edge of a
+    voxel (m); occupied: (nx, ny, nz), including one layer round the occupied voxels; cell: edge of a ground cell (m);
+    ground: (kx, ky) height of the ground (m).
     """
 
     origin: Float64[np.ndarray, "3"]
@@ -80,11 +79,9 @@ class Background:
 
 
 def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Estimate the ground's height in cells.
-
-    It is the 5 % quantile of a cell's points, or the least of its neighbours where that is more than half a metre
-    lower. Finally every cell takes the least height within two cells, so kerbs and walls do not lift the street beside
-    them.
+    """Estimate the ground's height in cells. It is the 5 % quantile of a cell's points, or the least of its neighbours
+    where that is more than half a metre lower. Finally every cell takes the least height within two cells, so kerbs and
+    walls do not lift the street.
     """
     place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
     shape = place.max(axis=0) + 1
@@ -111,10 +108,8 @@ LEAST_NEW = 0.2  # least share of points in a box that must not be background
 
 @dataclass(frozen=True)
 class KnownBackground:
-    """Detector that leaves out its detections of the background.
-
-    Points are in the frame of the background. least: share of the points in a detection's box that must not be
-    background. Raises ValueError for a share outside 0 to 1.
+    """Detector that leaves out its detections of the background. Points are in the frame of the background. least:
+    share, above 0 to 1, of the points in a detection's box that must not be background. Raises ValueError for another.
     """
 
     detector: Detector
@@ -160,14 +155,10 @@ class KnownBackground:
         return [each[rows] for each, rows in zip(found, somebody, strict=True)]
 
     def somebody(self, found: Detections, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, " n"]:
-        """Mark detections that are not background.
-
-        They have enough points, and at least one, outside the background.
-        """
+        """Mark detections that have enough points, and at least one, outside the background."""
         return self._filled(found, points, self._new(points)) if len(found) else np.zeros(0, bool)
 
     def _new(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
-        """Select points that are not background."""
         finite = points[np.isfinite(points).all(axis=1)]
         return finite[~self.background.holds(finite)]
 

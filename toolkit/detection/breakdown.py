@@ -83,9 +83,8 @@ def by_centre(
     distance: float,
     label: int,
 ) -> Matched:
-    """Match detections of a class by distance of centres (m) on the ground.
-
-    A detection that hits only uncounted objects does not count.
+    """Match detections of a class by distance of centres (m) on the ground. A detection that hits only uncounted
+    objects does not count.
     """
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
     for found, there, mask in zip(detections, truths, counted, strict=True):
@@ -109,10 +108,8 @@ def by_centre(
 
 @dataclass(frozen=True)
 class GroupRow:
-    """AP of one class among some objects under one protocol.
-
-    measure: rule by which detections are true, such as BEV 0.5; among: the objects; truths: number of them; scheme:
-    how the sensors fused.
+    """AP of one class among some objects under one protocol. measure: rule by which detections are true, such as BEV
+    0.5; among: the objects; truths: number of them; scheme: how the sensors fused.
     """
 
     label: str
@@ -130,10 +127,9 @@ class GroupRow:
 
 @dataclass(frozen=True, eq=False)
 class FrameTruth:
-    """Objects of one frame, and those that count.
-
-    objects: all that are there; counted: mask of those to be found; points: on each of them; corners: of the detection
-    area (xmin ymin xmax ymax, m, world); complete: where labels are, None where they are anywhere.
+    """Objects of one frame, and those that count. objects: all that are there; counted: mask of those to be found;
+    points: on each of them; corners: of the detection area (xmin ymin xmax ymax, m, world); complete: where labels are,
+    None where they are anywhere.
     """
 
     objects: Objects
@@ -149,9 +145,8 @@ class FrameTruth:
         return found[has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes)]
 
     def judge(self, found: Detections) -> Judged:
-        """Return detections and truths with their ranges from the middle of the area.
-
-        The range of a detection is that of the object it overlaps most, else its own.
+        """Return detections and truths with their ranges from the middle of the area. The range of a detection is that
+        of the object it overlaps most, else its own.
         """
         boxes, found = self.objects.boxes, self.keep(found)
         middle = (self.corners[:2] + self.corners[2:]) / 2
@@ -176,7 +171,6 @@ class Judged:
 
 def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
     """Return the objects that count for recorded labels: in the area, where labels are complete, with a point on them.
-
     Other labelled objects are not misses, and a detection on one is not a false alarm.
     """
     boxes = frame.objects.boxes

@@ -39,11 +39,9 @@ OVERLAP = 0.1  # IoU above which the worse of two cars is dropped
 
 @dataclass(frozen=True)
 class ClusterDetector:
-    """Detector of all classes, learnt from the empty site.
-
-    It needs nothing but points of the empty site. Points are in the world frame. cell: edge of the cells that are
-    clustered (m); reach: greatest distance between neighbouring cells of a cluster, tried from the first to the last
-    while the cluster is too large for a car (m); fewest: points of a cluster.
+    """Detector of all classes, learnt from nothing but points of the empty site, world frame. cell: edge of the cells
+    that are clustered (m); reach: greatest distance between neighbouring cells of a cluster, tried from the first to
+    the last while the cluster is too large for a car (m); fewest: points of a cluster.
     """
 
     background: Background
@@ -53,17 +51,15 @@ class ClusterDetector:
 
     @staticmethod
     def learn(background_points: Float[np.ndarray, "n 3"] | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
-        """Learn from clouds (n, 3) of the empty site.
-
-        The clouds are in the world frame. Crop them like the points to detect in. Several sweeps of the same sensors
-        show their noise.
+        """Learn from clouds (n, 3) of the empty site, cropped like the points to detect in, world frame. Several sweeps
+        of the same sensors show their noise.
         """
         clouds = [background_points] if isinstance(background_points, np.ndarray) else list(background_points)
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
 
     @staticmethod
     def of(recording: CoopDataset) -> ClusterDetector:
-        """Learn the empty site of a recording. Four noisy sweeps of its sensors are used."""
+        """Learn the empty site of a recording from four noisy sweeps of its sensors."""
         return ClusterDetector.learn(empty_sweeps(recording))
 
     @property
@@ -86,7 +82,10 @@ class ClusterDetector:
         seen = [_fit(cluster[:, :2]) for cluster in clusters]
         ground = self.background.height(np.array([cluster[:, :2].mean(axis=0) for cluster in clusters]))
         height = np.array([np.quantile(cluster[:, 2], 0.99) for cluster in clusters]) - ground
-        labels = np.array([_label(*pair) for pair in zip(seen, height, strict=True)])
+        length, width = np.array([rectangle.size for rectangle in seen]).T
+        heavy = (length > LONGEST_CAR) | (width > WIDEST_CAR) | (height > TALLEST_CAR)
+        slim = [(length < 1.2) & (width < 1.0), (length < 2.3) & (width < 0.85)]
+        labels = np.select([heavy, *slim], [HEAVY, PEDESTRIAN, CYCLIST], VEHICLE)
         number = np.array([len(cluster) for cluster in clusters])
         scores = number / (number + 30.0)
 
@@ -103,7 +102,6 @@ class ClusterDetector:
         return Detections(boxes, scores, labels)[rows]
 
     def _clusters(self, points: Float64[np.ndarray, "n 3"], reach: tuple[float, ...]) -> list[np.ndarray]:
-        """Points of each cluster."""
         if len(points) < self.fewest:
             return []
         label = _dbscan(points, self.cell, reach[0])
@@ -119,10 +117,8 @@ class ClusterDetector:
 
 
 class _Rectangle(NamedTuple):
-    """Rectangle around points.
-
-    low, high: ends along its own axes (m), the longer axis first; at_low, at_high: share of points within 0.2 m of each
-    side.
+    """Rectangle around points, its longer axis first. low, high: ends along its own axes (m); at_low, at_high: share of
+    points within 0.2 m of each side.
     """
 
     yaw: float
@@ -141,11 +137,9 @@ class _Rectangle(NamedTuple):
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
     def turn(self) -> _Rectangle:
-        """Swap the axes. The second becomes the first, and the reversed first becomes the second."""
-        second_first = np.array([1, 0])
-        low, high = self.low[second_first] * [1, -1], self.high[second_first] * [1, -1]
-        (low[1], high[1]), at_low, at_high = (high[1], low[1]), self.at_low[second_first], self.at_high[second_first]
-        (at_low[1], at_high[1]) = (at_high[1], at_low[1])
+        """Swap the axes: the second becomes the first, and the reversed first becomes the second."""
+        low, high = np.array([[self.low[1], -self.high[0]], [self.high[1], -self.low[0]]])
+        at_low, at_high = np.array([[self.at_low[1], self.at_high[0]], [self.at_high[1], self.at_low[0]]])
         return _Rectangle(self.yaw + np.pi / 2, low, high, at_low, at_high)
 
     @property
@@ -154,7 +148,7 @@ class _Rectangle(NamedTuple):
 
 
 def _dbscan(points: np.ndarray, cell: float, reach: float) -> Int64[np.ndarray, " n"]:
-    """Cluster number of each point. DBSCAN runs on the points' cells seen from above."""
+    """Cluster number of each point, by DBSCAN on the points' cells seen from above."""
     index = ((points[:, :2] - points[:, :2].min(axis=0)) / cell).astype(np.int64)
     keys, which = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
     centres = np.column_stack([(keys >> 32) * cell, (keys & 0xFFFFFFFF) * cell, np.zeros(len(keys))])
@@ -163,15 +157,15 @@ def _dbscan(points: np.ndarray, cell: float, reach: float) -> Int64[np.ndarray, 
 
 
 def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
-    """Fit the rectangle with sides closest to the points.
-
-    Its yaw in 0..90° has the greatest Σ 1 / distance to the nearest side; distances under 0.1 m count as 0.1 m.
+    """Fit the rectangle with sides closest to the points. Its yaw in 0..90° has the greatest Σ 1 / distance to the
+    nearest side; distances under 0.1 m count as 0.1 m.
     """
     some = xy[:: 1 + len(xy) // 150]
     yaws = np.deg2rad(np.arange(0.0, 90.0, 2.0))
     along = np.outer(np.cos(yaws), some[:, 0]) + np.outer(np.sin(yaws), some[:, 1])
     across = np.outer(np.cos(yaws), some[:, 1]) - np.outer(np.sin(yaws), some[:, 0])
-    distance = np.minimum(_to_nearest_end(along), _to_nearest_end(across))
+    ends = [np.minimum(u - u.min(axis=1, keepdims=True), u.max(axis=1, keepdims=True) - u) for u in (along, across)]
+    distance = np.minimum(*ends)
     yaw = float(yaws[(1 / np.maximum(distance, 0.1)).sum(axis=1).argmax()])
     axes = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     own = xy @ axes
@@ -181,25 +175,8 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     return rectangle if rectangle.size[0] >= rectangle.size[1] else rectangle.turn()
 
 
-def _to_nearest_end(positions: Float64[np.ndarray, "k n"]) -> Float64[np.ndarray, "k n"]:
-    low, high = positions.min(axis=1, keepdims=True), positions.max(axis=1, keepdims=True)
-    return np.minimum(positions - low, high - positions)
-
-
-def _label(rectangle: _Rectangle, height: float) -> int:
-    length, width = rectangle.size
-    if length > LONGEST_CAR or width > WIDEST_CAR or height > TALLEST_CAR:
-        return HEAVY
-    if length < 1.2 and width < 1.0:
-        return PEDESTRIAN
-    return CYCLIST if length < 2.3 and width < 0.85 else VEHICLE
-
-
 def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
-    """Complete rectangles of cars to the usual size.
-
-    Each grows in the way that covers least of the visible background, since no car stands where the background is seen.
-    """
+    """Complete rectangles of cars to the usual size, in the way that covers least of the visible background."""
     ways = [_ways_to_complete(car) for car in cars]
     flat = [way for some in ways for way in some]
     columns = [(*way.centre, 0.0, *np.maximum(way.size - 0.3, 0.1), 100.0, way.yaw) for way, _ in flat]
@@ -209,10 +186,8 @@ def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> l
 
 
 def _ways_to_complete(seen: _Rectangle) -> list[tuple[_Rectangle, float]]:
-    """Return possible completions of a rectangle, with doubts.
-
-    A short side grows to one end or the other; a longer side that may be a car's width is tried as such. The doubt is
-    the share of points on the sides that grow: a side with many points was seen as it is.
+    """Return possible completions of a rectangle, with doubts: the share of points on the sides that grow. A short side
+    grows to one end or the other; a longer side that may be a car's width is tried as such.
     """
     ways = []
     for rectangle in [seen, seen.turn()] if seen.size[0] < WIDEST_CAR else [seen]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from toolkit.datasets.layouts.kitti import kitti_text
 from toolkit.datasets.layouts.openlabel import openlabel_content
-from toolkit.datasets.records import add_problems, boxes_record, write_boxes
+from toolkit.datasets.records import boxes_record, write_boxes
 from toolkit.detection.place import Place, Stand
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector
@@ -24,10 +25,7 @@ from toolkit.sites.site import Site
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """Detections in one frame, world frame.
-
-    It also says where the frame stands. detect_ms: time that detecting took.
-    """
+    """Detections in one frame, world frame, where the frame stands, and the time that detecting took."""
 
     frame: Frame
     detections: Detections
@@ -38,10 +36,8 @@ class Detected:
 def detect_frames(
     frames: Iterable[Frame], detector: Detector, place: Place = Place(), site: Site | None = None
 ) -> Iterator[Detected]:
-    """Yield the detections in all points of each frame.
-
-    The points of all sensors are taken together, on level ground. detector: sees points counted from the middle of the
-    area; site: where the frames are, if that is known. A frame without points has no detections.
+    """Yield the detections in all points of each frame together, on level ground. detector: sees points counted from
+    the middle of the area; site: where the frames are, if that is known. A frame without points has no detections.
     """
     for frame, stand in place.stands(frames, site):
         points = stand.lift(frame.points())
@@ -56,10 +52,8 @@ Format = Literal["boxes", "openlabel", "kitti"]
 def write_detections(
     found: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: Any
 ) -> Iterator[Detected]:
-    """Write detections as they arrive, and pass them on.
-
-    Boxes go to one file at the end, other formats to one file per frame. out: the file of boxes, or a folder; more:
-    further entries of the file of boxes.
+    """Write detections as they arrive, and pass them on. out: one file of boxes, written at the end, or a folder with a
+    file per frame for other formats; more: further entries of the file of boxes.
     """
     out, entries = Path(out), []
     for each in found:
@@ -77,9 +71,7 @@ def write_detections(
 
 
 def file_name(name: str) -> str:
-    """Name of a frame, safe for a file.
-
-    Letters that no file name may have are replaced.
+    """Name of a frame, safe for a file: letters that no file name may have are replaced.
 
     >>> file_name("106-105/seq-1/00000")
     '106-105_seq-1_00000'
@@ -88,26 +80,22 @@ def file_name(name: str) -> str:
 
 
 def summarise(found: Iterable[Detected]) -> dict[str, Any]:
-    """Count frames, detections and what reading left out. The median milliseconds are given too."""
+    """Count frames, detections and what reading left out, with the median milliseconds."""
     samples = detections = 0
-    problems: dict[str, int] = {}
-    levelling, detecting = [], []
+    problems, times = Counter[str](), list[tuple[float, float]]()
     for each in found:
         samples, detections = samples + 1, detections + len(each.detections)
-        add_problems(problems, each.frame.problems)
-        levelling.append(each.stand.ms)
-        detecting.append(each.detect_ms)
-    medians = (float(np.median(times)) if times else None for times in (levelling, detecting))
+        problems.update(each.frame.problems)
+        times.append((each.stand.ms, each.detect_ms))
+    medians = np.median(times, axis=0).tolist() if times else (None, None)
     figures = dict(zip(("level_ms", "detect_ms"), medians, strict=True))
-    return {"samples": samples, "detections": detections, "problems": problems, **figures}
+    return {"samples": samples, "detections": detections, "problems": dict(problems), **figures}
 
 
 def describe_summary(figures: dict[str, Any]) -> str:
     """Return a summary as a line of text."""
-    times = [f"{figures[name]:.0f} ms {what}" for name, what in _TIMES if figures[name] is not None]
+    taken = (("level_ms", "to level"), ("detect_ms", "to detect"))
+    times = [f"{figures[name]:.0f} ms {what}" for name, what in taken if figures[name] is not None]
     problems = [f"{number} {kind}" for kind, number in figures["problems"].items()]
     counts = f"{figures['detections']} detections in {figures['samples']} clouds"
-    return "; ".join([counts, *([", ".join(times)] if times else []), *([", ".join(problems)] if problems else [])])
-
-
-_TIMES = (("level_ms", "to level"), ("detect_ms", "to detect"))
+    return "; ".join(part for part in (counts, ", ".join(times), ", ".join(problems)) if part)

@@ -60,9 +60,8 @@ Scoring = Literal["exact", "published", "measured"]
 
 @dataclass(frozen=True)
 class Row:
-    """Figures of one scheme, sensor set (indices), class and IoU threshold.
-
-    recall, precision: at the last detection; kbit and milliseconds are per frame; truths: to find in all frames.
+    """Figures of one scheme, sensor set (indices), class and IoU threshold. recall, precision: at the last detection;
+    kbit and milliseconds are per frame; truths: to find in all frames.
     """
 
     scheme: str
@@ -85,9 +84,8 @@ class Row:
 
 @dataclass(frozen=True)
 class ClassFigures:
-    """Worth of the detector's own threshold for one class, with one scheme and sensor set (indices).
-
-    A detection is true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`.
+    """Worth of the detector's own threshold for one class, with one scheme and sensor set (indices). A detection is
+    true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`.
     """
 
     scheme: str
@@ -149,11 +147,9 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Evaluation(Sequence[Row]):
-    """Rows of an evaluation, with their context.
-
-    classes: worth of the detector's threshold; loads: on a link, if a rate was given; schemes: frames, detections,
-    problems and median milliseconds of each; breakdown: by range, points and other sets' protocols; poses: of the
-    sensors, where they were found before.
+    """Rows of an evaluation, with their context. classes: worth of the detector's threshold; loads: on a link, if a
+    rate was given; schemes: frames, detections, problems and median milliseconds of each; breakdown: by range, points
+    and other sets' protocols; poses: of the sensors, where they were found before.
     """
 
     rows: tuple[Row, ...]
@@ -404,9 +400,8 @@ class _Job:
 
 
 def format_table(rows: Iterable[Row]) -> str:
-    """Format rows like the paper's first table, class by class.
-
-    Each scheme and sensor set has a line, each IoU threshold a column of AP.
+    """Format rows like the paper's first table, class by class. Each scheme and sensor set has a line, each IoU
+    threshold a column of AP.
     """
     by_class: dict[str, list[Row]] = {}
     for row in rows:
@@ -453,10 +448,8 @@ def curve_files(classes: Sequence[str], iou_thresholds: Sequence[float] | None =
 
 
 def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
-    """Write table.json and the PR curves (`curve_files`) into a folder, which is made if missing.
-
-    table.json is {"provenance": {...}, "rows": [...], "classes": [...]}. All files are written, or where that fails
-    (OSError) none.
+    """Write table.json and the PR curves (`curve_files`) into a folder, which is made if missing. table.json is
+    {"provenance": {...}, "rows": [...], "classes": [...]}. All files are written, or where that fails (OSError) none.
     """
     from toolkit.plots.curves import draw_pr_curves
 

@@ -17,9 +17,8 @@ IOU = 0.7  # at which a detection hits, in the paper's first column
 
 
 def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0) -> None:
-    """Draw the frame with the most objects from above.
-
-    It shows hits, misses and false alarms of vehicles at `IOU`; seed: of the sensors' noise.
+    """Draw the frame with the most objects from above. It shows hits, misses and false alarms of vehicles at `IOU`;
+    seed: of the sensors' noise.
     """
     site = recording.site
     frame = noisy(max(recording, key=lambda frame: len(frame.objects)), seed)

@@ -1,6 +1,6 @@
-"""Objects that stand out from empty scenes.
+"""Objects that stand out from empty scenes, in a recording of clouds without labels or training.
 
-They are found in a recording of clouds without labels or training. `foreground_clusters` gathers the points of a frame
+`foreground_clusters` gathers the points of a frame
 that stand out into objects by DBSCAN (M. Ester and others, 1996), as implemented in Open3D. `learn_cluster_detector`
 turns the empty scenes into a detector with boxes and classes (`toolkit.detection.cluster`), scored like any other.
 """
@@ -27,10 +27,8 @@ SWEEPS = 4  # noisy sweeps of the empty scenes for learning a background
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """Points that stand out, gathered into objects.
-
-    points: those that stand out, world frame; sensor: number of the cloud of each; of: number of the object of each,
-    from 0 on, -1 for none.
+    """Points that stand out, gathered into objects. points: world frame; sensor: number of the cloud of each; of:
+    number of the object of each, -1 for none.
     """
 
     points: Float64[np.ndarray, "n 3"]
@@ -50,7 +48,7 @@ class Clusters:
 
 @dataclass(frozen=True)
 class AreaClusters:
-    """Cluster detector in an area with a known empty scene. The area is xmin ymin xmax ymax (m), below 4 m."""
+    """Cluster detector in an area (xmin ymin xmax ymax, m, below 4 m) with a known empty scene."""
 
     clusters: ClusterDetector
     area: tuple[float, float, float, float]
@@ -73,12 +71,11 @@ class AreaClusters:
 def foreground_clusters(
     sample: Frame, scenes: Scenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
 ) -> Clusters:
-    """Gather the points that stand out into objects.
+    """Gather the points of all clouds of a frame that stand out from their empty scenes into objects.
 
-    Points are those of all clouds of a frame that stand out from the empty scenes of their sensors. reach: distance (m)
-    within which points are neighbours; fewest: neighbours, itself among them, from which on a point is inside an
-    object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a reach that
-    is not above 0, fewer than one point, and a sensor without a scene.
+    reach: distance (m) within which points are neighbours; fewest: neighbours, itself among them, from which on a point
+    is inside an object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a
+    reach that is not above 0, fewer than one point, and a sensor without a scene.
     """
     if not 0 < reach < np.inf or fewest < 1:
         raise ValueError(f"reach must be above 0 m and fewest at least 1, got {reach} and {fewest}")
@@ -97,9 +94,7 @@ def foreground_clusters(
 def cluster_points(
     points: Float64[np.ndarray, "n 3"], *, reach: float = CLUSTER_REACH, fewest: int = FEWEST
 ) -> Int64[np.ndarray, " n"]:
-    """Object of each point by DBSCAN.
-
-    Objects are numbered from 0, -1 for none.
+    """Object of each point by DBSCAN, numbered from 0, -1 for none.
 
     >>> cluster_points(np.array([[0.0, 0, 0], [0.1, 0, 0], [5, 0, 0], [9, 0, 0], [9, 0.1, 0]]), reach=0.5, fewest=2)
     array([ 0,  0, -1,  1,  1])
@@ -114,10 +109,8 @@ def cluster_points(
 
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(), *, seed: int = 0) -> AreaClusters:
-    """Return a detector learnt from empty scenes.
-
-    It detects what stands out from the empty scenes of lidars that stand as in a frame. place: the one it will detect
-    in. Raises ValueError where the empty scenes have no point in the area.
+    """Return a detector of what stands out from the empty scenes of lidars that stand as in a frame. place: the one it
+    will detect in. Raises ValueError where the empty scenes have no point in the area.
     """
     centre = find_middle(frame) if place.middle is None else place.middle
     rng = np.random.default_rng(seed)
@@ -133,10 +126,8 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(),
 
 
 def _sweep(scenes: Scenes, name: str, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
-    """Draw a sweep of a sensor in its empty scene.
-
-    Points are in the sensor's own frame. Each pixel takes one of its two measurements, as often as it was met, with its
-    spread.
+    """Draw a sweep of a sensor in its empty scene, in the sensor's own frame. Each pixel takes one of its two
+    measurements, as often as it was met, with its spread.
     """
     scene, model = scenes[name].scene, scenes.grid(name).model
     other = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)

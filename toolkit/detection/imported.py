@@ -27,10 +27,9 @@ from toolkit.sites.site import Site
 
 
 class ImportedDetector:
-    """Detector for a site, imported by its name `package.module:callable`.
-
-    The current folder is searched too, and another process imports it again. Raises ValueError, in one line, if the
-    import fails or the detector returns anything but `Detections` for a cloud without points.
+    """Detector for a site, imported by its name `package.module:callable`, also from the current folder. Another
+    process imports it again. Raises ValueError, in one line, if the import fails or the detector returns anything but
+    `Detections` for a cloud without points.
     """
 
     def __init__(self, name: str, site: Site) -> None:

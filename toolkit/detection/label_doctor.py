@@ -1,6 +1,4 @@
-"""Label doctor: label mistakes that points give away.
-
-Boxes should fit the points of their cloud. A mistake is reported if undoing it fits better than by chance.
+"""Label doctor: label mistakes that points give away. One is reported if undoing it fits better than by chance.
 
 A correct box has points just within its faces, none in its middle and nothing close around it but ground. The fit of a
 box is the share of its points (those at least `CLEARANCE` above the ground) that lie there, of all within the box and
@@ -57,10 +55,6 @@ class Seen:
         standing = points[points[:, 2] - ground.height(points[:, :2]) > CLEARANCE]
         return Seen(sample, standing, ground)
 
-    def heights(self, boxes: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, " _"]:
-        """Height (m) of box centres above the ground. Empty without a ground."""
-        return np.zeros(0) if self.ground is None else boxes[:, 2] - self.ground.height(boxes[:, :2])
-
 
 def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
     """Fit of every box, frame after frame. boxes: (m, 7) of each frame."""
@@ -86,9 +80,7 @@ def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7
 
 
 def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
-    """Return True if boxes fit better.
-
-    The gain is at least `gain` and more than chance explains.
+    """True if boxes fit better, by at least `gain` and more than chance explains.
 
     >>> better(np.full(9, 0.2), np.full(9, 0.8)), better(np.full(9, 0.8), np.full(9, 0.2))
     (True, False)
@@ -112,24 +104,20 @@ class LabelMistake:
     axes: bool = False
 
 
-def _change(**columns: Callable[[np.ndarray], np.ndarray]) -> Change:
-    places = {name: k for k, name in enumerate(("x", "y", "z", "length", "width", "height", "yaw"))}
+def _set(**columns: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """Change that sets columns of boxes, each by all columns."""
+    names = ("x", "y", "z", "length", "width", "height", "yaw")
 
     def undo(boxes: np.ndarray) -> np.ndarray:
         made = boxes.copy()
         for name, column in columns.items():
-            made[:, places[name]] = column(boxes)
+            made[:, names.index(name)] = column(boxes)
         return made
 
     return undo
 
 
-def _scale(factor: float) -> Change:
-    sizes = (("length", 3), ("width", 4), ("height", 5))
-    return _change(**{name: lambda boxes, k=k: boxes[:, k] * factor for name, k in sizes})
-
-
-YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", _change(yaw=lambda b: -b[:, 6]), axes=True)
+YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", _set(yaw=lambda b: -b[:, 6]), axes=True)
 
 LOST_DEGREES = LabelMistake(  # not undone directly: `degrees_of_turns` gives the possible angles
     "yaw in degrees where radians belong, of which only sine and cosine are left",
@@ -141,34 +129,40 @@ LABEL_MISTAKES = (
     LabelMistake(
         "mirrored: y points the other way",
         "negate y and yaw",
-        _change(y=lambda b: -b[:, 1], yaw=lambda b: -b[:, 6]),
+        _set(y=lambda b: -b[:, 1], yaw=lambda b: -b[:, 6]),
         axes=True,
     ),
     LabelMistake(
         "mirrored: x points the other way",
         "negate x, and take 180 degrees minus yaw",
-        _change(x=lambda b: -b[:, 0], yaw=lambda b: np.pi - b[:, 6]),
+        _set(x=lambda b: -b[:, 0], yaw=lambda b: np.pi - b[:, 6]),
         axes=True,
     ),
-    LabelMistake("y of the positions alone negated", "negate y", _change(y=lambda b: -b[:, 1]), axes=True),
+    LabelMistake("y of the positions alone negated", "negate y", _set(y=lambda b: -b[:, 1]), axes=True),
     LabelMistake(
         "x and y swapped",
         "swap x and y, and take 90 degrees minus yaw",
-        _change(x=lambda b: b[:, 1], y=lambda b: b[:, 0], yaw=lambda b: np.pi / 2 - b[:, 6]),
+        _set(x=lambda b: b[:, 1], y=lambda b: b[:, 0], yaw=lambda b: np.pi / 2 - b[:, 6]),
         axes=True,
     ),
-    LabelMistake("half extents where full ones belong: the boxes are half as large", "double the sizes", _scale(2.0)),
-    LabelMistake("doubled extents: the boxes are twice as large", "halve the sizes", _scale(0.5)),
+    LabelMistake(
+        "half extents where full ones belong: the boxes are half as large",
+        "double the sizes",
+        lambda b: b * [1, 1, 1, 2, 2, 2, 1],
+    ),
+    LabelMistake(
+        "doubled extents: the boxes are twice as large", "halve the sizes", lambda b: b / [1, 1, 1, 2, 2, 2, 1]
+    ),
     LabelMistake(
         "length and width swapped, or yaw a quarter turn off",
         "swap length and width, or add 90 degrees to yaw",
-        _change(length=lambda b: b[:, 4], width=lambda b: b[:, 3]),
+        _set(length=lambda b: b[:, 4], width=lambda b: b[:, 3]),
     ),
     YAW_SIGN,
     LabelMistake(
         "yaw in radians where degrees belong",
         "multiply yaw by 180 / pi",
-        _change(yaw=lambda b: np.rad2deg(b[:, 6])),
+        _set(yaw=lambda b: np.rad2deg(b[:, 6])),
         axes=True,
     ),
 )
@@ -177,19 +171,14 @@ LABEL_MISTAKES = (
 def undo_mistake(
     mistake: LabelMistake, boxes: Float64[np.ndarray, "n 7"], frame_SE3_world: Float64[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "n 7"]:
-    """Undo a mistake that was made in another frame.
-
-    Boxes are in the world frame; z is up in the other frame as well.
-    """
+    """Undo a mistake that was made in another frame, whose z is up as well. Boxes are in the world frame."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
     return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
 
 
 def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 7"]:
-    """Transform boxes to another frame.
-
-    Its z is up as well.
+    """Transform boxes to another frame, whose z is up as well.
 
     >>> boxes_through(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
     [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
@@ -200,10 +189,9 @@ def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray,
 
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
-    """All headings that a wrong angle may stand for.
+    """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`.
 
-    Headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`. A file that stores sine
-    and cosine, or a quaternion, of a wrong angle has lost its full turns.
+    A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
 
     >>> yaw = np.deg2rad(np.array([30.0]))
     >>> bool(np.any(np.abs(degrees_of_turns(np.array([30.0])) - yaw) < 1e-9))
@@ -223,10 +211,7 @@ LEAST_TRACKS = 2  # tracks that must need the undoing to head along their way
 
 
 class Shift(NamedTuple):
-    """Delay of labels behind their clouds.
-
-    amount: in words; behind: False for labels that are ahead; before, after: fits.
-    """
+    """Delay of labels behind their clouds, or ahead, in words, and the fits with and without it."""
 
     amount: str
     behind: bool
@@ -235,61 +220,45 @@ class Shift(NamedTuple):
 
 
 def find_shift(some: Sequence[Seen]) -> Shift | None:
-    """Find the delay of labels. None without one, or if it cannot be told."""
-    return _delay_along_tracks(some) or _among_clouds(some)
-
-
-def _delay_along_tracks(some: Sequence[Seen]) -> Shift | None:
+    """Find the delay of labels. None without one, or if it cannot be told. Moving labels are moved along their tracks.
+    Where that shows nothing, labels are tried in other clouds; only those that are not in the same place in both frames
+    count.
+    """
     samples = [each.sample for each in some]
     movers = [find_movers(samples, k) for k in range(len(some))]
-    if sum(len(boxes) for boxes, *_ in movers) < LEAST_BOXES:
-        return None
 
     def measure_shifted_fits(shift: float) -> np.ndarray:
         return fits(some, [boxes + np.column_stack([shift * v, np.zeros((len(v), 5))]) for boxes, v, _ in movers])
 
-    now = measure_shifted_fits(0.0)
-    shifted = {sign * seconds: measure_shifted_fits(sign * seconds) for seconds in SHIFTS for sign in (1, -1)}
-    best = max(shifted, key=lambda each: shifted[each].mean())
-    if not better(now, shifted[best]):
-        return None
-    return Shift(f"{abs(best):g} s", best > 0, now, shifted[best])
-
-
-def _among_clouds(some: Sequence[Seen]) -> Shift | None:
-    """Find the number of frames by which labels are off.
-
-    They are off if they fit other clouds better. Only labels that are not in the same place in both frames count.
-    """
+    if sum(len(boxes) for boxes, *_ in movers) >= LEAST_BOXES:
+        now = measure_shifted_fits(0.0)
+        shifted = {sign * seconds: measure_shifted_fits(sign * seconds) for seconds in SHIFTS for sign in (1, -1)}
+        best = max(shifted, key=lambda each: shifted[each].mean())
+        if better(now, shifted[best]):
+            return Shift(f"{abs(best):g} s", best > 0, now, shifted[best])
     found: Shift | None = None
     for places in [sign * k for k in range(1, MOST_SAMPLES + 1) for sign in (1, -1)]:
         pairs = [(some[k], some[k + places]) for k in range(len(some)) if 0 <= k + places < len(some)]
-        moving = [_not_there(labels.sample, cloud.sample) for labels, cloud in pairs]
-        own = [labels.sample.objects.boxes[rows] for (labels, _), rows in zip(pairs, moving, strict=True)]
-        there = [
-            _boxes_in(labels.sample, cloud.sample)[rows] for (labels, cloud), rows in zip(pairs, moving, strict=True)
-        ]
+        own, there = [], []
+        for labels, cloud in pairs:
+            boxes = _boxes_in(labels.sample, cloud.sample)
+            moving = _not_there(boxes[:, :3], cloud.sample.objects.boxes[:, :3])
+            own.append(labels.sample.objects.boxes[moving])
+            there.append(boxes[moving])
         before, after = fits([labels for labels, _ in pairs], own), fits([cloud for _, cloud in pairs], there)
-        if better(before, after) and (found is None or after.mean() - before.mean() > _gain(found)):
+        gain = -np.inf if found is None else found.after.mean() - found.before.mean()
+        if better(before, after) and after.mean() - before.mean() > gain:
             found = Shift(f"{abs(places)} sample{'s' * (abs(places) > 1)}", places < 0, before, after)
     return found
 
 
-def _not_there(labels: Frame, other: Frame) -> Bool[np.ndarray, " n"]:
-    """Mark objects of a frame without a counterpart in another.
-
-    A counterpart lies within `STANDING` of the object's place.
-    """
+def _not_there(here: Float64[np.ndarray, "n 3"], there: Float64[np.ndarray, "m 3"]) -> Bool[np.ndarray, " n"]:
+    """Mark places farther than `STANDING` from all others."""
     from scipy.spatial import cKDTree
 
-    here, there = _boxes_in(labels, other)[:, :3], other.objects.boxes[:, :3]
-    if not len(there):
+    if not len(here) or not len(there):
         return np.ones(len(here), bool)
-    return np.asarray(cKDTree(there).query(here)[0] > STANDING) if len(here) else np.zeros(0, bool)
-
-
-def _gain(shift: Shift) -> float:
-    return float(shift.after.mean() - shift.before.mean())
+    return np.asarray(cKDTree(there).query(here)[0] > STANDING)
 
 
 def _boxes_in(labels: Frame, cloud: Frame) -> np.ndarray:
@@ -297,11 +266,7 @@ def _boxes_in(labels: Frame, cloud: Frame) -> np.ndarray:
 
 
 class Headed(NamedTuple):
-    """Moving boxes that head against their way.
-
-    They do not once a mistake is undone. tracks: number of their tracks; against: number of boxes; of: number of all
-    moving boxes.
-    """
+    """Number `against` of all moving boxes (`of`) that head against their way, and number of their tracks."""
 
     tracks: int
     against: int
@@ -309,15 +274,14 @@ class Headed(NamedTuple):
 
 
 def against_their_way(samples: Sequence[Frame], undo: Callable[[Frame, np.ndarray], np.ndarray]) -> Headed | None:
-    """Find moving boxes that only a mistake turns backwards.
-
-    They head along their way once it is undone, and hardly any box then heads the other way round. None otherwise.
-    """
+    """Find moving boxes that only a mistake turns backwards: once it is undone, hardly any heads the wrong way."""
     tracks: set[int] = set()
     mended = spoilt = total = 0
     for k, sample in enumerate(samples):
         boxes, velocities, ids = find_movers(samples, k)
-        before, after = (_cosines(each, velocities) for each in (boxes, undo(sample, boxes)))
+        ways = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
+        yaws = (rows[:, 6] for rows in (boxes, undo(sample, boxes)))
+        before, after = (np.cos(yaw) * ways[:, 0] + np.sin(yaw) * ways[:, 1] for yaw in yaws)
         turned = (before < 0) & (after > ALONG)
         tracks |= set(ids[turned].tolist())
         mended, total = mended + int(turned.sum()), total + len(boxes)
@@ -327,13 +291,8 @@ def against_their_way(samples: Sequence[Frame], undo: Callable[[Frame, np.ndarra
     return Headed(len(tracks), mended, total)
 
 
-def _cosines(boxes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-    ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6])])
-    return np.asarray((ahead * velocities).sum(axis=1) / np.maximum(np.linalg.norm(velocities, axis=1), 1e-9))
-
-
 class Movers(NamedTuple):
-    """Moving boxes of a frame. Their velocities (m/s) and their tracks are given too."""
+    """Moving boxes of a frame, their velocities (m/s) and tracks."""
 
     boxes: Float64[np.ndarray, "n 7"]
     velocities: Float64[np.ndarray, "n 2"]
@@ -341,10 +300,7 @@ class Movers(NamedTuple):
 
 
 def find_movers(samples: Sequence[Frame], k: int) -> Movers:
-    """Find the moving boxes of frame k.
-
-    They are compared with the nearest frame that has the track too and another time.
-    """
+    """Find the moving boxes of frame k, by the nearest frame that has the track too and another time."""
     here = samples[k]
     boxes, velocities, ids = [], [], []
     for row, track in enumerate(here.objects.ids):
@@ -382,42 +338,49 @@ class Diagnosis:
 
 
 def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None = None, frames: int = 20) -> Diagnosis:
-    """Check a recording for the classic mistakes.
-
-    Files of images are checked as they are stored (`toolkit.datasets.doctor`). Labels of clouds are checked by how the
-    points of the first frames lie in them. Raises what opening a recording of clouds raises.
+    """Check a recording for the classic mistakes. Raises what opening a recording of clouds raises. Files of images are
+    checked as they are stored (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first
+    frames lie in them.
     """
-    if (layout or guess_layout(path)) == "hdf5" and not (Path(path).is_file() and _holds_clouds(path)):
-        return Diagnosis(diagnose_file(path, site))
+    if (layout or guess_layout(path)) == "hdf5":
+        try:
+            clouds = Path(path).is_file() and holds_clouds(path)
+        except (OSError, ValueError):
+            clouds = False  # the file's own doctor says what is wrong
+        if not clouds:
+            return Diagnosis(diagnose_file(path, site))
     some = list(Part(open_recording(path, layout, site=site), frames))
     if not any(len(frame.objects) for frame in some):
         return Diagnosis([], f"{len(some)} frames without a label: there is nothing to be checked")
     return Diagnosis(diagnose_labels(some))
 
 
-def _holds_clouds(path: str | Path) -> bool:
-    try:
-        return holds_clouds(path)
-    except (OSError, ValueError):
-        return False  # the file's own doctor says what is wrong
-
-
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
     """Return what looks wrong with labels of consecutive frames. The list is empty for healthy labels."""
     some = [Seen.of(sample) for sample in samples]
-    findings = _find_full_turns(some)
-    if findings:
-        return findings
-    boxes = [each.sample.objects.boxes for each in some]
+    total = sum(len(each.sample.objects) for each in some)
+    beyond = sum(each.sample.problems.get(FULL_TURNS, 0) for each in some)
+    if beyond and beyond >= TURNED_TOO_FAR * total:
+        evidence = f"{beyond} of {total} yaws are beyond a full turn in radians"
+        return [Finding("error", "labels", "yaw in degrees where radians belong", evidence, "multiply yaw by pi / 180")]
+    boxes, findings = [each.sample.objects.boxes for each in some], list[Finding]()
     current = fits(some, boxes)
-    best = _best(some, current)
+    best = _find_best(some, current)
     if best is not None:
         findings.append(_finding(best.mistake.name, current, best.fits, best.mistake.remedy))
         boxes = best.boxes
-    findings += _sunk(some, boxes)
+    findings += _find_sunk(some, boxes)
     if findings:
         return findings
-    return _late(some) or _misfits(some, current) or _find_backwards(some)
+    shift = find_shift(some)
+    if shift is not None:
+        name = f"labels lie about {shift.amount} {'behind' if shift.behind else 'ahead of'} the clouds"
+        remedy = f"move labels by {'+' if shift.behind else '-'}{shift.amount} along their way, or pair other clouds"
+        return [_finding(name, shift.before, shift.after, remedy)]
+    turned = _turn_each(some)
+    if better(current, turned.fits, TURNED_GAIN):
+        return [_finding(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
+    return _find_backwards(some)
 
 
 class _Undone(NamedTuple):
@@ -428,25 +391,43 @@ class _Undone(NamedTuple):
     fits: np.ndarray
 
 
-def _best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
-    """Find the mistake whose undoing raises the fits most.
-
-    The coordinate frames of the world and the map are tried first. Those of the sensors, or lost angles, are taken only
-    if they fit clearly better.
+def _find_best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
+    """Find the mistake whose undoing raises the fits most. The coordinate frames of the world and the map are tried
+    first. Those of the sensors, for each box the one where it then fits best, or lost angles, are taken only if they
+    fit clearly better.
     """
-    everywhere = [np.eye(4)] * len(some)
-    attempts = [_undo_mistake(some, mistake, everywhere) for mistake in LABEL_MISTAKES]
+
+    def undo(mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
+        every = zip(some, frames, strict=True)
+        boxes = [undo_mistake(mistake, each.sample.objects.boxes, frame) for each, frame in every]
+        return _Undone(mistake, boxes, fits(some, boxes))
+
+    def undo_in_sensors(mistake: LabelMistake) -> _Undone:
+        boxes = []
+        for each in some:
+            frames = [invert(cloud.world_SE3_sensor) for cloud in each.sample.clouds] or [np.eye(4)]
+            choices = [undo_mistake(mistake, each.sample.objects.boxes, frame) for frame in frames]
+            boxes.append(_choose_best(each, choices))
+        return _Undone(mistake, boxes, fits(some, boxes))
+
+    in_axes = [mistake for mistake in LABEL_MISTAKES if mistake.axes]
+    attempts = [undo(mistake, [np.eye(4)] * len(some)) for mistake in LABEL_MISTAKES]
     maps = [each.sample.map_SE3_world for each in some]
     if any(not np.allclose(each, np.eye(4)) for each in maps):
-        attempts += [_undo_mistake(some, mistake, maps) for mistake in LABEL_MISTAKES if mistake.axes]
-    plain = _most(attempts, current)
-    in_sensors = [_undo_in_sensors(some, mistake) for mistake in LABEL_MISTAKES if mistake.axes]
-    best = _clearer(plain, _most(in_sensors, current, FREER), FREER)
+        attempts += [undo(mistake, maps) for mistake in in_axes]
+    plain = _find_most(attempts, current)
+    best = _clearer(plain, _find_most([undo_in_sensors(mistake) for mistake in in_axes], current, FREER), FREER)
     return best if best is None else _clearer(best, _turn_each(some), TURNED_GAIN if best is plain else FREER)
 
 
+def _find_most(attempts: Sequence[_Undone], current: np.ndarray, *gain: float) -> _Undone | None:
+    surer = [attempt for attempt in attempts if better(current, attempt.fits, *gain)]
+    means = _means(surer) if surer else []
+    return next((attempt for attempt, mean in zip(surer, means, strict=True) if mean >= max(means) - ALIKE), None)
+
+
 def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Undone | None:
-    """Return the first explanation unless the freer fits better. The freer one must win by a margin."""
+    """Return the first explanation unless the freer one fits better by a margin."""
     if best is None or freer is None:
         return best or freer
     one, other = _means([best, freer])
@@ -454,28 +435,13 @@ def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Und
 
 
 def _means(attempts: Sequence[_Undone]) -> list[float]:
-    """Mean fit under each explanation. The mean is over the boxes that have a fit under any of them."""
+    """Mean fit under each explanation, over the boxes that have a fit under any of them."""
     known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[known].mean()) for attempt in attempts]
 
 
-def _undo_mistake(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
-    """Undo a mistake in a coordinate frame for each frame. frames: frame_SE3_world of each."""
-    boxes = [undo_mistake(mistake, each.sample.objects.boxes, frame) for each, frame in zip(some, frames, strict=True)]
-    return _Undone(mistake, boxes, fits(some, boxes))
-
-
-def _undo_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
-    """Undo a mistake in the frame of the best sensor. For each box it is the sensor where it then fits best."""
-    boxes = []
-    for each in some:
-        frames = [invert(cloud.world_SE3_sensor) for cloud in each.sample.clouds] or [np.eye(4)]
-        boxes.append(_choose_best(each, [undo_mistake(mistake, each.sample.objects.boxes, frame) for frame in frames]))
-    return _Undone(mistake, boxes, fits(some, boxes))
-
-
 def _turn_each(some: Sequence[Seen]) -> _Undone:
-    """Turn each box by the angle that fits best. The angles are those that degrees taken for radians leave open."""
+    """Turn each box by the angle that fits best, of those that degrees taken for radians leave open."""
     boxes = []
     for each in some:
         rows = each.sample.objects.boxes
@@ -491,27 +457,11 @@ def _choose_best(each: Seen, choices: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack(choices)[best, np.arange(len(best))]
 
 
-def _most(attempts: Sequence[_Undone], current: np.ndarray, *gain: float) -> _Undone | None:
-    surer = [attempt for attempt in attempts if better(current, attempt.fits, *gain)]
-    if not surer:
-        return None
-    means = _means(surer)
-    return next(attempt for attempt, mean in zip(surer, means, strict=True) if mean >= max(means) - ALIKE)
-
-
-def _find_full_turns(some: Sequence[Seen]) -> list[Finding]:
-    total = sum(len(each.sample.objects) for each in some)
-    beyond = sum(each.sample.problems.get(FULL_TURNS, 0) for each in some)
-    if not beyond or beyond < TURNED_TOO_FAR * total:
-        return []
-    evidence = f"{beyond} of {total} yaws are beyond a full turn in radians"
-    return [Finding("error", "labels", "yaw in degrees where radians belong", evidence, "multiply yaw by pi / 180")]
-
-
-def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
-    """Find centres of boxes at the wrong height. They stand on the ground, or a whole height above it."""
-    parts = [each.heights(own) / own[:, 5] for each, own in zip(some, boxes, strict=True) if each.ground is not None]
-    shares = np.concatenate([np.zeros(0), *parts])
+def _find_sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
+    """Find centres of boxes at the wrong height: on the ground, or a whole height above it."""
+    grounds = [(each.ground, own) for each, own in zip(some, boxes, strict=True) if each.ground is not None]
+    above = [(own[:, 2] - ground.height(own[:, :2])) / own[:, 5] for ground, own in grounds]
+    shares = np.concatenate([np.zeros(0), *above])
     if len(shares) < LEAST_BOXES or abs(np.median(shares) - 0.5) < SUNK:
         return []
     share = float(np.median(shares))
@@ -522,7 +472,7 @@ def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
 
 
 def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
-    """Find boxes that move backwards. They do unless yaw is counted the other way round."""
+    """Find boxes that move backwards unless yaw is counted the other way round."""
     samples = [each.sample for each in some]
     for in_map in (False, True):
 
@@ -537,24 +487,6 @@ def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
             )
             return [Finding("error", "labels", YAW_SIGN.name, evidence, YAW_SIGN.remedy)]
     return []
-
-
-def _late(some: Sequence[Seen]) -> list[Finding]:
-    """Find labels that fit better at another time."""
-    shift = find_shift(some)
-    if shift is None:
-        return []
-    name = f"labels lie about {shift.amount} {'behind' if shift.behind else 'ahead of'} the clouds"
-    remedy = f"move labels by {'+' if shift.behind else '-'}{shift.amount} along their way, or pair other clouds"
-    return [_finding(name, shift.before, shift.after, remedy)]
-
-
-def _misfits(some: Sequence[Seen], current: np.ndarray) -> list[Finding]:
-    """Find boxes that fit once each is turned. Only if nothing else explains their misfit."""
-    turned = _turn_each(some)
-    if not better(current, turned.fits, TURNED_GAIN):
-        return []
-    return [_finding(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
 
 
 def _finding(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:

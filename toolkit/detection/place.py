@@ -1,9 +1,9 @@
-"""Places: a detection area and its level ground.
+"""Places: a detection area and its level ground, z = 0, on which points are put.
 
-Points are put on level ground, z = 0. A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose
-origin is the lidar. A recording of a known site says where its ground is. For any other the ground is found first
-(`toolkit.calibration.ground`), in every frame or, where the sensors stand still, once. Detectors work in float32 about
-an origin near by: points are counted from the middle of the area, and boxes are brought back into the frame's world.
+A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose origin is the lidar. A recording of a
+known site says where its ground is. For any other the ground is found first (`toolkit.calibration.ground`), in every
+frame or, where the sensors stand still, once. Detectors work in float32 about an origin near by: points are counted
+from the middle of the area, and boxes are brought back into the frame's world.
 """
 
 from __future__ import annotations
@@ -32,11 +32,9 @@ MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that thos
 
 @dataclass(frozen=True)
 class Stand:
-    """Ground and area of one frame.
-
-    area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world frame, that points are counted
-    from; ground: below the points counted so, None where z = 0 already. warning: of ground that is not level; ms: time
-    that finding the ground took.
+    """Ground and area of one frame. area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world
+    frame, that points are counted from; ground: below the points counted so, None where z = 0 already. warning: of
+    ground that is not level; ms: time that finding the ground took.
     """
 
     area: Area
@@ -90,7 +88,7 @@ class Place:
 
     @property
     def middle(self) -> Float64[np.ndarray, "2"] | None:
-        """Middle of the area. None where the sensors say it."""
+        """Middle of the area, None where the sensors say it."""
         return None if self.area is None else (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
 
     @property
@@ -113,30 +111,22 @@ class Place:
         (x, y), kept = self.half, None
         method = self.level or ("map" if site is None else "none")
         for frame in frames:
-            middle = find_middle(frame) if self.middle is None else self.middle
-            stand, start = Stand(np.array([-x, -y, x, y]), middle), perf_counter()
-            ground, warning = (kept, None) if kept is not None else _ground(stand, frame, method)
+            middle, warning = find_middle(frame) if self.middle is None else self.middle, None
+            start, ground = perf_counter(), kept
+            points = frame.points() - [*middle, 0.0] if kept is None else np.zeros((0, 3))
+            if len(points):
+                try:
+                    ground, warning = (
+                        (None, level_warning(points)) if method == "none" else (level(points, method=method), None)
+                    )
+                except ValueError as error:
+                    warning = f"not levelled: {error}"
             kept = ground if self.still else None
-            yield frame, replace(stand, ground=ground, warning=warning, ms=1e3 * (perf_counter() - start))
-
-
-def _ground(stand: Stand, frame: Frame, method: Level) -> tuple[Ground | None, str | None]:
-    """Ground below a frame, and a warning."""
-    points = frame.points() - [*stand.middle, 0.0]
-    if not len(points):
-        return None, None
-    if method == "none":
-        return None, level_warning(points)
-    try:
-        return level(points, method=method), None
-    except ValueError as error:
-        return None, f"not levelled: {error}"
+            yield frame, Stand(np.array([-x, -y, x, y]), middle, ground, warning, 1e3 * (perf_counter() - start))
 
 
 def find_middle(frame: Frame) -> Float64[np.ndarray, "2"]:
-    """Find the middle of the sensors' places.
-
-    World frame, to the metre; the origin where there is no sensor.
+    """Find the middle of the sensors' places, world frame, to the metre; the origin where there is no sensor.
 
     >>> find_middle(Frame((), (), Objects.empty())).tolist()
     [0.0, 0.0]
@@ -151,10 +141,9 @@ def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarra
 
 
 class LevelFrame(NamedTuple):
-    """Frame on level ground, ready to train a network.
-
-    Coordinates are counted from the middle of the area. sensors: names; clouds: points in the area, below 4 m; objects:
-    in the area or close beside it; area: xmin ymin xmax ymax (m), about the origin.
+    """Frame on level ground, ready to train a network, counted from the middle of the area. sensors: names; clouds:
+    points in the area, below 4 m; objects: in the area or close beside it; area: xmin ymin xmax ymax (m), about the
+    origin.
     """
 
     sensors: tuple[str, ...]
@@ -164,11 +153,9 @@ class LevelFrame(NamedTuple):
 
 
 def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
-    """Yield frames on level ground.
-
-    Frames that have no points are left out, and those without ground where it is looked for. Where the labels of a set
-    are not complete, in KITTI beside the camera's image, points are left out: nobody labelled what is there, so it must
-    not be learnt as background.
+    """Yield frames on level ground, but for those without points, or without ground where it is looked for. Points
+    where the labels of a set are not complete, in KITTI beside the camera's image, are left out: nobody labelled what
+    is there, so it must not be learnt as background.
     """
     (x, y), method = place.half, place.level or "map"
     for frame, stand in Place(method, place.still, place.area).stands(frames):

@@ -1,6 +1,4 @@
-"""`SensorMonitor`: sensor faults that the fusion centre notices.
-
-It judges by what the sensor sends.
+"""`SensorMonitor`: sensor faults that the fusion centre notices by what the sensor sends.
 
     silent    the newest measurement is older than `silent_after`
     frozen    `REPEATS` messages have the same pixels with the same distances as the one before them: noise makes no two
@@ -48,10 +46,8 @@ class Fault(Enum):
 
 
 class Shown(NamedTuple):
-    """Newest data of a sensor.
-
-    time: of the measurement (s); image: 0 where nothing returned or nothing was sent; sent: mask of the pixels of a
-    foreground, None for a whole image; missing: mask of those it says are missing.
+    """Newest data of a sensor, measured at `time` (s). image: 0 where nothing returned or nothing was sent; sent: mask
+    of the pixels of a foreground, None for a whole image; missing: mask of those it says are missing.
     """
 
     time: float
@@ -61,11 +57,9 @@ class Shown(NamedTuple):
 
 
 class SensorMonitor:
-    """Monitor of one sensor.
-
-    scene: its empty scene; start: time from which it should send (s); silent_after: age of its newest data (s) from
-    which it is silent; view: mask of the pixels that it sends at all, such as those of its crop, None for all. Raises
-    ValueError for an age not above 0.
+    """Monitor of one sensor. scene: its empty scene; start: time from which it should send (s); silent_after: age of
+    its newest data (s), above 0, from which it is silent; view: mask of the pixels that it sends at all, such as those
+    of its crop, None for all.
     """
 
     def __init__(
@@ -90,11 +84,9 @@ class SensorMonitor:
         shown: Shown | None,
         covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None = None,
     ) -> Fault | None:
-        """Return the fault of the sensor at a time.
-
-        None without one. shown: newest data, None before the first; covered: returns the mask of the pixels where
-        objects that others see stand before its empty scene, called only if foreground has hardly a pixel. Raises
-        ValueError for an image of another size than the empty scene.
+        """Return the fault of the sensor at a time, None without one. shown: newest data, None before the first;
+        covered: returns the mask of the pixels where objects that others see stand before its empty scene, called only
+        if foreground has hardly a pixel. Raises ValueError for an image of another size than the empty scene.
         """
         if shown is not None and shown.image.shape != self._scene.first.shape:
             size = self._scene.first.shape
@@ -114,28 +106,18 @@ class SensorMonitor:
         """Take in one message."""
         there = is_return(shown.image, self._scene.model.max_range)
         there &= True if shown.sent is None else shown.sent
-        pixels = np.where(there, shown.image, np.float32(0))
-        count = int(there.sum())
-        same = self._pixels is not None and count >= LEAST_REPEATED and np.array_equal(pixels, self._pixels)
-        self._repeats = self._repeats + 1 if same else 0
-        self._pixels = pixels
-        self._blind = self._blind + 1 if self._is_blind(there, shown, covered) else 0
-        beyond = farther(self._scene, pixels).sum() > SHIFTED_SHARE * count and count >= LEAST_REPEATED
-        self._shifted = self._shifted + 1 if shown.sent is None and beyond else 0
-
-    def _is_blind(
-        self,
-        there: Bool[np.ndarray, "rows columns"],
-        shown: Shown,
-        covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None,
-    ) -> bool:
+        pixels, count = np.where(there, shown.image, np.float32(0)), int(there.sum())
+        enough = count >= LEAST_REPEATED
+        same = self._pixels is not None and enough and np.array_equal(pixels, self._pixels)
+        self._repeats, self._pixels = self._repeats + 1 if same else 0, pixels
         missing = ~there if shown.sent is None else shown.missing
-        if missing is not None and (missing & self._returns).sum() > BLIND_SHARE * self._returns.sum():
-            return True
-        if shown.sent is None or covered is None or there.sum() >= LEAST_REPEATED:
-            return False
-        expected = covered()
-        return bool(expected.sum() >= LEAST_COVERED and (there & expected).sum() < SEEN_SHARE * expected.sum())
+        blind = missing is not None and bool((missing & self._returns).sum() > BLIND_SHARE * self._returns.sum())
+        if not blind and shown.sent is not None and covered is not None and not enough:
+            expected = covered()
+            blind = bool(expected.sum() >= LEAST_COVERED and (there & expected).sum() < SEEN_SHARE * expected.sum())
+        self._blind = self._blind + 1 if blind else 0
+        shifted = shown.sent is None and enough and farther(self._scene, pixels).sum() > SHIFTED_SHARE * count
+        self._shifted = self._shifted + 1 if shifted else 0
 
 
 def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
@@ -149,10 +131,7 @@ def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bo
 def standing_before(
     scene: EmptyScene, sensor: Sensor, boxes: Float64[np.ndarray, "n 7"]
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Mask of pixels in which these boxes must appear.
-
-    A sensor must see one of the boxes there, or something nearer, before its empty scene.
-    """
+    """Mask of pixels in which a sensor must see one of these boxes, or something nearer, before its empty scene."""
     nothing = np.float32(np.inf)
     behind = np.where(scene.first > 0, np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)), nothing)
     rays, hit = sensor.world_rays.astype(np.float64), np.zeros(behind.size, bool)

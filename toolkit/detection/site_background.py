@@ -1,4 +1,4 @@
-"""Background of a site's scenery or of a recording. For a recording it is what lies behind all that moves."""
+"""Background of a site's scenery, or of what lies behind all that moves in a recording."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.arrays import Float, Float32
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import VOXEL, Background, KnownBackground
 from toolkit.frame import empty_scene
@@ -25,10 +25,8 @@ _MOST = 1 << 26  # voxels
 
 
 def recording_background(recording: CoopDataset) -> Background:
-    """Learn the background of a recording.
-
-    The scenery of its site is used if known, else what its sensors measure behind all that moves, four times over with
-    noise. Objects that park throughout become background.
+    """Learn the background of a recording: the scenery of its site if known, else what lies behind all that moves.
+    Objects that park throughout become background.
     """
     if recording.site.solids:
         return site_background(recording.site)
@@ -49,38 +47,26 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 
 def site_background(site: Site) -> Background:
-    """Return the background of all that stands still.
-
-    It covers a site's area up to its height, seen or unseen, with the ground levelled. The same site gives the same
-    background.
-    """
+    """Return the background of all that stands still in a site's area up to its height, with the ground levelled."""
     crop, slope = Crop.of(site), site.relief.slope
     voxel, mesh = choose_voxel(crop), build_scenery(site)
-    near = _reaches_crop(level_rows(mesh.vertices, slope)[mesh.triangles], crop)
+    corners, (xmin, ymin, xmax, ymax) = level_rows(mesh.vertices, slope)[mesh.triangles], crop.area
+    near = (corners.max(axis=1) >= [xmin, ymin, _FLOOR]).all(axis=1)
+    near &= (corners.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
     surfaces = _on_surfaces(Mesh(mesh.vertices, mesh.triangles[near]), voxel)
     points = [level_rows(some[crop.holds(some, _FLOOR)], slope) for some in surfaces]
     return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]), voxel)
 
 
 def choose_voxel(crop: Crop) -> float:
-    """Edge of a background's voxels (m).
-
-    Coarser than `VOXEL` for an area so large that the grid would take more than 64 MB.
-    """
+    """Edge of a background's voxels (m), coarser than `VOXEL` for a grid that would take more than 64 MB."""
     xmin, ymin, xmax, ymax = crop.area
     volume = (xmax - xmin) * (ymax - ymin) * (crop.height - _FLOOR)
     return max(VOXEL, float(np.cbrt(volume / _MOST)))
 
 
-def _reaches_crop(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray, " m"]:
-    """Mark triangles that may reach into a crop. corners: with the ground levelled."""
-    lowest, highest = corners.min(axis=1), corners.max(axis=1)
-    xmin, ymin, xmax, ymax = crop.area
-    return np.asarray((highest >= [xmin, ymin, _FLOOR]).all(axis=1) & (lowest <= [xmax, ymax, crop.height]).all(axis=1))
-
-
 def _on_surfaces(mesh: Mesh, voxel: float) -> Iterator[Float[np.ndarray, "n 3"]]:
-    """Yield random points on all triangles of a mesh. `PER_VOXEL` per voxel side on average."""
+    """Yield random points on all triangles of a mesh, `PER_VOXEL` per voxel side on average."""
     rng = np.random.default_rng(0)
     corners = mesh.vertices[mesh.triangles]
     edges = corners[:, 1:] - corners[:, :1]

@@ -36,10 +36,8 @@ Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of one sensor of a view.
-
-    history: what was done to its cropped points since; clouds of one sensor and frame with equal histories are equal.
-    rows: which of its cropped points these are, None for all of them.
+    """Points of one sensor of a view. history: what was done to its cropped points since; clouds of one sensor and
+    frame with equal histories are equal. rows: which of its cropped points these are, None for all of them.
     """
 
     sensor: int
@@ -51,10 +49,9 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """Image in which a sensor's points were measured: number `index` of a frame.
-
-    area, height: of the crop; kept: the pixels of the points in the crop in the order of these, None to find them;
-    lift: what was done to points of the frame's world before they were cropped, such as putting them on level ground.
+    """Image in which a sensor's points were measured: number `index` of a frame. area, height: of the crop; kept: the
+    pixels of the points in the crop in the order of these, None to find them; lift: what was done to points of the
+    frame's world before they were cropped, such as putting them on level ground.
     """
 
     frame: Frame
@@ -188,10 +185,8 @@ class View:
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> SentCloud:
-        """Send an image of a sensor to the centre.
-
-        through: gives what the centre makes of it, and the bits that took; name: says all that this depends on beside
-        the measurement.
+        """Send an image of a sensor to the centre. through: gives what the centre makes of it, and the bits that took;
+        name: says all that this depends on beside the measurement.
         """
         if (sensor, name) not in self._sent_clouds:
             measured, start = self.cloud(sensor), perf_counter()
@@ -264,9 +259,8 @@ def frame_view(
     scene: Callable[[int], EmptyScene] | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame, cropped to a site or area, below a height (m), else the site's own.
-
-    scene, memory: see `View`.
+    """Return the view of a frame, cropped to a site or area, below a height (m), else the site's own. scene, memory:
+    see `View`.
     """
     crop = Crop.of(site, height)
     return View(
@@ -288,9 +282,8 @@ def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
 
 
 def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
-    """Drop detections that overlap a surer one of their label, by more than a BEV IoU. They come back best first.
-
-    Equal scores are settled by the boxes' numbers, so the order of the input makes no difference.
+    """Drop detections that overlap a surer one of their label, by more than a BEV IoU. They come back best first. Equal
+    scores are settled by the boxes' numbers, so the order of the input makes no difference.
     """
     boxes, scores, labels = detections.boxes, detections.scores, detections.labels
     order = np.lexsort((labels, *boxes.T))

@@ -79,10 +79,10 @@ def test_what_is_seen_of_a_sample():
     cloud = SensorCloud("s", points, np.eye(4))
     seen = Seen.of(Frame.of_clouds("0", (cloud,), Objects(BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]))))
     assert len(seen.points) == 40
-    np.testing.assert_allclose(seen.heights(BOX + np.array([0, 0, 2.5, 0, 0, 0, 0])), [1.5], atol=0.02)
+    np.testing.assert_allclose(seen.ground.height(BOX[:, :2]), [2.0], atol=0.02)
     assert fits([seen, seen], [BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]), np.zeros((0, 7))]).tolist() == [1.0]
     nothing = Seen.of(Frame.of_clouds("0", (SensorCloud("s", points[:2], np.eye(4)),), Objects(BOX)))
-    assert (len(nothing.points), len(nothing.heights(BOX))) == (2, 0)
+    assert (len(nothing.points), nothing.ground) == (2, None)
 
 
 BOX_LABEL_MISTAKES = np.array([[3.0, 5.0, 1.0, 4.0, 2.0, 1.5, 0.4]])

@@ -32,14 +32,9 @@ STALE = 1.0  # s, age at which a message is too old to be shown
 
 @dataclass(frozen=True)
 class LinkChannel:
-    """Channel of one sensor's messages.
-
-    delay: of every message (s); jitter: standard deviation of the extra delay, never below 0 (s); loss: share of lost
-    messages; burst: mean number of messages lost in a row, None for independent losses; every: the sensor sends each
-    n-th frame.
-
-    Raises ValueError for times below 0, a share outside 0..1 or equal to 1, bursts shorter than independent losses
-    have, and every below 1.
+    """Channel of one sensor's messages. delay: of every message (s); jitter: standard deviation of the extra delay,
+    never below 0 (s); loss: share of lost messages; burst: mean number of messages lost in a row, None for independent
+    losses; every: the sensor sends each n-th frame. Raises ValueError for what no channel can have.
     """
 
     delay: float = 0.0
@@ -92,10 +87,8 @@ class Line:
 
 
 class Lagged(NamedTuple):
-    """Frame as the centre has it.
-
-    frame: the combined frame; ages: of each sensor's measurement (s), NaN without one; since: seconds since traffic
-    restarted; sent: current measurements of the sensors.
+    """Frame as the centre has it, and as the sensors measure now (`sent`). ages: of each sensor's measurement (s), NaN
+    without one; since: seconds since traffic restarted.
     """
 
     frame: Frame
@@ -117,12 +110,11 @@ def delay_frames(
 ) -> Iterator[Lagged]:
     """Yield the centre's frame at the time of each frame.
 
-    channels: one for each sensor, or one for all, drawn apart; frames: only the first ones; seed: of the channels;
-    errors, noise_seed: see `toolkit.datasets.readings.read_frame`; frozen: sensors (indices) that keep sending, with
-    current times, their first measurement since traffic started; needed: numbers of a sensor's messages that must have
-    arrived to read one, None for itself alone.
-
-    Raises ValueError for channels with any effect if frames are more than `MOST_APART` from each other.
+    channels: one for each sensor, or one for all, drawn apart from `seed`; frames: only the first ones; errors,
+    noise_seed: see `toolkit.datasets.readings.read_frame`; frozen: sensors (indices) that keep sending, with current
+    times, their first measurement since traffic started; needed: numbers of a sensor's messages that must have arrived
+    to read one, None for itself alone. Raises ValueError for channels with any effect if frames are more than
+    `MOST_APART` from each other.
     """
     count = min(len(recording), len(recording) if frames is None else frames)
     history: list[Frame] = []

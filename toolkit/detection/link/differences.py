@@ -1,6 +1,4 @@
-"""Differences: foreground messages that send only changes.
-
-The changes are those since an earlier message.
+"""Differences: foreground messages that send only the changes since an earlier message.
 
 A whole image, an ordinary foreground message, comes at least every `key_every` messages; those between are differences.
 Each names the message that it refers to, and a checksum of the state that sender and reader share after it. A reader
@@ -37,26 +35,23 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Bool, Int64
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link.foreground import (
     Foreground,
     Restored,
     SendsForeground,
+    SentPixels,
     check_pixels,
+    check_scene,
     decode_missing,
-    draw_scene_around,
-    encode_missing,
     read_foreground,
-    restore_points,
-    scene_header,
-    scene_number,
-    standing_out,
+    write_scene_message,
 )
 from toolkit.detection.link.image_coding import (
     MOST_STEPS,
@@ -72,8 +67,8 @@ from toolkit.detection.link.image_coding import (
     unpack_integers,
     write_fixed,
 )
-from toolkit.detection.link.message import MessageKind, check_header, read_message, step_in_mm, write_message
-from toolkit.detection.link.range_images import image_header, to_steps
+from toolkit.detection.link.message import MessageKind, read_message, step_in_mm
+from toolkit.detection.link.range_images import to_steps
 from toolkit.detection.view import View
 
 RefersTo = Literal["previous", "key"]
@@ -88,20 +83,9 @@ class MissedReference(ValueError):
     """Difference from a message that the reader does not have. The next whole image can be read again."""
 
 
-class _Difference(NamedTuple):
-    """Content of a message, and its number of still pixels."""
-
-    content: bytes
-    stands: int
-
-
 class DifferenceSender:
-    """Sender of one sensor's messages.
-
-    scene: its empty scene; step: of measurements (m); refers_to: see above; key_every: most messages from one whole
-    image to the next; 1 sends whole images only.
-
-    Raises ValueError for another refers_to, and for key_every below 1 or above 255.
+    """Sender of one sensor's messages, whose empty scene is `scene`. step: of measurements (m); refers_to: see above;
+    key_every: most messages, 1 to 255, from one whole image to the next. Raises ValueError for others.
     """
 
     def __init__(
@@ -113,36 +97,26 @@ class DifferenceSender:
         self._key = 0
 
     def write(self, image: RangeImage, missing: Bool[np.ndarray, "rows columns"] | None = None) -> bytes:
-        """Write the next message.
-
-        Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is sent whole when due, when it
-        is smaller because few pixels stand still, and when image numbers do not continue.
+        """Write the next message. Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is
+        sent whole when due, when that is smaller because few pixels stand still, and when numbers do not continue.
         """
         sent, missing = check_pixels(image, self.scene, missing)
-        steps, mm = to_steps(image.measurement, sent, self.step), step_in_mm(self.step)
-        less = self._difference(image, steps, sent)
-        content = encode_pixels(steps, sent) if less is None or less.stands < FEW_PIXELS else b""
-        if self._reference is None or less is None or 0 < len(content) <= len(less.content):
-            kind, self._key = MessageKind.FOREGROUND, image.number
-            self._reference = Reference.of(image.number, mm, steps, sent)
+        steps, reference, difference, stands = to_steps(image.measurement, sent, self.step), self._reference, b"", 0
+        if reference is not None and reference.number < image.number < self._key + self.key_every:
+            squares = still_squares(reference, steps, sent)
+            if squares.any():
+                refers = image.number - reference.number, self.refers_to == "previous", reference.checksum
+                difference = _REFERS.pack(*refers) + encode_difference(steps, sent, reference, squares)
+                stands = int(reference.standing(steps, sent).sum())
+        whole = encode_pixels(steps, sent) if stands < FEW_PIXELS else b""
+        if reference is None or not difference or 0 < len(whole) <= len(difference):
+            kind, content, self._key = MessageKind.FOREGROUND, whole, image.number
+            self._reference = Reference.of(image.number, step_in_mm(self.step), steps, sent)
         else:
-            kind, content = MessageKind.DIFFERENCE, less.content
+            kind, content = MessageKind.DIFFERENCE, difference
             if self.refers_to == "previous":
-                self._reference = self._reference.after(image.number, steps, sent)
-        header = image_header(kind, image, self.step, scene_number(self.scene))
-        return write_message(header, content + encode_missing(missing))
-
-    def _difference(self, image: RangeImage, steps: np.ndarray, sent: np.ndarray) -> _Difference | None:
-        """Difference of an image. None if it must be sent whole."""
-        reference = self._reference
-        if reference is None or not reference.number < image.number < self._key + self.key_every:
-            return None
-        squares = still_squares(reference, steps, sent)
-        if not squares.any():
-            return None
-        refers = image.number - reference.number, self.refers_to == "previous", reference.checksum
-        content = _REFERS.pack(*refers) + encode_difference(steps, sent, reference, squares)
-        return _Difference(content, int(reference.standing(steps, sent).sum()))
+                self._reference = reference.after(image.number, steps, sent)
+        return write_scene_message(kind, image, self.scene, self.step, content, missing)
 
 
 class DifferenceReader:
@@ -153,17 +127,15 @@ class DifferenceReader:
         self._reference: Reference | None = None
 
     def read(self, message: bytes) -> Restored:
-        """Read the image of a message.
-
-        Raises `MissedReference` for a difference from a message that never arrived, and ValueError as
-        `toolkit.detection.link.foreground.decode_foreground`; the reader then stays as it was.
+        """Read the image of a message. Raises `MissedReference` for a difference from a message that never arrived, and
+        ValueError as `decode_foreground`; the reader then stays as it was.
         """
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
-            header, steps, sent, missing = read_foreground(message, self.scene)
-            self._reference = Reference.of(header.number, header.step_mm, steps, sent)
-            return draw_scene_around(header, self.scene, steps, sent, missing)
-        check_header(header, MessageKind.DIFFERENCE, **scene_header(self.scene))
+            pixels = read_foreground(message, self.scene)
+            self._reference = Reference.of(header.number, header.step_mm, pixels.steps, pixels.sent)
+            return pixels.restore(self.scene)
+        check_scene(header, MessageKind.DIFFERENCE, self.scene)
         if len(content) < _REFERS.size:
             raise ValueError(f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}")
         back, goes_on, checksum = _REFERS.unpack_from(content)
@@ -183,10 +155,10 @@ class DifferenceReader:
                 f"a difference has steps of its reference, {reference.step_mm} mm, got {header.step_mm} mm"
             )
         steps, sent, end = decode_difference(content, _REFERS.size, reference)
-        restored = draw_scene_around(header, self.scene, steps, sent, decode_missing(content, end, sent))
+        pixels = SentPixels(header, steps, sent, decode_missing(content, end, sent))
         if goes_on:
             self._reference = reference.after(header.number, steps, sent)
-        return restored
+        return pixels.restore(self.scene)
 
 
 def check_differences(refers_to: str, key_every: int) -> None:
@@ -208,9 +180,7 @@ _FINE = 1 << _FINE_BITS  # parts of a step
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Shared state of sender and reader.
-
-    number: of the last message in it; step_mm: of its numbers; fine: mean measurement of every pixel in 16ths of a
+    """Shared state of sender and reader after message `number`. fine: mean measurement of every pixel in 16ths of a
     step; images: number of averaged images, 0 for pixels that the last message did not send.
     """
 
@@ -240,8 +210,8 @@ class Reference:
 
     @cached_property
     def whole_steps(self) -> Int64[np.ndarray, "rows columns"]:
-        """Mean measurements in whole steps."""
-        return _round_steps(self.fine)
+        """Mean measurements in whole steps, halves rounded up."""
+        return (self.fine + _FINE // 2) >> _FINE_BITS
 
     def after(
         self, number: int, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
@@ -260,16 +230,18 @@ class Reference:
     ) -> Bool[np.ndarray, "rows columns"]:
         """Mask of sent pixels that measure what it says."""
         most = max(1, (STILL_MM + self.step_mm // 2) // self.step_mm)
-        both = sent & self.known
-        stands = both.copy()
-        stands[both] = np.abs(steps[both] - _round_steps(self.fine[both])) <= most
-        return stands
+        return sent & self.known & (np.abs(steps - self.whole_steps) <= most)
+
+    def predict(self, pixels: Bool[np.ndarray, "rows columns"]) -> tuple[np.ndarray, np.ndarray]:
+        """Mean of pixels in whole steps, and 1 where it was rounded down, else -1."""
+        fine, whole = self.fine[pixels], self.whole_steps[pixels]
+        return whole, np.where(fine >= _FINE * whole, 1, -1)
 
 
 def still_squares(
     reference: Reference, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
 ) -> Bool[np.ndarray, "down across"]:
-    """Mark squares that the reference predicts best. It predicts them better than neighbours do."""
+    """Mark squares that the reference predicts better than neighbours do."""
     stands = _count_pixels(reference.standing(steps, sent))
     return (stands > 0) & (stands > STILL_SHARE * _count_pixels(reference.known))
 
@@ -280,17 +252,15 @@ def encode_difference(
     reference: Reference,
     squares: Bool[np.ndarray, "down across"],
 ) -> bytes:
-    """Encode the sent pixels.
-
-    squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and for an image of another
-    shape.
+    """Encode the sent pixels. squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and
+    for an image of another shape.
     """
     if steps.shape != reference.fine.shape:
         raise ValueError(f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}")
     there = _count_pixels(reference.known) > 0
     still = reference.known & _spread(squares & there, steps.shape)
     by_reference = sent & still
-    whole, towards = _predictions(reference, by_reference)
+    whole, towards = reference.predict(by_reference)
     residuals = towards * (steps[by_reference] - whole)
     return (
         write_fixed(squares[there].astype(np.int64), 1)
@@ -303,10 +273,8 @@ def encode_difference(
 def decode_difference(
     content: bytes, start: int, reference: Reference
 ) -> tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"], int]:
-    """Decode pixels that begin at `start`.
-
-    Returns steps (0 for pixels that are not sent), the mask of sent pixels, and the end. Raises ValueError for bytes
-    that `encode_difference` does not write.
+    """Decode the pixels that begin at `start`: steps (0 if not sent), mask of sent pixels, and end. Raises ValueError
+    for bytes that `encode_difference` does not write.
     """
     shape = (int(reference.fine.shape[0]), int(reference.fine.shape[1]))
     there = _count_pixels(reference.known) > 0
@@ -321,24 +289,12 @@ def decode_difference(
     if len(residuals) != by_reference.sum():
         raise ValueError(f"{by_reference.sum()} pixels stand still, got {len(residuals)} residuals")
     steps = np.zeros(shape, np.int64)
-    whole, towards = _predictions(reference, by_reference)
+    whole, towards = reference.predict(by_reference)
     measured = steps[by_reference] = whole + towards * unfold(residuals)
     if len(measured) and not (measured.min() >= 0 and measured.max() < MOST_STEPS):
         raise ValueError("measurements out of range: the message is damaged")
     others, end = decode_values(content, start, sent & ~still, (steps, by_reference))
     return steps + others, sent, end
-
-
-def _round_steps(fine: np.ndarray) -> np.ndarray:
-    """Round to whole steps, halves up."""
-    return (fine + _FINE // 2) >> _FINE_BITS
-
-
-def _predictions(reference: Reference, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reference of pixels in whole steps, and rounding. Rounding is 1 where it was rounded down, else -1."""
-    fine = reference.fine[pixels]
-    whole = _round_steps(fine)
-    return whole, np.where(fine >= _FINE * whole, 1, -1)
 
 
 def _count_pixels(mask: np.ndarray) -> np.ndarray:
@@ -356,12 +312,9 @@ def _spread(squares: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ForegroundDifferences(SendsForeground):
-    """Foreground scheme whose messages send only changes.
-
-    The same points arrive as with `Foreground`, so the detections are the same; only the bytes differ. Pass a memory
+    """Foreground scheme whose messages send only changes: the same points arrive as with `Foreground`. Pass a memory
     from view to view (`toolkit.detection.view.View`) when frames are read in order; otherwise every image is sent
-    whole. step, sigmas: as of `Foreground`; refers_to, key_every: as of `DifferenceSender`. Raises ValueError as these
-    do.
+    whole. Fields as of `Foreground` and `DifferenceSender`; raises ValueError as these do.
     """
 
     step: float = 0.02
@@ -375,9 +328,7 @@ class ForegroundDifferences(SendsForeground):
         check_differences(self.refers_to, self.key_every)
 
     def dependencies(self, number: int, /) -> range:
-        """Numbers of the messages needed to read one.
-
-        The message itself is the last.
+        """Numbers of the messages needed to read one, itself the last.
 
         >>> ForegroundDifferences(key_every=10).dependencies(12)
         range(10, 13)
@@ -391,15 +342,14 @@ class ForegroundDifferences(SendsForeground):
         """Bits that sensors send of a frame, arrived or not."""
         return [self._transmit(view, sensor).bits for sensor in sensors]
 
-    def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
-        """Restored cloud of a sensor, and its message's bits."""
-        captured, scene = view.captured(sensor), view.scene(sensor)
-        sender, reader = view.remember(sensor, self.digest, lambda: self._begun(view, sensor))
-        out = standing_out(captured, scene, self.sigmas)
-        message = sender.write(captured.sending(out.pixels), out.missing)
-        return restore_points(captured, scene, reader.read(message))[0], 8 * len(message)
+    def _exchange(
+        self, view: View, sensor: int, image: RangeImage, missing: Bool[np.ndarray, "rows columns"]
+    ) -> tuple[bytes, Restored]:
+        def begin() -> tuple[DifferenceSender, DifferenceReader]:
+            scene = view.scene(sensor)
+            sender = DifferenceSender(scene, step=self.step, refers_to=self.refers_to, key_every=self.key_every)
+            return sender, DifferenceReader(scene)
 
-    def _begun(self, view: View, sensor: int) -> tuple[DifferenceSender, DifferenceReader]:
-        scene = view.scene(sensor)
-        sender = DifferenceSender(scene, step=self.step, refers_to=self.refers_to, key_every=self.key_every)
-        return sender, DifferenceReader(scene)
+        sender, reader = view.remember(sensor, self.digest, begin)
+        message = sender.write(image, missing)
+        return message, reader.read(message)

@@ -1,6 +1,4 @@
-"""`Foreground`: sensors send only what stands out.
-
-It stands out from their empty scene.
+"""`Foreground`: sensors send only what stands out from their empty scene.
 
 The centre knows the empty scenes, draws them into all other pixels, and all points go through the detector together, as
 in early fusion. Sent pixels arrive within half a step. On the wire the missing pixels, if any, follow the measurements
@@ -17,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -39,7 +37,7 @@ from toolkit.detection.link.range_images import RangeImages, from_steps, image_h
 from toolkit.detection.scheme import Counts, Fused
 from toolkit.detection.view import Captured, Lift, SentCloud, View
 from toolkit.frame import unproject
-from toolkit.points import Crop, crop_image
+from toolkit.points import Crop
 from toolkit.sensors.sensor import Sensor, is_return
 
 
@@ -49,53 +47,47 @@ class SendsForeground(Parameters):
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
     predicted_as: ClassVar[str] = "early"
-
-    @property
-    def step(self) -> float:
-        """Step of measurements (m)."""
-        raise NotImplementedError
+    step: float
+    sigmas: float
 
     @property
     def codec(self) -> RangeImages:
-        """Codec that estimates a foreground message's mean bits.
-
-        It works from the number of pixels of a whole image.
-        """
+        """Codec that estimates a foreground message's mean bits by the number of pixels of a whole image."""
         return RangeImages(self.step)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect once in the restored clouds of all sensors.
-
-        Raises ValueError if a sensor's empty scene or image is not known.
-        """
+        """Detect once in the restored clouds of all sensors. Raises ValueError for an unknown empty scene or image."""
         sent = [self._transmit(view, sensor) for sensor in sensors]
         boxes = view.suppress([view.detect([each.arrived for each in sent])])
         return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return the points on objects that count.
-
-        Others stand out as well, such as people where only vehicles count.
-        """
+        """Return the points on objects that count. Others stand out as well."""
         return counts.on_objects
 
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
         """Return None: no boxes are sent."""
 
     def _transmit(self, view: View, sensor: int) -> SentCloud:
-        return view.transmit(sensor, self.digest, partial(self._through, view, sensor))
+        def through() -> tuple[Float32[np.ndarray, "n 3"], int]:
+            captured, scene = view.captured(sensor), view.scene(sensor)
+            out = standing_out(captured, scene, self.sigmas)
+            message, restored = self._exchange(view, sensor, captured.sending(out.pixels), out.missing)
+            return restore_points(captured, scene, restored)[0], 8 * len(message)
 
-    def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
-        """Restored cloud of a sensor, and its message's bits."""
+        return view.transmit(sensor, self.digest, through)
+
+    def _exchange(
+        self, view: View, sensor: int, image: RangeImage, missing: Bool[np.ndarray, "rows columns"]
+    ) -> tuple[bytes, Restored]:
+        """Message of a sensor, and what the centre restores of it."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Foreground(SendsForeground):
-    """Early fusion with a background known to the centre.
-
-    step: of measurements (m); sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError
-    for a step that messages cannot express, and for sigmas not above 0.
+    """Early fusion with a background known to the centre. step: of measurements (m), in whole millimetres; sigmas:
+    spreads of the empty scene, above 0, within which a measurement shows it. Raises ValueError for others.
     """
 
     step: float = 0.02
@@ -107,20 +99,16 @@ class Foreground(SendsForeground):
         if not 0 < self.sigmas < np.inf:
             raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
 
-    def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
-        """Restored cloud of a sensor, and its message's bits."""
-        captured, scene = view.captured(sensor), view.scene(sensor)
-        out = standing_out(captured, scene, self.sigmas)
-        message = encode_foreground(captured.sending(out.pixels), scene, out.missing, step=self.step)
-        return restore_points(captured, scene, decode_foreground(message, scene))[0], 8 * len(message)
+    def _exchange(
+        self, view: View, sensor: int, image: RangeImage, missing: Bool[np.ndarray, "rows columns"]
+    ) -> tuple[bytes, Restored]:
+        scene = view.scene(sensor)
+        message = encode_foreground(image, scene, missing, step=self.step)
+        return message, decode_foreground(message, scene)
 
 
 class Restored(NamedTuple):
-    """Image restored at the centre.
-
-    header: of the message; image: the whole image, with the empty scene in pixels that were not sent; sent: mask of
-    sent pixels; missing: mask of missing pixels, 0 in the image.
-    """
+    """Image restored at the centre, masks of sent and missing pixels (0 in the image), and the message's header."""
 
     header: MessageHeader
     image: Float32[np.ndarray, "rows columns"]
@@ -135,43 +123,42 @@ def encode_foreground(
     *,
     step: float = 0.02,
 ) -> bytes:
-    """Encode an image's foreground pixels and missing ones.
-
-    Foreground pixels are all that return something.
-
-    Raises ValueError for the empty scene of another sensor, and for a missing pixel that returns something.
+    """Encode an image's foreground, all pixels that return something, and missing pixels. Raises ValueError for the
+    empty scene of another sensor, and for a missing pixel that returns something.
     """
     sent, missing = check_pixels(image, scene, missing)
-    header = image_header(MessageKind.FOREGROUND, image, step, scene_number(scene))
     content = encode_pixels(to_steps(image.measurement, sent, step), sent)
-    return write_message(header, content + encode_missing(missing))
+    return write_scene_message(MessageKind.FOREGROUND, image, scene, step, content, missing)
+
+
+class SentPixels(NamedTuple):
+    """Header of a message, measurements in steps, and masks of sent and missing pixels."""
+
+    header: MessageHeader
+    steps: Int64[np.ndarray, "rows columns"]
+    sent: Bool[np.ndarray, "rows columns"]
+    missing: Bool[np.ndarray, "rows columns"]
+
+    def restore(self, scene: EmptyScene) -> Restored:
+        """Draw the empty scene into all pixels that are neither sent nor missing."""
+        measured = from_steps(self.steps, self.sent, self.header.step, scene.model)
+        image = np.where(self.sent | self.missing, measured, scene.first)
+        return Restored(self.header, image, self.sent, self.missing)
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
-    """Restore an image from a message and the empty scene.
-
-    Raises ValueError for a message that is damaged, of another version or sensor, or made with another empty scene.
+    """Restore an image from a message and the empty scene. Raises ValueError for a message that is damaged, of another
+    version or sensor, or made with another empty scene.
     """
-    header, steps, sent, missing = read_foreground(message, scene)
-    return draw_scene_around(header, scene, steps, sent, missing)
+    return read_foreground(message, scene).restore(scene)
 
 
-def read_foreground(
-    message: bytes, scene: EmptyScene
-) -> tuple[
-    MessageHeader,
-    Int64[np.ndarray, "rows columns"],
-    Bool[np.ndarray, "rows columns"],
-    Bool[np.ndarray, "rows columns"],
-]:
-    """Read header, measurements, sent pixels and missing pixels.
-
-    Measurements are in steps. Raises ValueError as `decode_foreground`.
-    """
+def read_foreground(message: bytes, scene: EmptyScene) -> SentPixels:
+    """Read the pixels of a message. Raises ValueError as `decode_foreground`."""
     header, content = read_message(message)
-    check_header(header, MessageKind.FOREGROUND, **scene_header(scene))
+    check_scene(header, MessageKind.FOREGROUND, scene)
     steps, sent, end = read_pixels(content, 0, scene.model.shape)
-    return header, steps, sent, decode_missing(content, end, sent)
+    return SentPixels(header, steps, sent, decode_missing(content, end, sent))
 
 
 def check_pixels(
@@ -189,22 +176,23 @@ def check_pixels(
     return sent, missing
 
 
-def scene_header(scene: EmptyScene) -> dict[str, int]:
-    """Header fields of messages made with an empty scene."""
+def write_scene_message(
+    kind: MessageKind, image: RangeImage, scene: EmptyScene, step: float, content: bytes, missing: np.ndarray
+) -> bytes:
+    """Write a message made with an empty scene. The mask of missing pixels ends it, if there are any."""
+    header = image_header(kind, image, step, scene_number(scene))
+    return write_message(header, content + (encode_mask(missing) if missing.any() else b""))
+
+
+def check_scene(header: MessageHeader, kind: MessageKind, scene: EmptyScene) -> None:
+    """Raise ValueError unless a message is of that kind and made with that empty scene."""
     rows, columns = scene.model.shape
-    return {"sensor": sensor_number(scene.name), "rows": rows, "columns": columns, "scene": scene_number(scene)}
-
-
-def encode_missing(missing: Bool[np.ndarray, "rows columns"]) -> bytes:
-    """Encode missing pixels as a mask. Nothing is written if none is missing."""
-    return encode_mask(missing) if missing.any() else b""
+    number = sensor_number(scene.name)
+    check_header(header, kind, sensor=number, rows=rows, columns=columns, scene=scene_number(scene))
 
 
 def decode_missing(content: bytes, start: int, sent: Bool[np.ndarray, "rows columns"]) -> np.ndarray:
-    """Decode the missing pixels that begin at `start`.
-
-    Raises ValueError for bytes that `encode_missing` does not write.
-    """
+    """Decode the missing pixels that begin at `start`. Raises ValueError for any other bytes."""
     if start == len(content):
         return np.zeros(sent.shape, bool)
     missing, end = decode_mask(content, start, sent.shape)
@@ -216,26 +204,10 @@ def decode_missing(content: bytes, start: int, sent: Bool[np.ndarray, "rows colu
     return missing
 
 
-def draw_scene_around(
-    header: MessageHeader,
-    scene: EmptyScene,
-    steps: Int64[np.ndarray, "rows columns"],
-    sent: Bool[np.ndarray, "rows columns"],
-    missing: Bool[np.ndarray, "rows columns"],
-) -> Restored:
-    """Draw the empty scene into all other pixels. These are neither sent nor missing."""
-    measured = from_steps(steps, sent, header.step, scene.model)
-    return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing)
-
-
 def restore_points(
     captured: Captured, scene: EmptyScene, restored: Restored | None
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
-    """Points of a sensor in its crop, and sent ones.
-
-    The sent points come first. restored: None if nothing arrived at all: then the empty scene is drawn; captured: for
-    sensor and crop.
-    """
+    """Points of a sensor in its crop, sent ones first, and the sent ones. restored: None if nothing arrived at all."""
     drawn = draw_scene(captured, scene)
     if restored is None:
         return drawn.points, drawn.points[:0]
@@ -261,10 +233,7 @@ class DrawnScene(NamedTuple):
 
 
 class StandsOut(NamedTuple):
-    """Pixels of an image to send.
-
-    pixels: row after row, ascending; missing: mask of pixels without anything the scene has.
-    """
+    """Pixels of an image to send, ascending row after row, and mask of those without anything the scene has."""
 
     pixels: Int64[np.ndarray, " n"]
     missing: Bool[np.ndarray, "rows columns"]
@@ -289,20 +258,15 @@ def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
 
 @lru_cache(maxsize=64)
 def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> DrawnScene:
-    if lift is None:
-        xyz, pixels = crop_image(sensor, scene.first, crop)
-        return DrawnScene(np.ascontiguousarray(xyz[:, pixels].T), pixels)
     xyz, valid = unproject(sensor, scene.first)
-    points = lift(np.ascontiguousarray(xyz[:, valid].T))
+    points = np.ascontiguousarray(xyz[:, valid].T)
+    points = points if lift is None else lift(points)
     kept = crop.holds(points)
     return DrawnScene(points[kept], np.flatnonzero(valid)[kept])
 
 
 def _keep_company(gone: Bool[np.ndarray, "rows columns"], expected: Bool[np.ndarray, "rows columns"]) -> np.ndarray:
-    """Mask of missing pixels with missing neighbours.
-
-    At least half of the expected pixels about them are missing too.
-    """
+    """Mask of missing pixels of which at least half of the expected pixels about them are missing too."""
     certain = gone & expected
     if not certain.any():
         return np.zeros_like(gone)

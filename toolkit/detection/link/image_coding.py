@@ -1,6 +1,4 @@
-"""Lossless coding of whole numbers and range images.
-
-For images, it is their pixels that are coded.
+"""Lossless coding of whole numbers and of the pixels of range images.
 
 Numbers: a number below 8 is its own symbol; one of e > 3 bits has the symbol 8 + 2 (e - 4) + its second bit, and its
 lower e - 2 bits follow apart. On the wire:
@@ -41,20 +39,30 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
     low = np.where(values < _SMALL, 0, size - 2)
     second = (values >> low) & 1
     symbols = np.where(values < _SMALL, values, _SMALL + 2 * (size - _FIRST_SIZE) + second)
-    deflated = _deflate(symbols.astype(np.uint8).tobytes())
+    deflated = b""
+    for strategy in _STRATEGIES:
+        packer = zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy)
+        packed = packer.compress(symbols.astype(np.uint8).tobytes()) + packer.flush()
+        deflated = packed if not deflated or len(packed) < len(deflated) else deflated
     return _variable(len(values)) + _variable(len(deflated)) + deflated + _write_bits(values, low)
 
 
 def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Unpack numbers that begin at `start`, and return their end.
-
-    Raises ValueError for more than `most` numbers, or bytes that `pack_integers` does not write.
+    """Unpack numbers that begin at `start`, and return their end. Raises ValueError for more than `most` numbers, or
+    bytes that `pack_integers` does not write.
     """
     count, start = _read_variable(data, start)
     if count > most:
         raise ValueError(f"at most {most} packed numbers are possible, got {count}")
     length, start = _read_variable(data, start)
-    symbols = _inflate(data[start : start + length], count).astype(np.int64)
+    opener = zlib.decompressobj(-15)
+    try:
+        content = opener.decompress(data[start : start + length], count + 1)
+    except zlib.error as error:
+        raise ValueError(f"packed numbers cannot be inflated ({error})") from None
+    if len(content) != count or not opener.eof or opener.unused_data:
+        raise ValueError(f"packed numbers inflate to {count} symbols, got {len(content)}")
+    symbols = np.frombuffer(content, np.uint8).astype(np.int64)
     if len(symbols) and symbols.max() > _SMALL + 2 * (32 - _FIRST_SIZE) + 1:
         raise ValueError(f"packed numbers have symbols up to {_SMALL + 57}, got {symbols.max()}")
     half, second = np.divmod(np.maximum(symbols - _SMALL, 0), 2)
@@ -69,10 +77,7 @@ def write_fixed(values: Int64[np.ndarray, " n"], width: int) -> bytes:
 
 
 def read_fixed(data: bytes, start: int, count: int, width: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Read numbers of `write_fixed`, and return their end.
-
-    Raises ValueError if bytes are missing or filled otherwise.
-    """
+    """Read numbers of `write_fixed`, and their end. Raises ValueError if bytes are missing or filled otherwise."""
     if count * width > 8 * (len(data) - start):
         raise ValueError(f"{count} numbers of {width} bits do not fit the {len(data) - start} bytes that follow")
     return _read_bits(data, start, np.full(count, width))
@@ -80,8 +85,7 @@ def read_fixed(data: bytes, start: int, count: int, width: int) -> tuple[Int64[n
 
 def _write_bits(values: np.ndarray, width: np.ndarray) -> bytes:
     """Write the lower `width` bits of each number."""
-    place = _places(width)
-    return np.packbits((np.repeat(values, width) >> place) & 1).tobytes()
+    return np.packbits((np.repeat(values, width) >> _places(width)) & 1).tobytes()
 
 
 def _read_bits(data: bytes, start: int, width: np.ndarray) -> tuple[np.ndarray, int]:
@@ -98,29 +102,9 @@ def _read_bits(data: bytes, start: int, width: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _places(width: np.ndarray) -> np.ndarray:
-    """Place of every bit in its number. From the highest down."""
+    """Place of every bit in its number, from the highest down."""
     ends = np.cumsum(width)
     return np.repeat(ends, width) - 1 - np.arange(int(width.sum()))
-
-
-def _deflate(data: bytes) -> bytes:
-    made = []
-    for strategy in _STRATEGIES:
-        packer = zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy)
-        made.append(packer.compress(data) + packer.flush())
-    return min(made, key=len)
-
-
-def _inflate(data: bytes, count: int) -> np.ndarray:
-    """Inflate `count` bytes. Raises ValueError for any other number of bytes."""
-    opener = zlib.decompressobj(-15)
-    try:
-        content = opener.decompress(data, count + 1)
-    except zlib.error as error:
-        raise ValueError(f"packed numbers cannot be inflated ({error})") from None
-    if len(content) != count or not opener.eof or opener.unused_data:
-        raise ValueError(f"packed numbers inflate to {count} symbols, got {len(content)}")
-    return np.frombuffer(content, np.uint8)
 
 
 def _variable(number: int) -> bytes:
@@ -156,15 +140,10 @@ def encode_pixels(steps: Int64[np.ndarray, "rows columns"], mask: Bool[np.ndarra
 def decode_pixels(
     content: bytes, shape: tuple[int, int]
 ) -> tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
-    """Decode steps (0 outside the mask) and the mask.
-
-    Raises ValueError for bytes that `encode_pixels` does not write.
-    """
+    """Decode steps (0 outside the mask) and the mask. Raises ValueError for other bytes."""
     steps, mask, end = read_pixels(content, 0, shape)
     if end != len(content):
-        raise ValueError(
-            f"{mask.sum()} pixels are marked, got {mask.sum()} residuals and {len(content) - end} bytes more"
-        )
+        raise ValueError(f"{mask.sum()} pixels must end the message, got {len(content) - end} bytes more")
     return steps, mask
 
 
@@ -179,15 +158,16 @@ def read_pixels(
 
 def encode_mask(mask: Bool[np.ndarray, "rows columns"]) -> bytes:
     """Encode a mask in the shorter of both ways."""
-    ways = [bytes([way]) + pack_integers(_distances(_changes(mask, way))) for way in (_ALONG_ROWS, _LEFT_AND_UP)]
-    return min(ways, key=len)
+    across = mask.copy()
+    across[1:] ^= mask[:-1]
+    across[:, 1:] ^= across[:, :-1].copy()
+    ways = {_ALONG_ROWS: np.diff(mask.ravel(), prepend=False), _LEFT_AND_UP: across.ravel()}
+    packed = {way: pack_integers(np.diff(np.flatnonzero(changes), prepend=-1)) for way, changes in ways.items()}
+    return min((bytes([way]) + each for way, each in packed.items()), key=len)
 
 
 def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Bool[np.ndarray, "rows columns"], int]:
-    """Decode the mask that begins at `start`.
-
-    Its end is returned too. Raises ValueError for bytes that `encode_mask` does not write.
-    """
+    """Decode a mask, and return its end. Raises ValueError for bytes that `encode_mask` does not write."""
     rows, columns = shape
     if start >= len(content) or content[start] not in (_ALONG_ROWS, _LEFT_AND_UP):
         raise ValueError("the content of an image must begin with 0 or 1: it is damaged")
@@ -197,7 +177,9 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Boo
     if len(distances) and not (distances.min() > 0 and places[-1] < len(changes)):
         raise ValueError(f"changes of the mask lie outside its {rows} x {columns} pixels")
     changes[places] = True
-    return _undo_changes(changes.reshape(shape), content[start]), end
+    if content[start] == _ALONG_ROWS:
+        return np.logical_xor.accumulate(changes).reshape(shape), end
+    return np.logical_xor.accumulate(np.logical_xor.accumulate(changes.reshape(shape), axis=1), axis=0), end
 
 
 def encode_values(
@@ -205,9 +187,8 @@ def encode_values(
     mask: Bool[np.ndarray, "rows columns"],
     given: Bool[np.ndarray, "rows columns"] | None = None,
 ) -> bytes:
-    """Encode measurements of the pixels of a mask.
-
-    given: other pixels, known to the reader. Raises ValueError for steps below 0 or from 2^24 on.
+    """Encode measurements of a mask's pixels. given: other pixels, known to the reader. Raises ValueError for steps
+    below 0 or from 2^24 on.
     """
     values = steps[mask]
     if len(values) and not (values.min() >= 0 and values.max() < MOST_STEPS):
@@ -221,10 +202,8 @@ def decode_values(
     mask: Bool[np.ndarray, "rows columns"],
     given: tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]] | None = None,
 ) -> tuple[Int64[np.ndarray, "rows columns"], int]:
-    """Decode steps of the pixels of a mask.
-
-    They begin at `start`; steps are 0 elsewhere. Their end is returned too. given: steps and mask of other known
-    pixels. Raises ValueError for bytes that `encode_values` does not write.
+    """Decode steps of a mask's pixels, 0 elsewhere, and return their end. given: steps and mask of other known pixels.
+    Raises ValueError for bytes that `encode_values` does not write.
     """
     residuals, end = unpack_integers(content, start, mask.size)
     if len(residuals) != mask.sum():
@@ -233,9 +212,7 @@ def decode_values(
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Map whole numbers to those from 0 on.
-
-    Small absolute values come first.
+    """Map whole numbers to those from 0 on, small absolute values first.
 
     >>> fold(np.array([0, -1, 1, -2]))
     array([0, 1, 2, 3])
@@ -246,26 +223,6 @@ def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
 def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
     """Inverse of `fold`."""
     return np.where(values % 2 == 0, values // 2, -(values // 2) - 1)
-
-
-def _changes(mask: np.ndarray, way: int) -> np.ndarray:
-    if way == _ALONG_ROWS:
-        return np.diff(mask.ravel(), prepend=False)
-    changed = mask.copy()
-    changed[1:] ^= mask[:-1]
-    up = changed.copy()
-    changed[:, 1:] ^= up[:, :-1]
-    return changed.ravel()
-
-
-def _undo_changes(changes: np.ndarray, way: int) -> np.ndarray:
-    if way == _ALONG_ROWS:
-        return np.logical_xor.accumulate(changes.ravel()).reshape(changes.shape)
-    return np.logical_xor.accumulate(np.logical_xor.accumulate(changes, axis=1), axis=0)
-
-
-def _distances(changes: np.ndarray) -> np.ndarray:
-    return np.diff(np.flatnonzero(changes), prepend=-1)
 
 
 def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
@@ -292,8 +249,7 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
     if given is not None:
         for i, value in zip(_pad_places(given[1])[0].tolist(), given[0][given[1]].tolist(), strict=True):
             known[i] = value
-    values = []
-    value = 0
+    values, value = list[int](), 0
     for i, residual in zip(at.tolist(), residuals.tolist(), strict=True):
         left, up, upper_left = known[i - 1], known[i - wide], known[i - wide - 1]
         if left >= 0 and up >= 0:
@@ -306,14 +262,8 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
                 value = more
             else:
                 value = left + up - upper_left
-        elif up >= 0:
-            value = up
-        elif left >= 0:
-            value = left
-        elif known[i - wide + 1] >= 0:
-            value = known[i - wide + 1]
-        elif upper_left >= 0:
-            value = upper_left
+        else:
+            value = next((each for each in (up, left, known[i - wide + 1], upper_left) if each >= 0), value)
         value += residual
         if not 0 <= value < MOST_STEPS:
             raise ValueError(f"a measurement of {value} steps is none: the message is damaged")
@@ -325,9 +275,6 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
 
 
 def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Places of a mask's pixels in a padded image.
-
-    A row is added before, and a column on either side. Returns its width too.
-    """
+    """Places of a mask's pixels in an image with a row more before and a column more on either side, and its width."""
     pixels, columns = np.flatnonzero(mask), mask.shape[1]
     return pixels + 2 * (pixels // columns) + columns + 3, columns + 2

@@ -28,10 +28,8 @@ CAPACITIES = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}  # Mbit/s
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of some sensors on a shared link.
-
-    rate: frames per second of each (Hz); mbit_per_s: of all of them; packets: mean number per message; one_packet:
-    share of messages that fit one packet; shares: of the capacity of each link, by its name.
+    """Load of some sensors on a shared link, each sending at `rate` (Hz). packets: mean number per message; one_packet:
+    share of messages that fit one; shares: of each link's capacity, by name.
     """
 
     rate: float
@@ -68,11 +66,8 @@ def count_packets(bits: Int64[np.ndarray, "*shape"]) -> Int64[np.ndarray, "*shap
 
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
-    """Load of all sensors' messages, at a rate (Hz).
-
-    The messages are those of every frame.
-
-    Raises ValueError for a rate not above 0 and without messages.
+    """Load of all sensors' messages of every frame, at a rate (Hz). Raises ValueError for a rate not above 0 and
+    without messages.
     """
     if not 0 < rate < np.inf:
         raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")

@@ -1,6 +1,4 @@
-"""Messages: header, content and checksum.
-
-A sensor sends them to the fusion centre.
+"""Messages from a sensor to the fusion centre: header, content and checksum.
 
     offset  bytes  type    field
     0       2      bytes   "cv"
@@ -25,7 +23,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from enum import Enum, IntEnum
 
 MAGIC, MESSAGE_VERSION = b"cv", 1
@@ -100,16 +98,12 @@ def time_in_us(time: float) -> int:
 
 def write_message(header: MessageHeader, content: bytes) -> bytes:
     """Write a message as bytes."""
-    fields = (header.sensor, header.number, header.time_us, header.step_mm, header.rows, header.columns, header.scene)
-    body = _HEADER.pack(MAGIC, MESSAGE_VERSION, header.kind, *fields) + content
+    body = _HEADER.pack(MAGIC, MESSAGE_VERSION, *astuple(header)) + content
     return body + _CHECKSUM.pack(zlib.crc32(body))
 
 
 def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
-    """Read header and content of a message.
-
-    Raises ValueError if it is cut off, damaged, no message or of another version.
-    """
+    """Read header and content. Raises ValueError if cut off, damaged, no message or of another version."""
     if len(message) < OVERHEAD:
         raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off")
     body, checksum = message[: -_CHECKSUM.size], message[-_CHECKSUM.size :]
@@ -152,14 +146,11 @@ class Arrival(Enum):
 
 
 class Inbox:
-    """Messages of one sensor, each taken once.
-
-    None is taken after a newer one.
+    """Messages of one sensor, each taken once, and none after a newer one.
 
     sensor: its number, see `sensor_number`; latest: header of the last message taken, None before the first; taken,
-    duplicates, late: counts. Every arrival is read first, so a damaged message is a ValueError and changes nothing. A
-    message with a number not above the last one is a duplicate, if that number was taken before, or else late; both are
-    counted and not shown. Skipped numbers are lost until they arrive late.
+    duplicates, late: counts. A message with a number not above the last one is a duplicate, if that number was taken
+    before, or else late; both are counted and not shown. Skipped numbers are lost until they arrive late.
     """
 
     def __init__(self, sensor: int) -> None:
@@ -170,16 +161,11 @@ class Inbox:
         self._first = self._missing = 0
 
     def receive(self, message: bytes) -> Arrival:
-        """Take a message, or return why not.
-
-        Raises ValueError for a damaged message, another sensor's, or a time that runs backwards while numbers do not;
-        the inbox then stays as it was.
+        """Take a message, or return why not. Raises ValueError for a damaged message, another sensor's, or a time that
+        runs backwards while numbers do not; the inbox then stays as it was.
         """
         header, _ = read_message(message)
-        if header.sensor != self.sensor:
-            raise ValueError(
-                f"expected a message with sensor {self.sensor}, got {header.sensor}: it belongs to another"
-            )
+        check_header(header, header.kind, sensor=self.sensor)
         if self.latest is not None and header.number <= self.latest.number:
             if header.number in self._seen:
                 self.duplicates += 1
@@ -204,7 +190,7 @@ class Inbox:
 
     @property
     def lost(self) -> int:
-        """Number of lost messages. They lie between the first and the last one taken and have not arrived."""
+        """Number of messages between the first and the last one taken that have not arrived."""
         return self._missing
 
     def age(self, now: float) -> float:

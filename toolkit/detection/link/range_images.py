@@ -47,10 +47,7 @@ MOST_BOXES = 65535
 
 
 def encode_boxes(detections: Detections) -> bytes:
-    """Encode boxes, scores and labels.
-
-    Raises ValueError for more than 65535 boxes, and for numbers that are not finite or too large.
-    """
+    """Encode boxes, scores and labels. Raises ValueError for too many, and numbers that are not finite or too large."""
     if len(detections) > MOST_BOXES:
         raise ValueError(f"a message holds at most {MOST_BOXES} boxes, got {len(detections)}")
     if not (np.isfinite(detections.boxes).all() and np.isfinite(detections.scores).all()):
@@ -64,12 +61,11 @@ def encode_boxes(detections: Detections) -> bytes:
             f"boxes must lie within {(1 << 30) * BOX_STEP / 1000:.0f} km, got {np.abs(table).max() * BOX_STEP} m"
         )
     heads, bodies = [], []
-    for column in table.astype(np.int64).T:
-        least = int(column.min(initial=0) if not len(column) else column.min())
-        width = int(column.max() - least).bit_length() if len(column) else 0
+    for column in table.astype(np.int64).T if len(table) else ():
+        least, width = int(column.min()), int(np.ptp(column)).bit_length()
         heads.append(_COLUMN.pack(width, least))
         bodies.append(write_fixed(column - least, width))
-    return _COUNT.pack(len(detections)) + (b"".join(heads + bodies) if len(detections) else b"")
+    return _COUNT.pack(len(detections)) + b"".join(heads + bodies)
 
 
 def decode_boxes(content: bytes) -> Detections:
@@ -93,16 +89,12 @@ def decode_boxes(content: bytes) -> Detections:
         columns.append(numbers + least)
     if start != len(content):
         raise ValueError(f"{count} boxes must end the message, got {len(content) - start} more bytes")
-    return _detections(np.column_stack(columns))
-
-
-def _detections(table: Int64[np.ndarray, "n 9"]) -> Detections:
-    scores, labels = table[:, _SCORE], table[:, -1]
+    scores = columns[_SCORE]
     if not (scores.min() >= 0 and scores.max() <= SCORES):
         raise ValueError(f"scores are sent as 0 to {SCORES}, got {scores.min()} to {scores.max()}")
-    yaw = (table[:, _YAW] + TURN // 2) % TURN - TURN // 2
-    boxes = np.column_stack([table[:, :6] * BOX_STEP, yaw * (2 * np.pi / TURN)])
-    return Detections(boxes, 1 - (scores / SCORES) ** 2, labels)
+    yaw = (columns[_YAW] + TURN // 2) % TURN - TURN // 2
+    boxes = np.column_stack([*(column * BOX_STEP for column in columns[:6]), yaw * (2 * np.pi / TURN)])
+    return Detections(boxes, 1 - (scores / SCORES) ** 2, columns[-1])
 
 
 BITS_PER_PIXEL, BITS_PER_BOX = 5.0, 75.0  # expected, at 2 cm; see docs/concepts/messages.md
@@ -126,9 +118,8 @@ class RangeImages(Parameters):
         return Message(content, 8 * len(content))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
-        """Decode an image, 0 where nothing was sent.
-
-        Raises ValueError for a message that is damaged or of another sensor.
+        """Decode an image, 0 where nothing was sent. Raises ValueError for a message that is damaged or of another
+        sensor.
         """
         header, content = read_message(message.content)
         rows, columns = sensor.model.shape
@@ -146,9 +137,8 @@ class RangeImages(Parameters):
 
     def encode_boxes(self, detections: Detections, /) -> Message:
         """Encode boxes in steps of 2 cm and 0.5°."""
-        content = write_message(
-            MessageHeader(MessageKind.BOXES, step_mm=step_in_mm(BOX_STEP)), encode_boxes(detections)
-        )
+        header = MessageHeader(MessageKind.BOXES, step_mm=step_in_mm(BOX_STEP))
+        content = write_message(header, encode_boxes(detections))
         return Message(content, 8 * len(content))
 
     def decode_boxes(self, message: Message, /) -> Detections:
@@ -166,22 +156,14 @@ class RangeImages(Parameters):
 def image_header(kind: MessageKind, image: RangeImage, step: float, scene: int = 0) -> MessageHeader:
     """Header of a message that holds an image."""
     rows, columns = image.sensor.model.shape
-    return MessageHeader(
-        kind,
-        sensor_number(image.sensor.name),
-        image.number,
-        time_in_us(image.time),
-        step_in_mm(step),
-        rows,
-        columns,
-        scene,
-    )
+    fields = sensor_number(image.sensor.name), image.number, time_in_us(image.time), step_in_mm(step)
+    return MessageHeader(kind, *fields, rows, columns, scene)
 
 
 def to_steps(
     measurement: Float32[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float
 ) -> Int64[np.ndarray, "rows columns"]:
-    """Convert measurements to whole steps. 0 for pixels that are not sent."""
+    """Convert measurements to whole steps, 0 for pixels that are not sent."""
     steps = np.zeros(measurement.shape, np.int64)
     steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
     return steps
@@ -190,7 +172,7 @@ def to_steps(
 def from_steps(
     steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float, model: SensorModel
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Convert steps of sent pixels to measurements (m). Never 0 and always below the model's range."""
+    """Convert steps of sent pixels to measurements (m), above 0 and below the model's range."""
     last = np.nextafter(np.float32(model.max_range), np.float32(0))
     measured = np.zeros(steps.shape, np.float32)
     measured[sent] = np.clip(steps[sent] * step, step / 4, min(float(last), float(np.finfo(np.float32).max)))
@@ -201,9 +183,7 @@ CODECS = ("paper", "range-images")
 
 
 def find_codec(name: str, *, step: float = 0.02) -> Codec:
-    """Return the codec of that name.
-
-    step: of measurements (m), if it has one. Raises ValueError that lists the names.
+    """Return the codec of that name. step: of measurements (m), if it has one. Raises ValueError that lists the names.
 
     >>> find_codec("range-images", step=0.04)
     RangeImages(step=0.04)

@@ -160,7 +160,7 @@ def test_what_no_encoder_writes_is_refused():
         (content([0, 2], [4]), "lie outside"),
         (content([4, 2], [4]), "lie outside"),
         (content([2, 2], [4, 1, 0]), "2 pixels are marked, got 3 residuals"),
-        (content([2, 2], [4, 1]) + b"x", "got 2 residuals and 1 bytes more"),
+        (content([2, 2], [4, 1]) + b"x", "got 1 bytes more"),
         (content([2, 2], [1, 1]), "a measurement of -1 steps"),
         (content([1] * 6, []), "at most 5 packed numbers are possible, got 6"),
     ):

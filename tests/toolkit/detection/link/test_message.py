@@ -109,7 +109,7 @@ def test_what_is_damaged_or_anothers_changes_nothing():
     for wrong, said in (
         (message(2)[:-1], "cut off"),
         (message(2) + b"x", "checksum"),
-        (message(2, sensor=8), "with sensor 7, got 8"),
+        (message(2, sensor=8), "sensor is 7, got 8"),
         (message(2, time=0.05), "clock was set back"),
     ):
         with pytest.raises(ValueError, match=said):
