@@ -39,7 +39,7 @@ def recording_detector(
         return place_detector(bare, place)
     from toolkit.calibration.scenes import Scenes
     from toolkit.detection.background import KnownBackground
-    from toolkit.detection.foreground_clusters import learn_cluster_detector
+    from toolkit.detection.cluster import learn_cluster_detector
 
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
@@ -56,8 +56,7 @@ def _at_site(name: str, recording: Recording, site: Site) -> Detector:
     detector = site_detector(bare, site)
     if not known:
         return detector
-    from toolkit.detection.background import KnownBackground
-    from toolkit.detection.site_background import recording_background
+    from toolkit.detection.background import KnownBackground, recording_background
 
     return KnownBackground(detector, recording_background(cast("CoopDataset", recording)))
 
@@ -70,7 +69,7 @@ def site_detector(name: str, site: Site) -> Detector:
     """
     bare, known = split_background(name)
     if known:
-        from toolkit.detection.site_background import add_background
+        from toolkit.detection.background import add_background
 
         return add_background(site_detector(bare, site), site)
     if name == CLUSTER:

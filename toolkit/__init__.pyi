@@ -14,15 +14,14 @@ from .datasets.dataset import CoopDataset as CoopDataset
 from .datasets.readings import ReadRecording as ReadRecording, Reads as Reads
 from .datasets.recordings import open_recording as open_recording, write_recording as write_recording
 from .datasets.simulation import simulate_dataset as simulate_dataset
-from .detection.background import KnownBackground as KnownBackground
-from .detection.cluster import ClusterDetector as ClusterDetector
+from .detection.background import KnownBackground as KnownBackground, site_background as site_background
+from .detection.cluster import ClusterDetector as ClusterDetector, foreground_clusters as foreground_clusters
 from .detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
 from .detection.evaluation import (
     Comparison as Comparison,
     evaluate_recording as evaluate_recording,
     format_table as format_table,
 )
-from .detection.foreground_clusters import foreground_clusters as foreground_clusters
 from .detection.link.channel import LinkChannel as LinkChannel, delay_frames as delay_frames
 from .detection.link.differences import (
     DifferenceReader as DifferenceReader,
@@ -44,7 +43,6 @@ from .detection.metrics import (
 from .detection.scheme import Fused as Fused, Scheme as Scheme
 from .detection.schemes import find_scheme as find_scheme, fuse_frame as fuse_frame
 from .detection.sensor_monitor import Fault as Fault, SensorMonitor as SensorMonitor, Shown as Shown
-from .detection.site_background import site_background as site_background
 from .detection.survey import survey as survey
 from .detection.view import View as View, suppress as suppress
 from .frame import Frame as Frame, empty_scene as empty_scene, select_sensors as select_sensors

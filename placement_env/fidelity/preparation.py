@@ -314,7 +314,7 @@ class _Place:
 @lru_cache(maxsize=KEPT_DETECTORS)
 def _make_detector(network: str, place: _Place) -> Detector:
     from models.detector import load_detector
-    from toolkit.detection.site_background import add_background
+    from toolkit.detection.background import add_background
 
     detector = load_detector(network, area=place.site.area)
     return add_background(detector, place.site) if network == GENERAL else detector

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from coview.detectors import place_detector, recording_detector, site_detector, split_background
-from toolkit.detection.background import Background, KnownBackground
+from toolkit.detection.background import Background, KnownBackground, site_background
 from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.place import Place
-from toolkit.detection.site_background import site_background
 from toolkit.objects import known_labels
 from toolkit.sites.files import load_site
 

@@ -35,9 +35,8 @@ def main() -> None:
     from toolkit.boxes import count_points
     from toolkit.datasets.dataset import noisy
     from toolkit.datasets.random_recordings import random_recording
-    from toolkit.detection.background import KnownBackground
+    from toolkit.detection.background import KnownBackground, site_background
     from toolkit.detection.metrics import TRUE_IOU, evaluate
-    from toolkit.detection.site_background import site_background
     from toolkit.objects import VEHICLE, label_index
     from toolkit.points import detect_on_ground, frame_points, has_centre_inside
 

@@ -10,9 +10,8 @@ from placement_env.cases import Cases
 from placement_env.fidelity import preparation, seeing
 from placement_env.fidelity.preparation import GENERAL, Preparation, check_scorable, find_network, load_shipped_detector
 from placement_env.setting import Setting
-from toolkit.detection.background import KnownBackground
+from toolkit.detection.background import KnownBackground, add_background
 from toolkit.detection.schemes import find_scheme
-from toolkit.detection.site_background import add_background
 from toolkit.objects import Detections
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL

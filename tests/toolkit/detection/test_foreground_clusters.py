@@ -5,9 +5,9 @@ import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.scenes import Scenes
-from toolkit.detection import foreground_clusters as clusters
+from toolkit.detection import cluster as clusters
+from toolkit.detection.cluster import cluster_points, foreground_clusters, learn_cluster_detector
 from toolkit.detection.detect import detect_frames
-from toolkit.detection.foreground_clusters import cluster_points, foreground_clusters, learn_cluster_detector
 from toolkit.detection.place import Place, find_middle
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform

@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection import site_background as module
-from toolkit.detection.background import MOST_VOXELS, VOXEL, Background
-from toolkit.detection.site_background import choose_voxel, empty_sweeps, recording_background, site_background
+from toolkit.detection import background as module
+from toolkit.detection.background import (
+    MOST_VOXELS,
+    VOXEL,
+    Background,
+    choose_voxel,
+    empty_sweeps,
+    recording_background,
+    site_background,
+)
 from toolkit.frame import Frame
 from toolkit.geometry import LEVEL, level_rows
 from toolkit.objects import Objects
