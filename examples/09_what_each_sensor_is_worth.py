@@ -5,17 +5,7 @@ python examples/09_what_each_sensor_is_worth.py
 
 import numpy as np
 
-from placement_env import (
-    Objective,
-    Setting,
-    estimate_worth,
-    exact_worth,
-    failures,
-    format_failures,
-    format_marginal,
-    format_worth,
-    marginal,
-)
+from placement_env import Objective, Setting, estimate_worth, exact_worth, failures, format_failures, format_worth
 
 
 def main(site: str = "tjunction") -> None:
@@ -34,7 +24,9 @@ def main(site: str = "tjunction") -> None:
     print("\nAP when any one or two of them fail")
     print(format_failures([failures(ap, everything, failing=failing) for failing in (1, 2)], names))
     print("\nWhat each adds to the others, and for how much data")
-    print(format_marginal(marginal(objective.scored_by, everything), names))
+    figures = objective.scores(np.vstack([everything, ~np.eye(sensors, dtype=bool)]))
+    for name, gain, kbit in zip(names, figures.ap[0] - figures.ap[1:], figures.kbit[0] - figures.kbit[1:], strict=True):
+        print(f"{name}: {gain:+.4f} AP for {kbit:.2f} kbit")
 
 
 if __name__ == "__main__":

@@ -3,9 +3,7 @@ from .analysis.worth import (
     exact_worth as exact_worth,
     failures as failures,
     format_failures as format_failures,
-    format_marginal as format_marginal,
     format_worth as format_worth,
-    marginal as marginal,
     synergy as synergy,
 )
 from .candidates.candidates import Candidates as Candidates

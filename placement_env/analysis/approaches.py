@@ -8,7 +8,6 @@ that leaves a junction without reaching another is an exit. Edges within a round
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
@@ -25,10 +24,9 @@ EXIT, JUNCTION, PARKED = "leaving", "junction", "parked"
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """Places of a road network where a vehicle can be.
+    """Places of a road network where a vehicle can be: approaches, by the direction they come from, and others.
 
-    names: approaches first, each with the direction it comes from; lanes: centre lines of each place but the last,
-    which is `PARKED`; bays: (n, 3) parking bays.
+    lanes: centre lines of each place but the last, which is `PARKED`; bays: parking bays.
     """
 
     names: tuple[str, ...]
@@ -49,22 +47,24 @@ def find_approaches(site: Site) -> Approaches:
     root = ElementTree.fromstring(site.network or "<net/>")
     edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _lines(edge)}
     ring = {name for each in root.findall("roundabout") for name in each.get("edges", "").split()}
-    merged = {
-        node: f"roundabout {i}"
-        for i, each in enumerate(root.findall("roundabout"))
-        for node in each.get("nodes", "").split()
-    }
+    circles = enumerate(root.findall("roundabout"))
+    merged = {node: f"roundabout {i}" for i, each in circles for node in each.get("nodes", "").split()}
     roads = {name: edge for name, edge in edges.items() if not edge.get("function") and name not in ring}
     ends = {
         name: tuple(merged.get(edge.get(end, ""), edge.get(end, "")) for end in ("from", "to"))
         for name, edge in roads.items()
     }
-    junctions = _junctions(ends.values())
+    neighbours: dict[str, set[str]] = defaultdict(set)
+    for begin, end in ends.values():
+        neighbours[begin].add(end)
+        neighbours[end].add(begin)
+    junctions = {node for node, near in neighbours.items() if len(near) >= 3 or node.startswith("roundabout ")}
     groups: dict[str, list[shapely.Geometry]] = {}
     for name, (_, end) in ends.items():
         if end in junctions:
             chain = _chain(name, ends, junctions)
-            label = f"from the {_direction(site, roads[chain[-1]], roads[name])}"
+            start, stop = _lines(roads[chain[-1]])[-1].coords[0], _lines(roads[name])[-1].coords[-1]
+            label = f"from the {compass(site, np.subtract(start[:2], stop[:2]))}"
             label = f"{label} to {end}" if len(junctions) > 1 else label
             groups.setdefault(label, []).extend(line for each in chain for line in _lines(roads[each]))
     used = {line.wkb for lines in groups.values() for line in lines}
@@ -83,12 +83,6 @@ def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
     return COMPASS[round(np.degrees(np.arctan2(east, north)) / 45) % 8]
 
 
-def _direction(site: Site, first: ElementTree.Element, last: ElementTree.Element) -> str:
-    """Compass point that traffic along a chain comes from."""
-    begin, end = _lines(first)[-1].coords[0], _lines(last)[-1].coords[-1]
-    return compass(site, np.subtract(begin[:2], end[:2]))
-
-
 def _chain(name: str, ends: dict[str, tuple[str, ...]], junctions: set[str]) -> list[str]:
     """An edge and those before it, back to a junction."""
     chain = [name]
@@ -99,15 +93,6 @@ def _chain(name: str, ends: dict[str, tuple[str, ...]], junctions: set[str]) -> 
             break
         chain += before
     return chain
-
-
-def _junctions(ends: Iterable[tuple[str, ...]]) -> set[str]:
-    """Nodes with roads to three neighbours or more."""
-    neighbours: dict[str, set[str]] = defaultdict(set)
-    for start, end in ends:
-        neighbours[start].add(end)
-        neighbours[end].add(start)
-    return {node for node, others in neighbours.items() if len(others) >= 3 or node.startswith("roundabout ")}
 
 
 def _lines(edge: ElementTree.Element) -> list[shapely.LineString]:

@@ -38,9 +38,7 @@ class Interval(NamedTuple):
 
 
 def block_draws(frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
-    """Count how often each resample draws each frame.
-
-    Frames of one block have equal counts.
+    """Count how often each resample draws each frame; frames of one block have equal counts.
 
     >>> block_draws(6, resamples=3)
     array([[1, 1, 1, 1, 1, 1],
@@ -53,9 +51,7 @@ def block_draws(frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESA
 
 
 def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
-    """Count how often each resample draws each frame.
-
-    blocks: of each frame, in any order.
+    """Count how often each resample draws each frame. blocks: of each frame, in any order.
 
     >>> draws_of_blocks(np.array([7, 2, 7]), resamples=3)
     array([[1, 1, 1],
@@ -66,30 +62,6 @@ def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RE
     shares = np.full(len(different), 1 / len(different))
     drawn = np.random.default_rng(seed).multinomial(len(different), shares, size=resamples)
     return np.asarray(drawn[:, place], np.int64)
-
-
-def ap_resamples(
-    scores: Sequence[ArrayLike],
-    hits: Sequence[ArrayLike],
-    to_find: Sequence[int],
-    *,
-    seed: int = 0,
-    draws: Draws | None = None,
-) -> Float64[np.ndarray, " resamples"]:
-    """Return the AP of each resample. NaN where it has nothing to find. Takes the arguments of `ap_interval`."""
-    flat_scores, flat_hits, frame = _pool_detections(scores, hits, to_find)
-    if draws is None:
-        draws = block_draws(len(to_find), seed=seed)
-    order = np.argsort(-flat_scores, kind="stable")
-    flat_scores, flat_hits, frame = flat_scores[order], flat_hits[order], frame[order]
-    last_of_equals = np.flatnonzero(np.append(flat_scores[1:] != flat_scores[:-1], True)[: len(flat_scores)])
-    truths = draws @ np.asarray(to_find, np.int64)
-    at_once = max(1, HELD_AT_ONCE // max(len(frame), 1))
-    parts = [
-        _ap(draws[first : first + at_once][:, frame], flat_hits, last_of_equals, truths[first : first + at_once])
-        for first in range(0, len(draws), at_once)
-    ]
-    return np.concatenate(parts)
 
 
 def ap_interval(
@@ -110,7 +82,18 @@ def ap_interval(
     >>> ap_interval([[0.9], [0.8, 0.7]], [[True], [False, True]], [1, 1], draws=block_draws(2, block=1))
     Interval(low=0.5, high=1.0)
     """
-    return percentiles(ap_resamples(scores, hits, to_find, seed=seed, draws=draws), confidence=confidence)
+    score, hit = [np.asarray(each, np.float64) for each in scores], [np.asarray(each, bool) for each in hits]
+    fits = all(s.shape == h.shape and s.ndim == 1 for s, h in zip(score, hit, strict=False))
+    if not len(score) == len(hit) == len(to_find) > 0 or not fits:
+        raise ValueError(
+            "there must be scores, hits and a number to find for each frame, one hit per score, "
+            f"got {len(score)}, {len(hit)} and {len(to_find)} frames"
+        )
+    for k, (each, truths) in enumerate(zip(hit, to_find, strict=True)):
+        if not each.sum() <= truths:
+            raise ValueError(f"frame {k} has {each.sum()} hits, more than the {truths} there are to find")
+    tally = Tally.of_frames(score, hit, to_find)
+    return percentiles(tally.resamples(seed=seed, draws=draws), confidence=confidence)
 
 
 def ratio_interval(
@@ -121,9 +104,7 @@ def ratio_interval(
     draws: Draws | None = None,
     confidence: float = 0.95,
 ) -> Interval:
-    """Return the interval of sum(parts) / sum(wholes), one of each per frame.
-
-    Such figures are recall, precision, a share or a mean.
+    """Return the interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean.
 
     >>> ratio_interval([1, 3], [2, 4], draws=block_draws(2, block=1))
     Interval(low=0.5, high=0.75)
@@ -162,11 +143,7 @@ def figure_interval(
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """One sensor set's detections that count, and the truths.
-
-    scores: of each detection; hit: True where it hit a truth; frame: its frame, from 0; truths: number to find in each
-    frame.
-    """
+    """One sensor set's detections that count, and the number of truths to find in each frame. frame: from 0."""
 
     scores: Float64[np.ndarray, " n"]
     hit: Bool[np.ndarray, " n"]
@@ -178,10 +155,9 @@ class Tally:
         """Tally outcomes at the IoU threshold of index `at`."""
         from placement_env.fidelity.detector import IGNORED
 
-        counts = [each.truth[at] != IGNORED for each in outcomes]
-        scores = [each.scores[counted] for each, counted in zip(outcomes, counts, strict=True)]
-        hit = [each.truth[at, counted] >= 0 for each, counted in zip(outcomes, counts, strict=True)]
-        return Tally.of_frames(scores, hit, truths)
+        counts = [(each, each.truth[at] != IGNORED) for each in outcomes]
+        hit = [each.truth[at, counted] >= 0 for each, counted in counts]
+        return Tally.of_frames([each.scores[counted] for each, counted in counts], hit, truths)
 
     @staticmethod
     def of_frames(
@@ -209,51 +185,27 @@ class Tally:
         return float(self.hit.mean()) if len(self.hit) else float("nan")
 
     def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Float64[np.ndarray, " resamples"]:
-        """Return the AP of each resample of blocks of frames.
+        """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find.
 
         One seed draws the same blocks for every tally. draws: counts of `draws_of_blocks`, None for blocks of
         consecutive frames.
         """
-        return ap_resamples(*self._by_frame(), seed=seed, draws=draws)
+        draws = block_draws(len(self.truths), seed=seed) if draws is None else draws
+        order = np.argsort(-self.scores, kind="stable")
+        scores, hits, frame = self.scores[order], self.hit[order], self.frame[order]
+        last_of_equals = np.flatnonzero(np.append(scores[1:] != scores[:-1], True)[: len(scores)])
+        at_once = max(1, HELD_AT_ONCE // max(len(frame), 1))
+        figures = []
+        for some in (draws[first : first + at_once] for first in range(0, len(draws), at_once)):
+            weights, truths = some[:, frame], some @ self.truths
+            believed = np.cumsum(weights, axis=1)[:, last_of_equals]
+            found = np.cumsum(weights * hits, axis=1)[:, last_of_equals]
+            precision = np.divide(found, believed, out=np.zeros(believed.shape), where=believed > 0)
+            envelope = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
+            area = (np.diff(found, axis=1, prepend=0) * envelope).sum(axis=1)
+            figures.append(np.divide(area, truths, out=np.full(len(truths), np.nan), where=truths > 0))
+        return np.concatenate(figures)
 
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
         """Return the interval of the AP over blocks of frames. NaN if no draw has anything to find."""
-        return ap_interval(*self._by_frame(), seed=seed, confidence=confidence)
-
-    def _by_frame(self) -> tuple[list[np.ndarray], list[np.ndarray], list[int]]:
-        rows = [np.flatnonzero(self.frame == k) for k in range(len(self.truths))]
-        return [self.scores[row] for row in rows], [self.hit[row] for row in rows], self.truths.tolist()
-
-
-def _pool_detections(
-    scores: Sequence[ArrayLike], hits: Sequence[ArrayLike], to_find: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Score, hit and frame of each detection of all frames."""
-    frames = len(to_find)
-    score, hit = [np.asarray(each, np.float64) for each in scores], [np.asarray(each, bool) for each in hits]
-    fits = all(s.shape == h.shape and s.ndim == 1 for s, h in zip(score, hit, strict=False))
-    if not frames or not len(score) == len(hit) == frames or not fits:
-        raise ValueError(
-            "there must be scores, hits and a number to find for each frame, one hit per score, "
-            f"got {len(score)}, {len(hit)} and {frames} frames"
-        )
-    for k, (each, truths) in enumerate(zip(hit, to_find, strict=True)):
-        if not each.sum() <= truths:
-            raise ValueError(f"frame {k} has {each.sum()} hits, more than the {truths} there are to find")
-    frame = np.repeat(np.arange(frames), [len(each) for each in score])
-    return np.concatenate(score), np.concatenate(hit), frame
-
-
-def _ap(
-    weights: Int64[np.ndarray, "resamples n"],
-    hits: np.ndarray,
-    last_of_equals: np.ndarray,
-    truths: Int64[np.ndarray, " resamples"],
-) -> Float64[np.ndarray, " resamples"]:
-    """All-point interpolated AP where detection i, best first, counts weights[:, i] times."""
-    believed = np.cumsum(weights, axis=1)[:, last_of_equals]
-    found = np.cumsum(weights * hits, axis=1)[:, last_of_equals]
-    precision = np.divide(found, believed, out=np.zeros(believed.shape), where=believed > 0)
-    envelope = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
-    area = (np.diff(found, axis=1, prepend=0) * envelope).sum(axis=1)
-    return np.divide(area, truths, out=np.full(len(truths), np.nan), where=truths > 0)
+        return percentiles(self.resamples(seed=seed), confidence=confidence)

@@ -61,16 +61,12 @@ def shrink(
         variance = noise.var(axis=1) / (1 - 1 / blocks)
         if math.isfinite(blocks):
             unseen = np.maximum(max(variance.mean(), LEAST_NOISE**2 / blocks) - variance, 0.0)
-            noise = noise + np.sqrt(unseen)[:, None] * _unit_noise(noise.shape)
+            drawn = np.random.default_rng(0).standard_normal(noise.shape)  # always the same for a shape
+            drawn -= drawn.mean(axis=1, keepdims=True)
+            unit = np.asarray(drawn / np.maximum(drawn.std(axis=1, keepdims=True), 1e-12))
+            noise = noise + np.sqrt(unseen)[:, None] * unit
             variance = variance + unseen
         spread = max(LEAST_SPREAD**2, float(off.var(ddof=1) - variance.mean()))
         weight = spread / (spread + variance)
     likeliest = predicted + shift + weight * (off - shift)
     return Shrunk(likeliest, likeliest[:, None] + np.sqrt(weight)[:, None] * noise + (common - common.mean()))
-
-
-def _unit_noise(shape: tuple[int, int]) -> Float64[np.ndarray, "n resamples"]:
-    """Rows of noise of mean 0 and variance 1. They are always the same for a shape."""
-    drawn = np.random.default_rng(0).standard_normal(shape)
-    drawn -= drawn.mean(axis=1, keepdims=True)
-    return np.asarray(drawn / np.maximum(drawn.std(axis=1, keepdims=True), 1e-12))

@@ -1,4 +1,4 @@
-"""Worth of sensors: shares of the AP, failures and marginal gains.
+"""Worth of sensors: shares of the AP, and failures.
 
 With v a set function, such as the AP of a sensor set, N the n sensors and s = |S|:
 
@@ -23,18 +23,16 @@ from statistics import NormalDist
 
 import numpy as np
 
-from placement_env.protocol import Fidelity
 from placement_env.subsets import SetFunction, all_subsets
 from toolkit.arrays import Bool, Float64, Int64
+from toolkit.runtime.text_tables import align_columns
 
 FEWEST_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Worth:
-    """Shapley values and synergies of n sensors.
-
-    They are in the unit of the set function.
+    """Shapley values and synergies of n sensors, in the unit of the set function.
 
     synergy: symmetric, 0 on the diagonal; the margins: half widths of each figure's own confidence interval, 0 if
     exact; evaluations: number of sets scored.
@@ -63,11 +61,7 @@ def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
 
 
 def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
-    """Return the exact Shapley interaction index of each pair.
-
-    It is 0 on the diagonal.
-
-    Takes the values and raises the errors of `shapley`.
+    """Return the exact Shapley interaction index of each pair. Values and errors are as of `shapley`.
 
     >>> synergy(np.array([0.0, 0.5, 0.25, 1.0]))
     array([[0.  , 0.25],
@@ -86,9 +80,7 @@ def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
 
 
 def exact_worth(value: SetFunction, sensors: int) -> Worth:
-    """Compute each sensor's worth from the values of all 2^n sets.
-
-    Raises the errors of `shapley`.
+    """Compute each sensor's worth from the values of all 2^n sets. Raises the errors of `shapley`.
 
     >>> exact_worth(lambda sets: sets @ np.array([0.5, 0.25]), 2).shapley
     array([0.5 , 0.25])
@@ -114,11 +106,17 @@ def estimate_worth(
     rng = np.random.default_rng(seed)
     square = _williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])
-    chains = np.concatenate([_prefixes(order) for order in orders])
-    swaps = np.concatenate([_swaps(order) for order in orders])
-    figures, evaluations = _score_once(value, np.concatenate([chains, swaps]), sensors)
-    chain = figures[: len(chains)].reshape(rounds, sensors, sensors + 1)
-    swap = figures[len(chains) :].reshape(rounds, sensors, sensors - 1)
+    place, k = np.argsort(orders, axis=2)[:, :, None], np.arange(sensors + 1)[:, None]
+    chains = place < k  # the first 0, 1 … n sensors of each order
+    swaps = (place < k[:-2]) | (place == k[1:-1])  # the first k sensors and sensor k + 2, up to n - 2
+    sets = np.concatenate([each.reshape(-1, sensors) for each in (chains, swaps)])
+    packed, row = np.unique(np.packbits(sets, axis=1), axis=0, return_inverse=True)
+    values = np.asarray(value(np.unpackbits(packed, axis=1, count=sensors).astype(bool)), float)
+    if not np.isfinite(values).all():
+        raise ValueError("values must be finite, but that of a sampled set is not: are there objects to find?")
+    figures = values[row.ravel()]
+    chain = figures[: chains.size // sensors].reshape(rounds, sensors, sensors + 1)
+    swap = figures[chains.size // sensors :].reshape(rounds, sensors, sensors - 1)
 
     at = np.arange(rounds)[:, None, None]
     gains = np.zeros((rounds, sensors))
@@ -135,29 +133,25 @@ def estimate_worth(
         together.mean(axis=0),
         scale * gains.std(axis=0, ddof=1),
         scale * together.std(axis=0, ddof=1),
-        evaluations,
+        len(packed),
     )
 
 
 def format_worth(worth: Worth, names: Sequence[str]) -> str:
-    """Return a line per sensor, highest Shapley value first.
-
-    It gives value, margin, and synergy with each other sensor.
-    """
+    """Return a line per sensor, highest first, with value, margin, and synergy with each other sensor."""
     order = np.argsort(-worth.shapley, kind="stable").tolist()
     table = [["sensor", "Shapley", "±", *(f"with {names[j]}" for j in order)]]
     for i in order:
         pairs = ["" if i == j else f"{worth.synergy[i, j]:+z.4f}" for j in order]
         table.append([names[i], f"{worth.shapley[i]:.4f}", f"{worth.shapley_margin[i]:.4f}", *pairs])
-    return columns(table)
+    return align_columns(table, texts=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Failures:
     """Values of a sensor set under every combination of k failing sensors.
 
-    intact: value with no failure; lost: the sensors that fail, a row for each combination; left: value of the sensors
-    that remain.
+    intact: value with no failure; lost: the sensors that fail; left: value of those that remain.
     """
 
     intact: float
@@ -181,12 +175,7 @@ class Failures:
 
 
 def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
-    """Score a set under every combination of failures.
-
-    failing: number of sensors that fail; 1 is N-1, 2 is N-2.
-
-    Raises ValueError if the set does not have that many sensors.
-    """
+    """Score a set under every combination of `failing` sensors. Raises ValueError if the set has fewer."""
     members = np.flatnonzero(chosen)
     if not 1 <= failing <= len(members):
         raise ValueError(f"from 1 to all {len(members)} sensors of the set can fail, got failing={failing}")
@@ -198,64 +187,12 @@ def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int
 
 
 def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
-    """Return a line per number of failing sensors.
-
-    It gives mean and least value, and the failure that leaves the least.
-    """
+    """Return a line per number of failing sensors: mean and least value, and the failure that leaves the least."""
     table = [["failing", "intact", "mean", "worst", "without"]]
     for case in cases:
         figures = [f"{figure:.4f}" for figure in (case.intact, case.mean, case.worst)]
         table.append([f"N-{case.lost.shape[1]}", *figures, ", ".join(names[i] for i in case.most_missed)])
-    return columns(table)
-
-
-@dataclass(frozen=True, eq=False)
-class Marginal:
-    """Marginal gain of each of C candidates beside a set.
-
-    A member of the set is taken out of it instead of added.
-
-    gain: AP; kbit: what the candidate adds to what is sent; per_kbit: AP per kbit, 0 without a gain, ±inf if a gain is
-    free.
-    """
-
-    gain: Float64[np.ndarray, " C"]
-    kbit: Float64[np.ndarray, " C"]
-    per_kbit: Float64[np.ndarray, " C"]
-
-
-def marginal(fidelity: Fidelity, chosen: Bool[np.ndarray, " C"]) -> Marginal:
-    """Compute each candidate's gain and data beside a set."""
-    flipped = np.eye(len(chosen), dtype=bool) ^ chosen
-    figures = fidelity(np.concatenate([chosen[None], flipped]))
-    gain, kbit = (np.where(chosen, of[0] - of[1:], of[1:] - of[0]) for of in (figures.ap, figures.kbit))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return Marginal(gain, kbit, np.where(gain == 0, 0.0, gain / kbit))
-
-
-def format_marginal(gains: Marginal, names: Sequence[str]) -> str:
-    """Return a line per candidate, greatest gain per kbit first."""
-    table = [["sensor", "gain", "kbit", "gain/Mbit"]]
-    table += [
-        [names[i], f"{gains.gain[i]:+z.4f}", f"{gains.kbit[i]:.2f}", f"{1e3 * gains.per_kbit[i]:+z.4f}"]
-        for i in np.argsort(-gains.per_kbit, kind="stable").tolist()
-    ]
-    return columns(table)
-
-
-def columns(table: Sequence[Sequence[str]]) -> str:
-    """Align rows of cells as columns, the first one to the left.
-
-    >>> print(columns([["sensor", "AP"], ["north", "0.5"]]))
-    sensor   AP
-    north   0.5
-    """
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    sides = [str.ljust] + [str.rjust] * (len(widths) - 1)
-    return "\n".join(
-        "  ".join(side(cell, width) for side, cell, width in zip(sides, row, widths, strict=True)).rstrip()
-        for row in table
-    )
+    return align_columns(table, texts=1)
 
 
 def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
@@ -275,9 +212,7 @@ def _weights(n: int) -> Float64[np.ndarray, " sizes"]:
 
 
 def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
-    """n orders of n sensors (Williams 1949).
-
-    Each takes each place once, each two are neighbours twice.
+    """n orders of n sensors (Williams 1949): each takes each place once, each two are neighbours twice.
 
     >>> _williams_square(4)
     array([[0, 1, 3, 2],
@@ -290,34 +225,8 @@ def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
     return (place[:, None] + zigzag) % n
 
 
-def _prefixes(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
-    """Sets of the first 0, 1 … n sensors of each order."""
-    place = np.argsort(orders, axis=1)
-    return (place[:, None, :] < np.arange(orders.shape[1] + 1)[:, None]).reshape(-1, orders.shape[1])
-
-
-def _swaps(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
-    """Sets of the first k sensors and sensor k + 2. k goes from 0 to n - 2."""
-    place, k = np.argsort(orders, axis=1)[:, None, :], np.arange(orders.shape[1] - 1)[:, None]
-    return ((place < k) | (place == k + 1)).reshape(-1, orders.shape[1])
-
-
-def _score_once(
-    value: SetFunction, sets: Bool[np.ndarray, "rows n"], sensors: int
-) -> tuple[Float64[np.ndarray, " rows"], int]:
-    """Value of each row, and the number of different rows. Equal rows are scored once."""
-    packed, row_of = np.unique(np.packbits(sets, axis=1), axis=0, return_inverse=True)
-    figures = np.asarray(value(np.unpackbits(packed, axis=1, count=sensors).astype(bool)), float)
-    if not np.isfinite(figures).all():
-        raise ValueError("values must be finite, but that of a sampled set is not: are there objects to find?")
-    return figures[row_of.ravel()], len(packed)
-
-
 def _student(confidence: float, freedom: int) -> float:
-    """Two-sided quantile of Student's t (Abramowitz and Stegun 26.7.5).
-
-    It is right to 1 % from 7 degrees of freedom at 99 %.
-    """
+    """Two-sided quantile of Student's t (Abramowitz and Stegun 26.7.5), right to 1 % from 7 degrees at 99 %."""
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     first, second = (z**3 + z) / 4, (5 * z**5 + 16 * z**3 + 3 * z) / 96
     third = (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384

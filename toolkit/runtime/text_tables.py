@@ -15,5 +15,6 @@ def align_columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     sides = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)
     return "\n".join(
-        "  ".join(side(cell, width) for side, cell, width in zip(sides, line, widths, strict=True)) for line in table
+        "  ".join(side(cell, width) for side, cell, width in zip(sides, line, widths, strict=True)).rstrip()
+        for line in table
     )

@@ -29,7 +29,6 @@ from coview.studies.paper.tables import (
     scheme_runs,
     set_experiment,
 )
-from placement_env.analysis.worth import columns
 from placement_env.checks import check_whole
 from placement_env.fidelity.renders import Recorded, Renders
 from placement_env.fidelity.table import Table, hash_site, load_table, make_table
@@ -41,6 +40,7 @@ from toolkit.objects import Detector
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Processes, Run
+from toolkit.runtime.text_tables import align_columns
 
 SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
 NOISE_SEED = 0
@@ -72,7 +72,7 @@ class Reproduction:
                 far = sum(abs(difference) > LARGE for difference in differences)
                 mean, greatest = sum(differences) / len(differences), max(differences, key=abs)
                 table.append([each.name, str(len(differences)), str(far), f"{mean:+.4f}", f"{greatest:+.4f}"])
-        return f"{self.site}: {self.frames} frames, {self.vehicles} vehicles\n{columns(table)}"
+        return f"{self.site}: {self.frames} frames, {self.vehicles} vehicles\n{align_columns(table, texts=1)}"
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for JSON."""

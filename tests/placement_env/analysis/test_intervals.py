@@ -7,7 +7,6 @@ from placement_env.analysis.intervals import (
     Interval,
     Tally,
     ap_interval,
-    ap_resamples,
     block_draws,
     percentiles,
     ratio_interval,
@@ -45,15 +44,15 @@ def slow_ap_resamples(scores, hits, to_find, draws):
 def test_resamples_are_those_of_an_oracle_that_takes_one_after_the_other(frames, block, seed):
     scores, hits, to_find = measured(frames, seed)
     draws = block_draws(frames, block=block, resamples=50, seed=seed)
-    ours = ap_resamples(scores, hits, to_find, draws=draws)
+    ours = Tally.of_frames(scores, hits, to_find).resamples(draws=draws)
     assert ours == pytest.approx(slow_ap_resamples(scores, hits, to_find, draws), nan_ok=True)
 
 
 def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
-    values = measured(30, 7)
-    whole = ap_resamples(*values, seed=1)
+    tally = Tally.of_frames(*measured(30, 7))
+    whole = tally.resamples(seed=1)
     monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", 300)
-    assert ap_resamples(*values, seed=1).tolist() == whole.tolist()
+    assert tally.resamples(seed=1).tolist() == whole.tolist()
 
 
 def test_blocks_are_drawn_as_one_by_their_seed():

@@ -12,18 +12,14 @@ from scipy import stats
 from placement_env.analysis import worth as module
 from placement_env.analysis.worth import (
     Failures,
-    columns,
     estimate_worth,
     exact_worth,
     failures,
     format_failures,
-    format_marginal,
     format_worth,
-    marginal,
     shapley,
     synergy,
 )
-from placement_env.protocol import Estimate
 from placement_env.subsets import all_subsets
 
 set_functions = st.builds(
@@ -219,18 +215,12 @@ def test_student(confidence, freedom):
     assert module._student(confidence, freedom) == pytest.approx(exact, rel=0.01)
 
 
-def test_tables_of_worth_and_gains_are_aligned():
+def test_a_table_of_worth_is_aligned():
     names = ["north", "south", "east", "west"]
     share = np.array([0.4, 0.2, 0.0, 0.1])
     head, best, *_ = format_worth(exact_worth(lambda sets: sets @ share, 4), names).splitlines()
     assert head == "sensor  Shapley       ±  with north  with south  with west  with east"
     assert best.split() == ["north", "0.4000", "0.0000", "+0.0000", "+0.0000", "+0.0000"]
-    names = ["north", "south", "east", "west"]
-    _, free, south, *_ = format_marginal(marginal(Linear(), np.ones(4, bool)), names).splitlines()
-    assert free.split() == ["west", "+0.1000", "0.00", "+inf"]
-    assert south.split() == ["south", "+0.2000", "10.00", "+20.0000"]
-    lines = columns([["sensor", "AP", ""], ["n", "0.25", "x"]]).splitlines()
-    assert lines == ["sensor    AP", "n       0.25  x"]
 
 
 def test_failures_of_a_set_in_a_table():
@@ -257,22 +247,3 @@ def test_failures_of_a_set_in_a_table():
 def test_failures_refuse(failing):
     with pytest.raises(ValueError, match=f"all 2 sensors of the set can fail, got failing={failing}"):
         failures(lambda sets: np.zeros(len(sets)), np.array([True, True, False]), failing=failing)
-
-
-class Linear:
-    """Each sensor adds its own AP and kbit."""
-
-    name = "coverage"
-
-    def __call__(self, sets):
-        ap = sets @ np.array([0.4, 0.2, 0.0, 0.1])
-        return Estimate(ap, ap, sets @ np.array([100.0, 10.0, 5.0, 0.0]))
-
-
-@pytest.mark.parametrize("chosen", [[False] * 4, [True] * 4, [True, False, True, False]])
-def test_marginal_gains_in_and_out_of_the_set(chosen):
-    gains = marginal(Linear(), np.array(chosen))
-    assert gains.gain == pytest.approx([0.4, 0.2, 0.0, 0.1])
-    assert gains.kbit == pytest.approx([100, 10, 5, 0])
-    assert gains.per_kbit[:3] == pytest.approx([0.004, 0.02, 0.0], abs=1e-12)
-    assert gains.per_kbit[3] == np.inf
