@@ -18,20 +18,11 @@ import numpy as np
 
 from toolkit.arrays import Bool
 from toolkit.boxes import count_points, iou_bev
+from toolkit.datasets import mistakes
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import CoopDataset, UnknownSite, check_kinds, object_rows, open_file
-from toolkit.datasets.mistakes import (
-    ENOUGH,
-    Rows,
-    SensorImages,
-    Suspicion,
-    collect_clouds,
-    suspect_frames,
-    suspect_objects,
-    suspect_sensor,
-    witnesses,
-)
-from toolkit.geometry import level_rows, transform
+from toolkit.datasets.mistakes import Rows, SensorImages, Suspicion
+from toolkit.geometry import level_rows
 from toolkit.objects import Objects
 from toolkit.points import count_on_ground
 from toolkit.runtime import hdf5
@@ -40,12 +31,19 @@ from toolkit.sites.site import Site
 SHOWN = 20  # points that show an object
 USUAL = 0.9  # quantile of the number of returns that is usual
 HALF_OF_IT = 0.5  # of the usual number: with fewer returns a sensor is blind
+UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is unknown
+MOST_FRAMES = 60  # that are checked, evenly spread over the file
+DISAGREES = 0.5  # share of a sensor's moving points on boxes: below this its pose is in doubt
+LOOKS_AWAY = 0.01  # share of a sensor's points in the detection area: below this it sees nothing of it
+UNSEEN = 0.3  # share of the objects in the area without a point: above this something is wrong
+FLOATING = 0.25  # m between a box's floor and the ground
+_UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts of the far plane, 0 to 1"}
 
 
 def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[np.ndarray, " frames"]:
-    """Mask of the frames in which a sensor is frozen.
+    """Mask of the frames in which a sensor repeats an image that showed objects which have left.
 
-    A frozen sensor repeats an image that showed objects which have left. rows: the published ones of each frame.
+    rows: the published ones of each frame.
     """
     frozen, first = np.zeros(len(view.depth), bool), 0
     for k in range(1, len(view.depth)):
@@ -54,20 +52,14 @@ def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[
             continue
         before, now = (published.parse_rows(rows[i], site.map_SE3_site) for i in (first, k))
         gone = before.boxes[~(iou_bev(before.boxes, now.boxes) > 0).any(axis=1)]
-        seen = view.depth[k] > 0
-        points = transform(view.sensor.pose, view.rays[seen] * view.depth[k, seen, None])
-        frozen[k] = bool((count_points(points, gone) >= SHOWN).any())
+        frozen[k] = bool((count_points(view.points(k), gone) >= SHOWN).any())
     return frozen
 
 
 def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
-    """Mask of the frames in which a sensor is blind.
-
-    A blind sensor has far fewer returns than in most frames, while others do not.
-    """
+    """Mask of the frames in which a sensor has far fewer returns than in most frames, while others do not."""
     returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
-    usual = np.quantile(returned, USUAL, axis=1)[:, None]
-    blind = returned < HALF_OF_IT * usual
+    blind = returned < HALF_OF_IT * np.quantile(returned, USUAL, axis=1)[:, None]
     return np.asarray(blind & ~blind.all(axis=0))
 
 
@@ -77,32 +69,16 @@ def failing_sensors(
     """Yield place, suspicion, evidence and remedy per failing sensor. frames: numbers of the images."""
     if not views or not frames:
         return
-    blind = blind_frames(views)
-    for view, dark in zip(views, blind, strict=True):
-        where = f"sensor {view.sensor.name}"
+    for view, dark in zip(views, blind_frames(views), strict=True):
         frozen = frozen_frames(view, rows, site)
-        if frozen.any():
-            evidence = f"{_some(frozen, frames)} show objects where nobody is any more"
-            yield where, "it is frozen", evidence, "leave these frames out, or the sensor"
-        if dark.any():
-            evidence = f"{_some(dark, frames)} return less than half of what is usual, other sensors see as ever"
-            yield where, "it goes blind", evidence, "leave these frames out, or the sensor"
-
-
-def _some(chosen: Bool[np.ndarray, " frames"], frames: Sequence[int]) -> str:
-    """Number of frames, and the first."""
-    return (
-        f"{int(chosen.sum())} of {len(frames)} frames that were looked at, the first is {frames[int(chosen.argmax())]},"
-    )
-
-
-UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is unknown
-MOST_FRAMES = 60  # that are checked, evenly spread over the file
-DISAGREES = 0.5  # share of a sensor's moving points on boxes: below this its pose is in doubt
-LOOKS_AWAY = 0.01  # share of a sensor's points in the detection area: below this it sees nothing of it
-UNSEEN = 0.3  # share of the objects in the area without a point: above this something is wrong
-FLOATING = 0.25  # m between a box's floor and the ground
-_UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts of the far plane, 0 to 1"}
+        for chosen, suspected, evidence in (
+            (frozen, "it is frozen", "show objects where nobody is any more"),
+            (dark, "it goes blind", "return less than half of what is usual, other sensors see as ever"),
+        ):
+            if chosen.any():
+                first = f"the first is {frames[int(chosen.argmax())]},"
+                some = f"{int(chosen.sum())} of {len(frames)} frames that were looked at, {first} {evidence}"
+                yield f"sensor {view.sensor.name}", suspected, some, "leave these frames out, or the sensor"
 
 
 @dataclass(frozen=True)
@@ -119,6 +95,10 @@ class Finding:
         return f"{self.severity}: {self.where}: {self.suspected} ({self.evidence}); {self.remedy}"
 
 
+def _error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
+    return Finding("error", where, suspected, evidence, remedy)
+
+
 def check_measurements(
     dataset: CoopDataset, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
@@ -130,18 +110,20 @@ def check_measurements(
     frames = np.unique(np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)).tolist()
     raw, findings = _views(dataset, frames)
     shared = [channel.place is not None for channel in dataset.channels]  # in dslices, which alone is in doubt
-    in_metres = [
-        [_in_metres(view, unit if doubt else 1.0) for view, doubt in zip(raw, shared, strict=True)] for unit in units
-    ]
-    examined = [_Examination(dataset.site, views, tables, frames) for views in in_metres]
+    examined = []
+    for unit in units:
+        views = []
+        for view, doubt in zip(raw, shared, strict=True):
+            metres = view.depth * np.float32(unit if doubt else 1.0)
+            far = min(view.sensor.model.max_range, published.NO_RETURN)
+            views.append(replace(view, depth=np.where(metres < far * 0.999, metres, np.float32(0))))
+        examined.append(_Examination(dataset.site, views, tables, frames))
     best = max(range(len(units)), key=lambda i: examined[i].explained)
     if units[best] != 1:
         largest = max(float(view.depth.max(initial=0)) for view, doubt in zip(raw, shared, strict=True) if doubt)
-        unit = _UNITS.get(units[best], "another unit")
         evidence = f"the largest number is {largest:g}, the far plane lies at {published.NO_RETURN:g} m"
-        findings.append(
-            _error("dslices", f"depth in {unit} instead of metres", evidence, f"multiply by {units[best]:g}")
-        )
+        words = f"depth in {_UNITS.get(units[best], 'another unit')} instead of metres"
+        findings.append(_error("dslices", words, evidence, f"multiply by {units[best]:g}"))
     exam = examined[best]
     return [
         *findings,
@@ -155,26 +137,26 @@ def check_measurements(
 
 
 class _Examination:
-    """Agreement of points and boxes. It is measured with and without the suspected mistakes."""
+    """Agreement of points and boxes, with and without the suspected mistakes."""
 
     def __init__(
         self, site: Site, views: Sequence[SensorImages], tables: Sequence[np.ndarray], frames: Sequence[int]
     ) -> None:
         self.site, self.views = site, views
         sensors = [view.sensor for view in views]
-        pixels = witnesses(views)
-        clouds = collect_clouds(pixels, sensors, len(frames))
-        other_frames, rows = suspect_frames(clouds, tables, frames, site.map_SE3_site)
-        self.mistakes, self.rows, fits = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
-        self.mistakes = [*([other_frames] if other_frames else []), *self.mistakes]
+        pixels = mistakes.witnesses(views)
+        clouds = mistakes.collect_clouds(pixels, sensors, len(frames))
+        other_frames, rows = mistakes.suspect_frames(clouds, tables, frames, site.map_SE3_site)
+        found, rows, fits = mistakes.suspect_objects(pixels, sensors, rows, site.map_SE3_site)
+        self.mistakes = [*([other_frames] if other_frames else []), *found]
         self.explained = fits * sum(len(w.depth) for w in pixels)
-        self.misplaced, self.rows = _misplaced(self.rows, site)
+        self.misplaced, self.rows = _misplaced(rows, site)
         self.doubts: dict[str, Suspicion | None] = {}
         self.fits: dict[str, float] = {}
         for i, sensor in enumerate(sensors):
             own = [w for w in pixels if w.sensor == i]
-            if sum(len(w.depth) for w in own) >= ENOUGH and any(len(table) for table in self.rows):
-                suspicion, fits = suspect_sensor(own, sensor, self.rows, site.map_SE3_site)
+            if sum(len(w.depth) for w in own) >= mistakes.ENOUGH and any(len(table) for table in self.rows):
+                suspicion, fits = mistakes.suspect_sensor(own, sensor, self.rows, site.map_SE3_site)
                 self.fits[sensor.name] = fits
                 if suspicion is not None or fits < DISAGREES:
                     self.doubts[sensor.name] = suspicion
@@ -199,15 +181,16 @@ class _Examination:
         """Yield objects and points of some frames, site frame. Sensors in doubt are left out."""
         trusted = [view for view in self.views if view.sensor.name not in self.doubts]
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
-            points = [np.zeros((0, 3), np.float32), *(_points(view, frame) for view in trusted)]
+            points = [np.zeros((0, 3), np.float32), *(view.points(frame) for view in trusted)]
             yield published.parse_rows(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
 
 
-def _views(dataset: CoopDataset, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
-    """Read the measurements of some frames as stored.
+def _share(suspicion: Suspicion) -> str:
+    return f"{suspicion.before:.0%} of the moving points lie on boxes as it is, {suspicion.after:.0%} with that undone"
 
-    They may be in any unit. Frames that cannot be read become findings.
-    """
+
+def _views(dataset: CoopDataset, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
+    """Measurements of some frames as stored, in any unit. Frames that cannot be read become findings."""
     views, findings = [], []
     for sensor, name, place, stride in dataset.channels:
         images = dataset.stored(name)
@@ -225,19 +208,8 @@ def _views(dataset: CoopDataset, frames: Sequence[int]) -> tuple[list[SensorImag
     return views, findings
 
 
-def _in_metres(view: SensorImages, unit: float) -> SensorImages:
-    metres = view.depth * np.float32(unit)
-    far = min(view.sensor.model.max_range, published.NO_RETURN)
-    return replace(view, depth=np.where(metres < far * 0.999, metres, np.float32(0)))
-
-
-def _points(view: SensorImages, frame: int) -> np.ndarray:
-    seen = view.depth[frame] > 0
-    return transform(view.sensor.pose, view.rays[seen] * view.depth[frame, seen, None])
-
-
 def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
-    """Find sensors that never see anything, and empty frames. A frame is empty if no sensor sees anything in it."""
+    """Find sensors that never see anything, and frames in which no sensor does."""
     blind = [view.sensor.name for view in views if not view.depth.any()]
     for name in blind:
         remedy = "check its images and their unit, or leave it out"
@@ -249,38 +221,37 @@ def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator
 
 
 def _posture(exam: _Examination) -> Iterator[Finding]:
-    """Find sensors with an implausible pose.
-
-    Such a pose is under the ground, upside down, or looking away from the detection area, unless explained.
-    """
+    """Find sensors under the ground, upside down, or looking away from the detection area, unless explained."""
+    site = exam.site
     for view in exam.views:
-        sensor, site = view.sensor, exam.site
+        sensor, where = view.sensor, f"sensor {view.sensor.name}"
         if exam.doubts.get(sensor.name) is not None:
             continue
-        where = f"sensor {sensor.name}"
-        body = sensor.world_SE3_body
-        ahead, up = body[:2, 0], body[2, 2]
+        ahead, up = sensor.world_SE3_body[:2, 0], sensor.world_SE3_body[2, 2]
         height = float(sensor.position[2] - site.ground(sensor.position[:2]))
         if height < 0:
             yield _error(where, "it stands under the ground", f"height {height:.2f} m", "check z and signs of its pose")
         if up < -0.1:
             yield _error(where, "it hangs upside down", f"its up has z {up:.2f}", "check the signs in its pose")
-        points = np.concatenate([_points(view, frame) for frame in range(min(len(view.depth), 5))])
+        points = np.concatenate([view.points(frame) for frame in range(min(len(view.depth), 5))])
         inside = _in_area(points[:, :2], site)
         if len(points) and site.name != UNKNOWN and inside.mean() < LOOKS_AWAY:
             to_centre = (site.area[:2] + site.area[2:]) / 2 - sensor.position[:2]
             turn = np.rad2deg(np.arctan2(ahead[0] * to_centre[1] - ahead[1] * to_centre[0], ahead @ to_centre))
-            evidence = (
-                f"{inside.mean():.1%} of its points in the area, whose centre lies {turn:.0f} degrees to its left"
-            )
+            left = f"whose centre lies {turn:.0f} degrees to its left"
+            evidence = f"{inside.mean():.1%} of its points in the area, {left}"
             yield _error(where, "it looks away from the detection area", evidence, "check its heading and the area")
 
 
 def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
-    """Find objects that lie outside the site. An axis may be mirrored. Returns the rows without that mistake too."""
+    """Find objects outside the site, perhaps by a mirrored axis. Returns the rows without that mistake too."""
     centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
     flips = {"": np.ones(10), "y": np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])}
-    nearby = {axis: float(_near_area(centres * flip[:3], site)) for axis, flip in flips.items()}
+    site_from_carla = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
+    nearby = dict.fromkeys(flips, 1.0)  # share within 15 m of the area
+    for axis, flip in flips.items() if len(centres) else ():
+        places = published.moved(centres * flip[:3], site_from_carla)
+        nearby[axis] = float(_in_area(places[:, :2], site, margin=15.0).mean())
     if nearby[""] >= 0.5 or site.name == UNKNOWN:
         return [], rows
     evidence = f"{nearby['']:.0%} of {len(centres)} objects in or near the area of {site.name!r}"
@@ -304,19 +275,16 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
                 gaps.append(z - height / 2 - np.percentile(beside, 10))
     if len(gaps) >= 10 and abs(np.median(gaps)) > FLOATING:
         gap = float(np.median(gaps))
-        word = "float above" if gap > 0 else "are sunk into"
-        evidence = f"their floor is {abs(gap):.2f} m {'above' if gap > 0 else 'below'} it, median of {len(gaps)} boxes"
-        yield _error(
-            "objects", f"the boxes {word} the ground", evidence, f"add {-gap:.2f} m to column 2 (z) of objects"
-        )
+        word, side = ("float above", "above") if gap > 0 else ("are sunk into", "below")
+        evidence = f"their floor is {abs(gap):.2f} m {side} it, median of {len(gaps)} boxes"
+        remedy = f"add {-gap:.2f} m to column 2 (z) of objects"
+        yield _error("objects", f"the boxes {word} the ground", evidence, remedy)
 
 
 def _unseen(exam: _Examination) -> Iterator[Finding]:
-    """Find objects in the area without a point. They are reported only if they are too many to be hidden."""
+    """Find objects in the area without a point, if they are too many to be hidden."""
     total = unseen = 0
-    if exam.site.name == UNKNOWN:
-        return
-    for objects, points in exam.clouds():
+    for objects, points in exam.clouds() if exam.site.name != UNKNOWN else ():
         if len(points):
             inside = objects[_in_area(objects.boxes[:, :2], exam.site)]
             total += len(inside)
@@ -327,49 +295,37 @@ def _unseen(exam: _Examination) -> Iterator[Finding]:
         yield Finding("warning", "objects", "objects without a point from any sensor", evidence, remedy)
 
 
-def _near_area(centres: np.ndarray, site: Site) -> float:
-    """Share of centres within 15 m of the area. Centres are in CARLA's coordinates. Returns 1 without centres."""
-    places = published.moved(centres, np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site))
-    return float(_in_area(places[:, :2], site, margin=15.0).mean()) if len(centres) else 1.0
-
-
 def _in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
     inside: np.ndarray = (xy >= site.area[:2] - margin) & (xy <= site.area[2:] + margin)
     return np.asarray(inside.all(axis=1))
 
 
-def _share(suspicion: Suspicion) -> str:
-    return f"{suspicion.before:.0%} of the moving points lie on boxes as it is, {suspicion.after:.0%} with that undone"
-
-
-def _error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
-    return Finding("error", where, suspected, evidence, remedy)
-
-
 def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
-    """Diagnose a dataset, ours or a published one.
+    """Diagnose a dataset, ours or a published one; no findings for a healthy one.
 
-    Returns the findings; an empty list for a healthy dataset. All tables of objects are checked, and the measurements
-    of some frames.
-
-    Raises FileNotFoundError for a missing file; all other damage is a finding.
+    All tables of objects are checked, and the measurements of some frames. Raises FileNotFoundError for a missing file;
+    all other damage is a finding.
     """
     try:
         with open_file(path) as file:
             check_kinds(file)
             units, (tables, whole, damaged) = _depth_units(file), _tables(file)
-        with CoopDataset(path, site or _place(path)) as dataset:
+        try:
+            dataset = CoopDataset(path, site)
+        except UnknownSite:  # the file, or its coordinates, do not tell: any site serves to check it
+            dataset = CoopDataset(path, Site(UNKNOWN, np.array([-1.0, -1, 1, 1])))
+        with dataset:
             if not len(dataset):
-                return [Finding("error", "dslices", "no frames", "it has 0 frames", "record some, or restore the file")]
+                return [_error("dslices", "no frames", "it has 0 frames", "record some, or restore the file")]
             return damaged + _repetitions(tables, whole) + check_measurements(dataset, tables, units)
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
-        return [Finding("error", str(path), "it cannot be read", str(error), "repair it or restore it")]
+        return [_error(str(path), "it cannot be read", str(error), "repair it or restore it")]
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
-    """Factors that may turn the file's depth into metres. They are chosen by its largest number."""
+    """Factors that may turn the file's depth into metres, by its largest number."""
     if not hdf5.contains(file, "dslices"):
         return (1.0,)
     images = hdf5.dataset(file, "dslices", kinds="fiub")
@@ -385,39 +341,29 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
 
 
 def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding]]:
-    """Read the published rows of all frames, without damaged ones.
-
-    Returns a mask of the whole frames too, and findings for the first three that are not.
-    """
-    images = [name for name in ("dslices", "coview/time") if hdf5.contains(file, name)]
+    """Sound published rows of all frames, which frames are whole, and findings for the first three that are not."""
+    images = [*hdf5.find_kinds(file, ("dslices", "coview/time"))]
     shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
-    frames = shape[0] if shape else 0
     tables: list[np.ndarray] = []
-    whole: list[bool] = []
-    findings: list[Finding] = []
-    for k in range(frames):
-        table, wrong = _table(file, k)
+    faults: list[str] = []
+    for k in range(shape[0] if shape else 0):
+        table, fault = np.zeros((0, len(published.OBJECT_COLUMNS))), ""
+        try:
+            rows = object_rows(file, f"objects/{k}")
+            words = published.wrong_rows(rows)
+            sound = rows[words == ""] if rows.ndim == 2 and len(words) == len(rows) else rows
+            published.parse_rows(sound, np.eye(4))
+            table = np.asarray(sound, np.float64)
+            if (words != "").any():
+                fault = f"row {int((words != '').argmax())} {words[words != ''][0]}"
+        except (ValueError, OSError) as error:
+            fault = str(error).removeprefix("objects ")
         tables.append(table)
-        whole.append(not wrong)
-        if wrong and len(findings) < 3:
-            findings.append(Finding("error", f"objects/{k}", "damaged objects", wrong, "repair or leave out the frame"))
-    return tables, whole, findings
-
-
-def _table(file: h5py.File, k: int) -> tuple[np.ndarray, str]:
-    nothing = np.zeros((0, len(published.OBJECT_COLUMNS)))
-    try:
-        rows = object_rows(file, f"objects/{k}")
-    except (ValueError, OSError) as error:
-        return nothing, str(error)
-    words = published.wrong_rows(rows)
-    sound = rows[words == ""] if rows.ndim == 2 and len(words) == len(rows) else rows
-    try:
-        published.parse_rows(sound, np.eye(4))
-    except ValueError as error:
-        return nothing, str(error).removeprefix("objects ")
-    wrong = f"row {int((words != '').argmax())} {words[words != ''][0]}" if (words != "").any() else ""
-    return np.asarray(sound, np.float64), wrong
+        faults.append(fault)
+    damaged = [(f"objects/{k}", fault) for k, fault in enumerate(faults) if fault][:3]
+    remedy = "repair or leave out the frame"
+    findings = [_error(where, "damaged objects", fault, remedy) for where, fault in damaged]
+    return tables, [not fault for fault in faults], findings
 
 
 def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Finding]:
@@ -436,15 +382,3 @@ def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Fi
         remedy = "leave the copies out, or they count twice in training and AP"
         findings.append(Finding("warning", f"objects/{twins[0][1]}", "duplicated frames", evidence, remedy))
     return findings
-
-
-def _place(path: str | Path) -> Site | None:
-    """Return None if the file tells its site.
-
-    Otherwise return any site. The file or its coordinates may tell the site. Any other site serves to check the file.
-    """
-    try:
-        CoopDataset(path).close()
-    except UnknownSite:
-        return Site(UNKNOWN, np.array([-1.0, -1, 1, 1]))
-    return None

@@ -1,9 +1,8 @@
-"""Suspected mistakes in a recording's conventions.
+"""Suspected mistakes in a recording's conventions: each classic mistake is undone and the fits are compared.
 
-Each classic mistake is undone and the fits are compared. The evidence is motion. Sensors stand still, so a pixel that
-is nearer than in other frames shows an object. Points of such pixels must lie on the objects' boxes: inside them, and
-near their surface rather than in their core. `fit` is the share of moving points that do. A mistake is suspected if
-undoing it raises the fit clearly.
+The evidence is motion. Sensors stand still, so a pixel that is nearer than in other frames shows an object. Points of
+such pixels must lie on the objects' boxes: inside them, and near their surface rather than in their core. `fit` is the
+share of moving points that do. A mistake is suspected if undoing it raises the fit clearly.
 """
 
 from __future__ import annotations
@@ -43,12 +42,17 @@ class SensorImages:
     depth: Float32[np.ndarray, "frames pixels"]
 
     def moving(self) -> Bool[np.ndarray, "frames pixels"]:
-        """Mask of the pixels that show a moving object. A moving object is missing in another frame."""
+        """Mask of the pixels that show a moving object, one that is missing in another frame."""
         seen = self.depth[(self.depth > 0).any(axis=1)]  # a frame without any return tells nothing about the scene
         if len(seen) < 3:
             return np.zeros(self.depth.shape, bool)
         background = np.where(seen > 0, seen, np.inf).max(axis=0)
         return (self.depth > 0) & (self.depth < 100) & (self.depth < background * 0.99 - _MOVED)
+
+    def points(self, frame: int) -> Float64[np.ndarray, "_ 3"]:
+        """Points of one frame, site frame."""
+        seen = self.depth[frame] > 0
+        return transform(self.sensor.pose, self.rays[seen] * self.depth[frame, seen, None])
 
 
 class Witness(NamedTuple):
@@ -69,101 +73,85 @@ class Suspicion(NamedTuple):
     after: float
 
 
-Undo = Callable[[Rows], Rows]
+class Mistake(NamedTuple):
+    """A mistake in the objects. undo: from columns, by short names, to those that change."""
+
+    mistake: str
+    remedy: str
+    undo: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
 
 
-def _columns(change: Callable[..., dict[str, np.ndarray]]) -> Undo:
-    """Turn a change of columns into a change of rows. The columns have short names."""
-    names = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
-
-    def undo(rows: np.ndarray) -> np.ndarray:
-        table = dict(zip(names, rows.T, strict=True))
-        return np.column_stack([{**table, **change(table)}[name] for name in names])
-
-    return undo
-
-
-OBJECT_MISTAKES: tuple[tuple[str, str, Undo], ...] = (
-    (
+_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
+OBJECT_MISTAKES = (
+    Mistake(
         "full extents stored where half extents belong: the boxes are twice too large",
         "halve columns 6 to 8 of objects",
-        _columns(lambda o: {key: o[key] / 2 for key in "lwh"}),
+        lambda o: {key: o[key] / 2 for key in "lwh"},
     ),
-    (
+    Mistake(
         "half of the half extents stored: the boxes are half as large as their objects",
         "double columns 6 to 8 of objects",
-        _columns(lambda o: {key: o[key] * 2 for key in "lwh"}),
+        lambda o: {key: o[key] * 2 for key in "lwh"},
     ),
-    (
-        "length and width swapped",
-        "swap columns 6 and 7 of objects",
-        _columns(lambda o: {"l": o["w"], "w": o["l"]}),
+    Mistake("length and width swapped", "swap columns 6 and 7 of objects", lambda o: {"l": o["w"], "w": o["l"]}),
+    Mistake(
+        *("yaw in radians where degrees belong", "multiply column 5 of objects by 180 / pi"),
+        lambda o: {"yaw": np.rad2deg(o["yaw"])},
     ),
-    (
-        "yaw in radians where degrees belong",
-        "multiply column 5 of objects by 180 / pi",
-        _columns(lambda o: {"yaw": np.rad2deg(o["yaw"])}),
+    Mistake(
+        *("yaw turned from radians to degrees twice", "multiply column 5 of objects by pi / 180"),
+        lambda o: {"yaw": np.deg2rad(o["yaw"])},
     ),
-    (
-        "yaw turned from radians to degrees twice",
-        "multiply column 5 of objects by pi / 180",
-        _columns(lambda o: {"yaw": np.deg2rad(o["yaw"])}),
-    ),
-    (
+    Mistake(
         "yaw counted the other way round",
         "negate column 5 of objects: CARLA's y points the other way, so does its yaw",
-        _columns(lambda o: {"yaw": -o["yaw"]}),
+        lambda o: {"yaw": -o["yaw"]},
     ),
-    (
-        "yaw a quarter turn off",
-        "add 90 degrees to column 5 of objects",
-        _columns(lambda o: {"yaw": o["yaw"] + 90}),
-    ),
-    (
+    Mistake("yaw a quarter turn off", "add 90 degrees to column 5 of objects", lambda o: {"yaw": o["yaw"] + 90}),
+    Mistake(
         "mirrored y axis: a right-handed world where CARLA's left-handed one belongs",
         "negate columns 1 (y) and 5 (yaw) of objects",
-        _columns(lambda o: {"y": -o["y"], "yaw": -o["yaw"]}),
+        lambda o: {"y": -o["y"], "yaw": -o["yaw"]},
     ),
-    (
-        "mirrored y axis, of the positions alone",
-        "negate column 1 (y) of objects",
-        _columns(lambda o: {"y": -o["y"]}),
+    Mistake("mirrored y axis, of the positions alone", "negate column 1 (y) of objects", lambda o: {"y": -o["y"]}),
+    Mistake(
+        *("mirrored x axis", "negate column 0 (x) of objects and take 180 degrees minus column 5 (yaw)"),
+        lambda o: {"x": -o["x"], "yaw": 180 - o["yaw"]},
     ),
-    (
-        "mirrored x axis",
-        "negate column 0 (x) of objects and take 180 degrees minus column 5 (yaw)",
-        _columns(lambda o: {"x": -o["x"], "yaw": 180 - o["yaw"]}),
+    Mistake(
+        *("x and y swapped", "swap columns 0 and 1 of objects and take 90 degrees minus column 5 (yaw)"),
+        lambda o: {"x": o["y"], "y": o["x"], "yaw": 90 - o["yaw"]},
     ),
-    (
-        "x and y swapped",
-        "swap columns 0 and 1 of objects and take 90 degrees minus column 5 (yaw)",
-        _columns(lambda o: {"x": o["y"], "y": o["x"], "yaw": 90 - o["yaw"]}),
-    ),
-    (
+    Mistake(
         "the centre of the floor stored where the centre of the box belongs: the boxes are sunk by half their height",
         "add column 8 (half height) to column 2 (z) of objects",
-        _columns(lambda o: {"z": o["z"] + o["h"]}),
+        lambda o: {"z": o["z"] + o["h"]},
     ),
-    (
+    Mistake(
         "the centre of the roof stored where the centre of the box belongs: the boxes float by half their height",
         "subtract column 8 (half height) from column 2 (z) of objects",
-        _columns(lambda o: {"z": o["z"] - o["h"]}),
+        lambda o: {"z": o["z"] - o["h"]},
     ),
 )
 
 
-LIFTED: tuple[tuple[str, str, Undo], ...] = tuple(
-    (
-        f"the boxes {'float above' if lift > 0 else 'are sunk into'} the ground, by about {abs(lift):.1f} m",
-        f"{'subtract' if lift > 0 else 'add'} {abs(lift):.1f} m {'from' if lift > 0 else 'to'} column 2 (z) of objects",
-        _columns(lambda o, lift=lift: {"z": o["z"] - lift}),
+def _make_lift(metres: float, place: str, remedy: str, way: str) -> Mistake:
+    return Mistake(
+        f"the boxes {place} the ground, by about {abs(metres):.1f} m",
+        f"{remedy} {abs(metres):.1f} m {way} column 2 (z) of objects",
+        lambda o: {"z": o["z"] - metres},
     )
-    for lift in (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, -0.3, -0.4, -0.5, -0.6, -0.8, -1.0)
+
+
+_LIFTS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+LIFTED = (
+    *(_make_lift(lift, "float above", "subtract", "from") for lift in _LIFTS),
+    *(_make_lift(-lift, "are sunk into", "add", "to") for lift in _LIFTS),
 )
 
 
 def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
-    """Choose moving pixels of each sensor and frame. The choice is the same every time."""
+    """Choose moving pixels of each sensor and frame, the same every time."""
     rng = np.random.default_rng(0)
     chosen = []
     for i, view in enumerate(views):
@@ -186,7 +174,7 @@ def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[
 
 
 def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
-    """Mask of the points that lie on a box. They lie in a box or at most `_SLACK` outside, and in no vehicle's core."""
+    """Mask of the points in a box, or at most `_SLACK` outside, and in no vehicle's core."""
     x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
     cos, sin = np.cos(objects.boxes[:, 6]), np.sin(objects.boxes[:, 6])
     offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
@@ -209,16 +197,12 @@ def collect_clouds(
 def suspect_objects(
     chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[list[Suspicion], list[Rows], float]:
-    """Find the mistake, or pair of mistakes, in the objects.
-
-    Returns the suspicions, the rows without the mistakes, and the fit of these.
-    """
+    """Find the mistake, or pair of mistakes, in the objects. Returns it, the rows without it, and the fit of these."""
     clouds = collect_clouds(chosen, sensors, len(rows))
     if sum(map(len, clouds)) < ENOUGH:
         return [], list(rows), 1.0
     current = fit(clouds, rows, map_SE3_site)
-    one_by_one = [(mistake,) for mistake in OBJECT_MISTAKES + LIFTED]
-    for attempts in (one_by_one, list(combinations(OBJECT_MISTAKES, 2))):
+    for attempts in (list(combinations(OBJECT_MISTAKES + LIFTED, 1)), list(combinations(OBJECT_MISTAKES, 2))):
         undone = [[_without(mistakes, table) for table in rows] for mistakes in attempts]
         fits = [fit(clouds, tables, map_SE3_site) for tables in undone]
         best = int(np.argmax(fits))
@@ -230,61 +214,59 @@ def suspect_objects(
     return [], list(rows), current
 
 
-def _without(mistakes: Sequence[tuple[str, str, Undo]], rows: Rows) -> Rows:
-    for *_, undo in mistakes:
-        rows = undo(rows)
+def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
+    for mistake in mistakes:
+        table = dict(zip(_COLUMNS, rows.T, strict=True))
+        table |= mistake.undo(table)
+        rows = np.column_stack([table[name] for name in _COLUMNS])
     return rows
 
 
 def suspect_sensor(
     chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[Suspicion | None, float]:
-    """Find the pose or depth mistake of one sensor. Its witnesses are the evidence. Returns its fit too."""
+    """Find the pose or depth mistake of one sensor by its witnesses. Returns its fit too."""
     stored = published.extrinsic(sensor.pose, map_SE3_site)
 
     def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
         pose = published.parse_extrinsic(matrix, map_SE3_site)
-        clouds = []
-        for witness in chosen:
-            rays = witness.rays / np.linalg.norm(witness.rays, axis=1, keepdims=True) if along_ray else witness.rays
-            clouds.append(transform(pose, rays * witness.depth[:, None]))
+        lengths = [np.linalg.norm(w.rays, axis=1, keepdims=True) if along_ray else 1.0 for w in chosen]
+        places = zip(chosen, lengths, strict=True)
+        clouds = [transform(pose, w.rays / length * w.depth[:, None]) for w, length in places]
         return fit(clouds, [rows[witness.frame] for witness in chosen], map_SE3_site)
 
     current = measure_fit(stored)
     if current > 1 - CLEAR:
         return None, current
-    attempts = (
-        Suspicion(
+    right_handed = published.MAP_FROM_CARLA
+    undone = (
+        (
             "its extrinsic is camera → world, the inverse of what belongs there",
             "store the inverse of extrinsic",
-            current,
             measure_fit(invert(stored)),
         ),
-        Suspicion(
+        (
             "its extrinsic is for a right-handed world and a camera with x right, y down, z forward",
             "turn extrinsic into CARLA's world (y negated) and a camera with X forward, Y right, Z up",
-            current,
-            measure_fit(_FORWARD_FIRST @ stored @ published.MAP_FROM_CARLA),
+            measure_fit(_FORWARD_FIRST @ stored @ right_handed),
         ),
-        Suspicion(
+        (
             "its extrinsic is for a right-handed world and a camera with x forward, y left, z up",
             "negate y of the world and of the camera in extrinsic",
-            current,
-            measure_fit(published.MAP_FROM_CARLA @ stored @ published.MAP_FROM_CARLA),
+            measure_fit(right_handed @ stored @ right_handed),
         ),
-        Suspicion(
+        (
             "its depth is the distance along the ray, not along the optical axis",
             "divide each depth by the length of its ray whose X is 1",
-            current,
             measure_fit(stored, along_ray=True),
         ),
-        Suspicion(
+        (
             "it looks away: in the opposite direction",
             "turn extrinsic by 180 degrees about the camera's Z",
-            current,
             measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),
         ),
     )
+    attempts = [Suspicion(mistake, remedy, current, after) for mistake, remedy, after in undone]
     best = max(attempts, key=lambda suspicion: suspicion.after)
     return (best if best.after >= max(FITS, current + CLEAR) else None), current
 
@@ -299,17 +281,15 @@ def suspect_frames(
     frames: Sequence[int],
     map_SE3_site: Float[np.ndarray, "4 4"],
 ) -> tuple[Suspicion | None, list[Rows]]:
-    """Find the number of frames by which objects are off.
+    """Find the number of frames by which objects are off. Returns it and the rows that belong to `frames`.
 
-    clouds: moving points of `frames`, site frame; tables: rows of all frames of the file. Returns the suspicion and the
-    rows that belong to `frames`.
+    clouds: moving points of `frames`, site frame; tables: rows of all frames of the file.
     """
     best: Suspicion | None = None
     rows = [tables[k] for k in frames]
     for off in [sign * n for n in range(1, MOST_FRAMES_OFF + 1) for sign in (1, -1)]:
-        usable = [
-            i for i, k in enumerate(frames) if 0 <= k + off < len(tables) and len(tables[k]) and len(tables[k + off])
-        ]
+        there = [0 <= k + off < len(tables) and len(tables[k]) and len(tables[k + off]) for k in frames]
+        usable = np.flatnonzero(there).tolist()
         some = [clouds[i] for i in usable]
         if sum(map(len, some)) < ENOUGH:
             continue
@@ -318,8 +298,7 @@ def suspect_frames(
         if after >= max(FITS, before + CLEARLY) and (best is None or after > best.after):
             count = f"{abs(off)} frame{'s' * (abs(off) > 1)}"
             mistake = f"labels lie about {count} {'behind' if off > 0 else 'ahead of'} the images"
-            best = Suspicion(
-                mistake, f"store objects/K as objects/{'K-' if off > 0 else 'K+'}{abs(off)}", before, after
-            )
+            remedy = f"store objects/K as objects/{'K-' if off > 0 else 'K+'}{abs(off)}"
+            best = Suspicion(mistake, remedy, before, after)
             rows = [tables[k + off] if 0 <= k + off < len(tables) else tables[k][:0] for k in frames]
     return best, rows
