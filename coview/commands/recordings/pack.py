@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
@@ -20,8 +21,6 @@ from toolkit.runtime.run import Run
 
 if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
-
-FRAMES = 20  # of each random site
 
 
 def pack(
@@ -77,13 +76,10 @@ def pack(
         with progress_bar("site", random_sites, hidden=json) as bar:
             total = random_recordings_file(
                 random_sites,
-                run.frames_or(FRAMES),
-                run.seed,
                 out,
+                run=replace(run, progress=bar.stage),
                 encode=drawn_file,
                 join=join_packed,
-                workers=run.workers,
-                progress=bar.to,
                 fleet=fleet_named(fleet),
                 overwrite=overwrite,
             )

@@ -1,5 +1,7 @@
 """Recordings of random sites: what they promise, and that a site that fails is left out with a note."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -7,8 +9,9 @@ import shapely
 from toolkit.bodies.fleet import HELD_OUT, catalogue, fleet_named
 from toolkit.boxes import footprints
 from toolkit.datasets import random_recordings as module
-from toolkit.datasets.random_recordings import random_recording, random_recordings, random_recordings_file
+from toolkit.datasets.random_recordings import random_recording, random_recordings_file
 from toolkit.objects import VEHICLE
+from toolkit.runtime.run import Run
 
 
 def digest(recording):
@@ -47,40 +50,15 @@ def test_bodies_that_are_not_drawn_are_a_little_stretched():
     assert (nearest > 1e-4).any()
 
 
-def test_seed_and_number_decide_in_sensible_counts(recording):
+def test_seed_and_number_decide(recording):
     assert digest(recording) == digest(random_recording(seed=4, number=1, frames=3))
     assert digest(recording) != digest(random_recording(seed=4, number=2, frames=3))
-    with pytest.raises(ValueError, match="at least one site"):
-        next(random_recordings(0, 2, 7, digest))
-
-
-def test_what_fails_is_left_out_with_a_note(recording, monkeypatch):
-    def drawn(seed, number, frames, *, fleet):
-        assert fleet is None
-        if number == 1:
-            raise ValueError("no road")
-        return recording
-
-    monkeypatch.setattr(module, "random_recording", drawn)
-    counts = []
-    with pytest.warns(UserWarning, match="random site 1 of seed 7 left out: ValueError: no road"):
-        made = list(random_recordings(3, 2, 7, digest, workers=1, progress=counts.append))
-    assert made == [digest(recording)] * 2
-    assert counts == [1, 2, 3]
-
-
-@pytest.mark.slow
-def test_the_number_of_workers_changes_nothing():
-    alone, helped = (list(random_recordings(3, 2, 5, digest, workers=workers)) for workers in (1, 2))
-    assert alone == helped
 
 
 def test_everyone_is_drawn_afresh():
     own = fleet_named("own")
     first, again = (random_recording(seed=4, number=1, frames=2, fleet=fleet) for fleet in (None, own))
-    (third,) = random_recordings(1, 2, 4, digest, workers=1, fleet=own)
     assert digest(first) == digest(again)
-    assert third == digest(random_recording(seed=4, number=0, frames=2, fleet=own))
     sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in first.frames])
     assert len({tuple(size) for size in sizes.round(4).tolist()}) > 5
 
@@ -110,22 +88,35 @@ def as_lines(paths, target):
     return len(lines)
 
 
+def as_text(recording):
+    return repr(digest(recording)).encode()
+
+
+@pytest.mark.slow
+def test_the_number_of_workers_changes_nothing(tmp_path):
+    for workers in (1, 2):
+        run = Run(frames=2, seed=5, workers=workers)
+        assert random_recordings_file(3, tmp_path / str(workers), run=run, encode=as_text, join=as_lines) == 3
+    assert (tmp_path / "1").read_text() == (tmp_path / "2").read_text()
+
+
 def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch):
     out, first, second = tmp_path / "x.packed", Noted(kill_at=3), Noted()
-    settings = {"encode": as_bytes, "join": as_lines, "workers": 1}
+    settings = {"encode": as_bytes, "join": as_lines}
+    run, done = Run(frames=4, seed=7), []
     monkeypatch.setattr(module, "random_recording", first)
     with pytest.raises(KeyboardInterrupt):
-        random_recordings_file(5, 4, 7, out, **settings)
+        random_recordings_file(5, out, run=run, **settings)
     assert not out.exists()
     with pytest.raises(FileExistsError, match="seed 7 instead of 8"):
-        random_recordings_file(5, 4, 8, out, **settings)
+        random_recordings_file(5, out, run=replace(run, seed=8), **settings)
     with pytest.raises(FileExistsError, match=r"fleet 0 .* instead of 47 "):
-        random_recordings_file(5, 4, 7, out, **settings, fleet=fleet_named("catalogue"))
+        random_recordings_file(5, out, run=run, **settings, fleet=fleet_named("catalogue"))
     monkeypatch.setattr(module, "random_recording", second)
-    done = []
+    told = replace(run, progress=lambda name, count, total: done.append((count, total)))
     with pytest.warns(UserWarning, match="random site 2 of seed 7 left out: ValueError: no road"):
-        assert random_recordings_file(5, 4, 7, out, **settings, progress=done.append) == 4
-    assert (first.numbers, second.numbers, done) == ([0, 1], [3, 4], [4, 5])
+        assert random_recordings_file(5, out, run=told, **settings) == 4
+    assert (first.numbers, second.numbers, done) == ([0, 1], [3, 4], [(4, 5), (5, 5)])
     assert out.read_text().split("\n") == ["7 0 4", "7 1 4", "7 3 4", "7 4 4"]
     assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]
 
@@ -134,9 +125,9 @@ def test_another_run_is_dropped_when_told_to(tmp_path, monkeypatch):
     out = tmp_path / "x.packed"
     monkeypatch.setattr(module, "random_recording", Noted(kill_at=1))
     with pytest.raises(KeyboardInterrupt):
-        random_recordings_file(2, 4, 7, out, encode=as_bytes, join=as_lines, workers=1)
+        random_recordings_file(2, out, run=Run(frames=4, seed=7), encode=as_bytes, join=as_lines)
     monkeypatch.setattr(module, "random_recording", Noted())
-    random_recordings_file(2, 4, 8, out, encode=as_bytes, join=as_lines, workers=1, overwrite=True)
+    random_recordings_file(2, out, run=Run(frames=4, seed=8), encode=as_bytes, join=as_lines, overwrite=True)
     assert out.read_text() == "8 0 4\n8 1 4"
 
 
@@ -149,14 +140,13 @@ def test_a_file_is_of_the_fleet_that_is_asked_for(tmp_path, monkeypatch):
 
     monkeypatch.setattr(module, "random_recording", drawn)
     fleet = fleet_named("own")
-    random_recordings_file(2, 4, 8, tmp_path / "x", encode=as_bytes, join=as_lines, workers=1, fleet=fleet)
+    random_recordings_file(2, tmp_path / "x", run=Run(frames=4, seed=8), encode=as_bytes, join=as_lines, fleet=fleet)
     assert asked == [fleet, fleet]
 
 
-@pytest.mark.parametrize(("count", "frames", "seed"), [(0, 4, 7), (5, 0, 7), (5, 4, -1)])
-def test_numbers_that_are_none_are_refused_before_anything_is_written(count, frames, seed, tmp_path):
-    with pytest.raises(ValueError, match="at least one site and one frame"):
-        random_recordings_file(count, frames, seed, tmp_path / "x", encode=as_bytes, join=as_lines)
+def test_no_sites_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(ValueError, match="at least one site"):
+        random_recordings_file(0, tmp_path / "x", encode=as_bytes, join=as_lines)
     assert list(tmp_path.iterdir()) == []
 
 
