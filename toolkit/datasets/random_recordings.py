@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from toolkit.bodies.fleet import Fleet
     from toolkit.sites.site import Site
 
-FRAMES = 20  # usual number, of each site
+_FRAMES = 20  # usual number, of each site
 FEWEST_SENSORS, MOST_SENSORS = 3, 10
 FEWEST_PARKED, MOST_PARKED = 4, 20  # range of the greatest number of parked vehicles
 _NOTE = b"left out "  # start of the file of a recording that failed
@@ -87,7 +87,7 @@ def random_recordings_file(
     A run that was killed continues when called again, and ends with the same bytes; every finished recording lies in
     `FILE.parts/`. A recording that fails is left out with a warning that says why.
 
-    run: number of frames (`FRAMES` by default), seed and processes, which change no byte; encode: content of the file
+    run: number of frames (20 by default), seed and processes, which change no byte; encode: content of the file
     of a recording, called in the process that made it; join: called with the files in order and the target, its result
     is returned; fleet: see `random_recording`; overwrite: drop an unfinished run of another count, seed, fleet or code.
 
@@ -101,7 +101,7 @@ def random_recordings_file(
     for body in own.fixed:
         bodies.update(f"{body.name} {body.label} {body.size}".encode() + body.vertices.tobytes())
     described = f"{len(own.fixed)} {bodies.hexdigest()[:12]} drawn {list(own.drawn)} mirrors {own.mirrors}"
-    frames, code = run.frames_or(FRAMES), code_digest(__name__, encode.__module__)[:12]
+    frames, code = run.frames_or(_FRAMES), code_digest(__name__, encode.__module__)[:12]
     plan = {"random sites": count, "frames": frames, "seed": run.seed, "fleet": described, "code": code}
     shards = ShardFolder(out.with_name(out.name + ".parts"), plan)
     made: list[_Made] = []
