@@ -1,21 +1,19 @@
-"""`Renders`: the cloud of each candidate in each frame.
+"""`Renders`: the cloud of each candidate in each frame, rendered on first use and kept packed.
 
-Clouds are rendered on first use and kept packed.
-
-A candidate's measurements are kept as in `models.training.packed`: its view of the empty site once, and the differing
-pixels of each frame. Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of
-sensors measures the same in any order, pool or process. Errors beyond the sensors' own noise need whole images, since
-they look at neighbouring pixels and may carry points into the crop: these are packed separately.
+As in `models.training.packed`, a candidate's view of the empty site is kept once, and the differing pixels of each
+frame. Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of sensors measures
+the same in any order, pool or process. Errors beyond the sensors' own noise need whole images, since they look at
+neighbouring pixels and may carry points into the crop: these are packed separately.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -64,10 +62,11 @@ class Renders:
         self.frames = len(traffic)
         self._arguments = (traffic, candidates, cache)
         self._cache, self._noise_seed, self.errors = cache, noise_seed, errors
+        self._whole = not only_own_noise(errors)
         self._packed: dict[int, _Packed] = {}
         self._scenes: dict[int, EmptyScene] = {}
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return partial(Renders, noise_seed=self._noise_seed, errors=self.errors), self._arguments
 
     @staticmethod
@@ -83,20 +82,13 @@ class Renders:
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k. They are inside the crop, in the world frame."""
-        packed, rng = self._of_candidate(c), None
-        if self._whole:
-            return frame_points(self._reading(packed, k, c), area=self.site)[0]
-        if self._noise_seed is not None:
-            rng = np.random.default_rng([self._noise_seed, k, _seed(self.sensors[c])])
-        return packed.rig.points(0, *packed.frame(k), rng)
+        return frame_points(self._reading(k, c), area=self.site)[0] if self._whole else self._measure(k, c)[0]
 
     def captured(self, k: int, c: int) -> Captured:
         """Image behind these points. It shows the crop, or everything where errors need whole images."""
-        packed, sensor, snapshot = self._of_candidate(c), self.sensors[c], self.traffic.snapshots[k]
         if self._whole:
-            return Captured(self._reading(packed, k, c), 0, self.site)
-        rng = None if self._noise_seed is None else np.random.default_rng([self._noise_seed, k, _seed(sensor)])
-        _, pixels, depth = packed.rig.measure(0, *packed.frame(k), rng)
+            return Captured(self._reading(k, c), 0, self.site)
+        sensor, snapshot, (_, pixels, depth) = self.sensors[c], self.traffic.snapshots[k], self._measure(k, c)
         image = np.zeros(sensor.model.shape, np.float32)
         image.ravel()[pixels] = depth
         frame = Frame((sensor,), (image,), snapshot.objects, snapshot.time, k)
@@ -105,31 +97,36 @@ class Renders:
     def scene(self, c: int) -> EmptyScene:
         """Empty scene of candidate c. It is rendered, or learnt from its frames where it has errors."""
         if c not in self._scenes:
-            packed, sensor = self._of_candidate(c), self.sensors[c]
-            learner = SceneLearner(sensor)
-            for k in range(self.frames) if self._whole else ():
-                learner.add(self._reading(packed, k, c).images[0])
-            still = np.zeros(sensor.model.shape, np.float32)
-            still.ravel()[packed.rig.pixels[0]] = packed.rig.depth[0]
-            self._scenes[c] = learner.scene() if self._whole else EmptyScene.of(sensor, still)
+            if self._whole:
+                learner = SceneLearner(self.sensors[c])
+                for k in range(self.frames):
+                    learner.add(self._reading(k, c).images[0])
+                self._scenes[c] = learner.scene()
+            else:
+                self._scenes[c] = EmptyScene.of(self.sensors[c], self._of_candidate(c).still())
         return self._scenes[c]
 
     def objects(self, k: int) -> Objects:
         """All objects in frame k, scored or not."""
         return self.traffic.snapshots[k].objects
 
-    @property
-    def _whole(self) -> bool:
-        return not only_own_noise(self.errors)
+    def _measure(self, k: int, c: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points in the crop, with noise, their pixels and measurements."""
+        packed, rng = self._of_candidate(c), None
+        if self._noise_seed is not None:
+            rng = np.random.default_rng([self._noise_seed, k, _seed(self.sensors[c])])
+        return packed.rig.measure(0, *packed.frame(k), rng)
 
-    def _reading(self, packed: _Packed, k: int, c: int) -> Frame:
-        """Reading of candidate c in frame k, with errors."""
-        snapshots, sensor = self.traffic.snapshots, self.sensors[c]
-        now, speed = snapshots[k], None
+    def _reading(self, k: int, c: int) -> Frame:
+        """Whole image of candidate c in frame k, with errors."""
+        snapshots, sensor, packed = self.traffic.snapshots, self.sensors[c], self._of_candidate(c)
+        now, speed, image = snapshots[k], None, packed.still()
         if self.errors.needs_velocities:
             around = [snapshots[other] for other in (k - 1, k + 1) if 0 <= other < len(snapshots)]
             speed = velocities(now.objects, now.time, [(each.objects, each.time) for each in around])
-        frame = Frame((sensor,), (packed.image(k),), now.objects, now.time, k)
+        pixels, depth = packed.frame(k)
+        image.ravel()[pixels] = depth
+        frame = Frame((sensor,), (image,), now.objects, now.time, k)
         return with_errors(frame, self.errors, self._noise_seed or 0, velocities=speed, numbers=[_seed(sensor)])
 
     def _of_candidate(self, c: int) -> _Packed:
@@ -143,31 +140,35 @@ class Renders:
         """Kept render of a candidate. A missing or damaged one is rendered."""
         if self._cache is None:
             return self._render(c)
-        sensor = self.sensors[c]
-        key = make_key(
-            "whole render" if self._whole else "render", _code([sensor]), self.traffic.digest(), sensor.digest
-        )
+        sensor, kind = self.sensors[c], "whole render" if self._whole else "render"
+        key = make_key(kind, _code([sensor]), self.traffic.digest(), sensor.digest)
         arrays = self._cache.get([key])[0]
         if arrays is not None:
-            return _unpacked(self._rig(c), arrays)
+            still_pixels, still_depth, *changes = arrays
+            return _Packed(replace(self._rig(c), pixels=(still_pixels,), depth=(still_depth,)), *changes)
         packed = self._render(c)
-        self._cache.put({key: packed.arrays()})
+        arrays = (packed.rig.pixels[0], packed.rig.depth[0], packed.pixels, packed.steps, packed.ends)
+        self._cache.put({key: arrays})
         return packed
 
     def _render(self, c: int) -> _Packed:
-        renderer = build_renderer(self.traffic).looking([self.sensors[c]])
+        renderer, changes = build_renderer(self.traffic).looking([self.sensors[c]]), []
+        still = renderer.background[0].ravel().astype(np.float32)
         if self._whole:
-            images = (renderer.render(snapshot).measurements[0] for snapshot in self.traffic.snapshots)
-            return _packed_whole(self._rig(c), renderer.background[0], images)
-        area, height, slope = self.site.area, self.site.height, self.site.relief.slope
-        rig = Rig.seeing(renderer.sensors, area, height, renderer.background, slope)
-        changes = []
+            seen = np.flatnonzero(still > 0).astype(np.uint32)
+            rig = replace(self._rig(c), pixels=(seen,), depth=(still[seen],))
+        else:
+            area, height, slope = self.site.area, self.site.height, self.site.relief.slope
+            rig = Rig.seeing(renderer.sensors, area, height, renderer.background, slope)
         for snapshot in self.traffic.snapshots:
-            frame = Frame(renderer.sensors, renderer.render(snapshot).measurements, snapshot.objects)
-            changes.append(change(rig, frame))
-        ends = np.cumsum([0, *(len(each.pixels[0]) for each in changes)])
-        pixels, steps = ([getattr(each, name)[0] for each in changes] for name in ("pixels", "steps"))
-        return _Packed(rig, np.concatenate(pixels), np.concatenate(steps), ends)
+            images = renderer.render(snapshot).measurements
+            if self._whole:
+                changes.append(_find_changes(still, images[0].ravel()))
+            else:
+                found = change(rig, Frame(renderer.sensors, images, snapshot.objects))
+                changes.append((found.pixels[0], found.steps[0]))
+        pixels, steps = (np.concatenate(each) for each in zip(*changes, strict=True))
+        return _Packed(rig, pixels, steps, np.cumsum([0, *(len(each) for each, _ in changes)]))
 
     def _rig(self, c: int) -> Rig:
         area = tuple(self.site.area.tolist())
@@ -220,8 +221,7 @@ class Recorded:
 class _Packed:
     """Packed frames of one candidate.
 
-    It holds the rig, the pixels that differ from it in any frame, their measurement in steps (0: none), and the start
-    of each frame's pixels.
+    pixels: that differ from the rig in any frame; steps: their measurements (0: none); ends: of each frame's pixels.
     """
 
     rig: Rig
@@ -234,42 +234,19 @@ class _Packed:
         rows = slice(*self.ends[k : k + 2])
         return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
-    def image(self, k: int) -> Float32[np.ndarray, "rows columns"]:
-        """Whole image of frame k. Available where whole images are packed."""
-        shape = self.rig.sensors[0].model.shape
-        flat = np.zeros(shape[0] * shape[1], np.float32)
-        flat[self.rig.pixels[0]] = self.rig.depth[0]
-        pixels, depth = self.frame(k)
-        flat[pixels] = depth
-        return flat.reshape(shape)
-
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """Arrays for a cache."""
-        return self.rig.pixels[0], self.rig.depth[0], self.pixels, self.steps, self.ends
+    def still(self) -> Float32[np.ndarray, "rows columns"]:
+        """Image of the empty site, as far as it is packed."""
+        image = np.zeros(self.rig.sensors[0].model.shape, np.float32)
+        image.ravel()[self.rig.pixels[0]] = self.rig.depth[0]
+        return image
 
 
-def _unpacked(rig: Rig, arrays: tuple[np.ndarray, ...]) -> _Packed:
-    still_pixels, still_depth, *changes = arrays
-    return _Packed(replace(rig, pixels=(still_pixels,), depth=(still_depth,)), *changes)
-
-
-def _packed_whole(rig: Rig, background: np.ndarray, images: Iterable[np.ndarray]) -> _Packed:
-    """Whole view of one sensor, in and outside the crop.
-
-    Surfaces beyond the range of the steps that are not always present are treated as nothing.
-    """
-    still = background.ravel().astype(np.float32)
-    seen = np.flatnonzero(still > 0).astype(np.uint32)
-    pixels, steps = [], []
-    for image in images:
-        flat = image.ravel()
-        pixels.append(np.flatnonzero(flat != still).astype(np.uint32))
-        depth = flat[pixels[-1]]
-        near = (depth > 0) & (depth < FARTHEST)
-        steps.append(np.where(near, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(np.uint16))
-    ends = np.cumsum([0, *map(len, pixels)])
-    rig = replace(rig, pixels=(seen,), depth=(still[seen],))
-    return _Packed(rig, np.concatenate(pixels), np.concatenate(steps), ends)
+def _find_changes(still: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels and steps of a whole view. Surfaces beyond the range of the steps that come and go count as nothing."""
+    pixels = np.flatnonzero(image != still).astype(np.uint32)
+    depth = image[pixels]
+    near = (depth > 0) & (depth < FARTHEST)
+    return pixels, np.where(near, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(np.uint16)
 
 
 def _beyond_noise(errors: ErrorProfile) -> list[str]:
