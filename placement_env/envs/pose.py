@@ -98,7 +98,7 @@ class _PoseScenarios(EpisodeSource):
             setting = self.sites.setting(conditions.site, conditions.scheme)
             self._made[key] = Preparation(setting, replace(self.config.run, workers=1, ray=None))
         preparation = self._made[key]
-        candidates = preparation.candidates
+        candidates = preparation.setting.pool
         names = [sensor.name for sensor in candidates.sensors]
         failed = {find_index(member, names) for member in conditions.failed}
         usable = np.array([c for c in range(len(candidates)) if c not in failed], np.int64)
@@ -177,7 +177,8 @@ def _see_again(
     moved = np.flatnonzero(~still)
     there = candidates if len(moved) == len(still) else candidates.select(moved)
     live = preparation.live
-    fresh = see(preparation.traffic, there, labels=preparation.classes.labels) if live is None else live.see(there)
+    labels = preparation.setting.counted.labels
+    fresh = see(preparation.traffic, there, labels=labels) if live is None else live.see(there)
     if visibility is None or len(moved) == len(still):
         return fresh
     columns = {name: getattr(visibility, name).copy() for name in ("points", "distance", "sent", "far")}

@@ -1,20 +1,17 @@
-"""`Preparation`: data that the fidelities of one setting share.
-
-Traffic, views, renders and detectors are made when needed.
-"""
+"""`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import Cases
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import VEHICLES
 from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
 from placement_env.fidelity.traffic import FRAMES, scored
 from placement_env.protocol import Fidelity, FidelityName
@@ -32,6 +29,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.hits.hit_model import HitModel
     from placement_env.fidelity.panorama.live import LiveView
+    from placement_env.fidelity.table import Table
     from placement_env.fidelity.traffic import Traffic
     from placement_env.fidelity.visibility import Visibility
 
@@ -48,21 +46,6 @@ class Preparation:
     run: Run = Run()
 
     @property
-    def site(self) -> Site:
-        """The site."""
-        return self.setting.place
-
-    @property
-    def candidates(self) -> Candidates:
-        """The candidates."""
-        return self.setting.pool
-
-    @property
-    def classes(self) -> Classes:
-        """Classes that count."""
-        return self.setting.counted
-
-    @property
     def frames(self) -> int:
         """Number of frames of traffic."""
         return self.run.frames_or(FRAMES)
@@ -72,11 +55,12 @@ class Preparation:
         """Simulated frames."""
         from placement_env.fidelity.traffic import simulate_traffic
 
-        return simulate_traffic(self.site, self.frames, self.run.seed)
+        return simulate_traffic(self.setting.place, self.frames, self.run.seed)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
         """Frames of each level of traffic. The level is the number of road users of any class in the site's area."""
-        there = [scored(each.objects, self.site, range(len(LABELS))).sum() for each in self.traffic.snapshots]
+        snapshots, everyone = self.traffic.snapshots, range(len(LABELS))
+        there = [scored(each.objects, self.setting.place, everyone).sum() for each in snapshots]
         return Cases(levels=levels).split(np.array(there, np.int64))
 
     @cached_property
@@ -90,13 +74,9 @@ class Preparation:
         """View of each candidate."""
         from placement_env.fidelity.seeing import see
 
-        return see(
-            self.traffic,
-            self.candidates,
-            labels=self.classes.labels,
-            run=self.run,
-            rendering=self.setting.rendering,
-        )
+        setting = self.setting
+        labels = setting.counted.labels
+        return see(self.traffic, setting.pool, labels=labels, run=self.run, rendering=setting.rendering)
 
     @cached_property
     def live(self) -> LiveView | None:
@@ -106,55 +86,44 @@ class Preparation:
         the site.
         """
         from placement_env.fidelity.panorama.live import LiveView
-        from placement_env.fidelity.panorama.panoramas import far_sighted, worthwhile
+        from placement_env.fidelity.panorama.panoramas import choose_quick
 
-        sensors, rendering = self.candidates.sensors, self.setting.rendering
-        quick = rendering == "panorama" or (rendering == "auto" and worthwhile(sensors))
-        if not (quick and far_sighted(sensors, self.traffic).all()):
+        if not choose_quick(self.setting.pool.sensors, self.traffic, self.setting.rendering).all():
             return None
-        return LiveView(self.traffic, self.classes.labels, self.run.memo)
+        return LiveView(self.traffic, self.setting.counted.labels, self.run.memo)
 
     @cached_property
     def network(self) -> str:
         """Name of the network that scores the candidates. It is the shipped network or its surrogate."""
-        return find_network(self.site, self.candidates.sensors)
+        return find_network(self.setting.place, self.setting.pool.sensors)
 
     @cached_property
     def detector(self) -> Detector:
         """The setting's detector, or the shipped one."""
-        return self.setting.detector or load_shipped_detector(self.network, self.site)
+        return self.setting.detector or load_shipped_detector(self.network, self.setting.place)
 
     @cached_property
     def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:
         return {}
 
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
-        """Same traffic and network for other candidates.
-
-        Their visibility is known. Scores of moved sensors are comparable with those of their old poses.
-        """
+        """Same traffic and network for other candidates, whose visibility is known, so that scores are comparable."""
         there = replace(self, setting=replace(self.setting, candidates=candidates))
-        vars(there).update(
-            traffic=self.traffic, network=self.network, visibility=visibility, _hit_models=self._hit_models
-        )
+        shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
+        vars(there).update(shared, visibility=visibility)
         return there
 
-    def check(self, name: FidelityName | None = None) -> None:
-        """Check that a fidelity can score this setting.
-
-        None means the setting's own. Raises ValueError otherwise; renders nothing.
-        """
-        check_scorable(self.setting, name)
-        _check_levels(self.setting, _name(self.setting) if name is None else name)
+    def check(self) -> None:
+        """Raise ValueError unless its fidelity can score this setting. Nothing is rendered."""
+        check_scorable(self.setting)
+        _check_levels(self.setting, _checked_name(self.setting, None))
 
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
         """Fidelity of that name over the setting's cases.
 
         None means the setting's own. Raises ValueError for errors or levels that it does not know.
         """
-        name = _name(self.setting) if name is None else name
-        cases = self.setting.cases
-        _check_errors(self.setting, name)
+        name, cases = _checked_name(self.setting, name), self.setting.cases
         _check_levels(self.setting, name)
         profiles = []
         for errors in cases.profiles:
@@ -167,12 +136,28 @@ class Preparation:
 
     def at_thresholds(self, name: FidelityName, errors: ErrorProfile) -> tuple[Fidelity, ...]:
         """Separate fidelity of that name at each IoU threshold."""
-        ious = self.setting.cases.ious
+        setting, ious = self.setting, self.setting.cases.ious
+        scheme, codec, classes = setting.fusion, setting.codec, setting.counted
         if name == "detector":
             detected = self.detected(errors)
             return tuple(detected.at(iou, ious) for iou in ious)
-        make = {"coverage": self._coverage, "surrogate": self._surrogate, "table": self._table}[name]
-        return tuple(map(make, ious))
+        if name == "coverage":
+            from placement_env.fidelity.coverage import Coverage
+
+            return (Coverage(self.visibility, scheme, codec=codec, classes=classes),) * len(ious)
+        if name == "table":
+            from placement_env.fidelity.table import TableFidelity
+
+            return tuple(TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious)
+        from placement_env.fidelity.surrogate import Surrogate
+
+        radius, made = setting.place.hybrid_radius, []
+        for iou in ious:
+            if iou not in self._hit_models:
+                self._hit_models[iou] = surrogate_models(setting, iou, self.network)
+            models = self._hit_models[iou]
+            made.append(Surrogate(self.visibility, scheme, models, radius=radius, codec=codec, classes=classes))
+        return tuple(made)
 
     def detected(self, errors: ErrorProfile) -> Detected:
         """Fidelity of the detector at one error profile. It uses the first IoU threshold."""
@@ -181,56 +166,34 @@ class Preparation:
 
         setting, run = self.setting, self.run
         return Detected(
-            Renders(self.traffic, self.candidates, run.memo, errors=errors),
+            Renders(self.traffic, setting.pool, run.memo, errors=errors),
             self.detector,
             setting.fusion,
             codec=setting.codec,
             iou=setting.cases.ious[0],
             memo=run.memo,
             processes=run,
-            classes=self.classes,
+            classes=setting.counted,
         )
 
     def _in_frames(self, frames: Int64[np.ndarray, " _"]) -> Preparation:
         from placement_env.fidelity.visibility import of_frames
 
-        return self.at(self.candidates, of_frames(self.visibility, frames))
+        return self.at(self.setting.pool, of_frames(self.visibility, frames))
 
-    def _coverage(self, iou: float) -> Fidelity:
-        from placement_env.fidelity.coverage import Coverage
+    @cached_property
+    def _table(self) -> Table:
+        from placement_env.fidelity.table import hash_site, load_table
 
-        return Coverage(self.visibility, self.setting.fusion, codec=self.setting.codec, classes=self.classes)
-
-    def _surrogate(self, iou: float) -> Fidelity:
-        from placement_env.fidelity.surrogate import Surrogate
-
-        setting = self.setting
-        if iou not in self._hit_models:
-            self._hit_models[iou] = surrogate_models(setting, iou, self.network)
-        return Surrogate(
-            self.visibility,
-            setting.fusion,
-            self._hit_models[iou],
-            radius=self.site.hybrid_radius,
-            codec=setting.codec,
-            classes=self.classes,
-        )
-
-    def _table(self, iou: float) -> Fidelity:
-        from placement_env.fidelity.table import TableFidelity, hash_site, load_table
-
-        site, setting = self.site, self.setting
-        table = load_table(site.name if setting.table is None else setting.table)
-        origin = table.origin
-        if (origin.place, origin.hybrid_radius) != (
-            hash_site(site, self.candidates.sensors),
-            site.hybrid_radius,
-        ):
+        site, path = self.setting.place, self.setting.table
+        table = load_table(site.name if path is None else path)
+        origin, place = table.origin, hash_site(site, self.setting.pool.sensors)
+        if (origin.place, origin.hybrid_radius) != (place, site.hybrid_radius):
             raise ValueError(
                 f"the table of {site.name!r} is of its own {len(origin.sensors)} sensors where they hang, not of "
                 "these candidates or this version of the site: say another --fidelity, or run coview table"
             )
-        return TableFidelity(table, setting.fusion, iou, setting.codec, classes=self.classes)
+        return table
 
 
 def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> None:
@@ -238,8 +201,7 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
 
     Raises ValueError where none scores the setting's candidates; renders nothing.
     """
-    name = _name(setting) if fidelity is None else fidelity
-    _check_errors(setting, name)
+    name = _checked_name(setting, fidelity)
     for path, own, what in ((setting.surrogate, "surrogate", "file of surrogates"), (setting.table, "table", "table")):
         if path is not None and name != own:
             raise ValueError(f"a {what} is for fidelity {own}, got {name!r}: leave one of them out")
@@ -251,18 +213,22 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
         Preparation(setting).fidelity(name)
     if name == "detector" and setting.detector is not None:
         check_known(setting.detector, classes.names)
-    if name == "detector" and setting.detector is None and classes.names != VEHICLES.names:
+    elif name == "detector" and classes.names != VEHICLES.names:
         from models.detector import load_detector
 
         check_known(load_detector(find_network(setting.place, sensors), area=setting.place.area), classes.names)
 
 
-def _check_errors(setting: Setting, name: FidelityName) -> None:
-    cases = setting.cases
+def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
+    """Name of a fidelity, None for the setting's own. Raises ValueError for errors that it does not know."""
+    if name is None and not isinstance(setting.fidelity, str):
+        raise ValueError(f"a preparation makes fidelities by name, got {setting.fidelity!r}: give its name")
+    name, cases = name or cast(FidelityName, setting.fidelity), setting.cases
     if name != "detector" and not cases.noise_only:
         raise ValueError(
             f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}: say --fidelity detector"
         )
+    return name
 
 
 def _check_levels(setting: Setting, name: FidelityName) -> None:
@@ -270,17 +236,10 @@ def _check_levels(setting: Setting, name: FidelityName) -> None:
         raise ValueError(f"levels of traffic are known to fidelity {' and '.join(BY_LEVELS)}, got {name!r}")
 
 
-def _name(setting: Setting) -> FidelityName:
-    if not isinstance(setting.fidelity, str):
-        raise ValueError(f"a preparation makes fidelities by name, got {setting.fidelity!r}: give its name")
-    return setting.fidelity
-
-
 def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitModel, ...]:
-    """Hit model of each class.
+    """Hit model of each class, from the setting's file or those shipped for a network.
 
-    It comes from the setting's file or those shipped for a network. Raises ValueError where a model is missing,
-    FileNotFoundError where the file is missing.
+    Raises ValueError where a model is missing, FileNotFoundError where the file is missing.
     """
     from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
 
@@ -293,10 +252,10 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
 
 
 def load_shipped_detector(network: str, site: Site) -> Detector:
-    """Shipped network as it detects at a site.
+    """Shipped network as it detects at a site, made once for all preparations.
 
-    It is made once for all preparations. The general one was not trained there and would take some hedge for a vehicle
-    in every frame, so it gets the empty site.
+    The general one was not trained there and would take some hedge for a vehicle in every frame, so it gets the empty
+    site.
     """
     from toolkit.sites.files import format_site
 

@@ -11,7 +11,7 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.blocks import Block, see_blocks
 from placement_env.fidelity.occlusion import Seen, look_at
-from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
+from placement_env.fidelity.panorama.panoramas import choose_quick, look_round
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
 from placement_env.setting import Rendering, check_rendering
@@ -45,9 +45,7 @@ def see(
         raise ValueError("there must be a candidate to see, got none")
     check_rendering(rendering)
     labels, sensors = tuple(sorted(labels)), candidates.sensors
-    quick = np.zeros(len(sensors), np.bool_)
-    if rendering == "panorama" or (rendering == "auto" and worthwhile(sensors)):
-        quick = far_sighted(sensors, traffic)
+    quick = choose_quick(sensors, traffic, rendering)
     whole = Visibility.unseen(traffic, sensors, labels)
     for look, some in ((look_round, quick), (_look_in_full, ~quick)):
         if some.any():

@@ -98,7 +98,9 @@ def kbit_per_frame(
     if made is None:
         raise ValueError("kbit of each frame are known of an objective made from a site: Objective(site)")
     if moved:
-        visibility = see(made.traffic, as_candidates(moved, objective.candidates.mounts), labels=made.classes.labels)
+        visibility = see(
+            made.traffic, as_candidates(moved, objective.candidates.mounts), labels=made.setting.counted.labels
+        )
     else:
         known = made.visibility if objective.visibility is None else objective.visibility
         visibility = known.select(members)

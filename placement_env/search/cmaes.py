@@ -179,15 +179,15 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
     """
     from placement_env.fidelity.seeing import see
 
-    mounts, run = preparation.candidates.mounts, preparation.run
+    mounts, run = preparation.setting.pool.mounts, preparation.run
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
         sensors = [sensor for chosen in sets for sensor in chosen]
-        candidates = as_candidates(sensors, mounts, preparation.candidates.axes)
+        candidates = as_candidates(sensors, mounts, preparation.setting.pool.axes)
         if live is not None:
             seen = live.see(candidates)
         else:
-            labels = preparation.classes.labels
+            labels = preparation.setting.counted.labels
             seen = see(preparation.traffic, candidates, labels=labels, run=replace(run, cache=None, progress=None))
         objective = Objective.of_moved(preparation, candidates, seen, weights)
         subsets = np.repeat(np.arange(len(sets)), [len(chosen) for chosen in sets]) == np.arange(len(sets))[:, None]

@@ -38,7 +38,7 @@ class LiveView:
 
     labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
     processes, None for this object's memory. Sensors must measure all of the detection area, see
-    `placement_env.fidelity.panorama.panoramas.far_sighted`.
+    `placement_env.fidelity.panorama.panoramas.choose_quick`.
     """
 
     def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:

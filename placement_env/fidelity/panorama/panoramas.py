@@ -14,6 +14,7 @@ from placement_env.fidelity.panorama.ray_table import Lookup
 from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.panorama.surround import ScoredItems, Surround, find_place_strips, successive_strips
 from placement_env.fidelity.traffic import Traffic, build_renderer
+from placement_env.setting import Rendering
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.rendering.strips import SuccessiveStrips
 from toolkit.runtime.cache import make_key
@@ -25,13 +26,15 @@ FRAMES_AT_ONCE = 8  # frames that a process handles before it returns its views
 SHARED = 4  # mean number of sensors per place above which panoramas pay
 
 
-def worthwhile(sensors: Sequence[Sensor]) -> bool:
-    """True where many sensors share their places. Those of a pool do."""
-    return len(sensors) >= SHARED * len({sensor.position.round(6).tobytes() for sensor in sensors})
+def choose_quick(sensors: Sequence[Sensor], traffic: Traffic, rendering: Rendering) -> Bool[np.ndarray, " S"]:
+    """Mask of sensors to see in panoramas.
 
-
-def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray, " S"]:
-    """Mask of sensors that measure the whole detection area. Panoramas have no limited sensor range."""
+    "auto" takes panoramas where many sensors share their places, as in a pool. Only far-sighted sensors are seen so,
+    those that measure the whole detection area: panoramas have no limited range.
+    """
+    places = {sensor.position.round(6).tobytes() for sensor in sensors}
+    if rendering == "full" or (rendering == "auto" and len(sensors) < SHARED * len(places)):
+        return np.zeros(len(sensors), np.bool_)
     xmin, ymin, xmax, ymax = traffic.site.area.tolist()
     corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
     positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)

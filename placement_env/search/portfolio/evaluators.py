@@ -235,13 +235,13 @@ class FastEvaluator:
 
     def _score(self, sets: Sets, used: Int64[np.ndarray, " u"], frames: Frames) -> list[Estimate]:
         made = self._preparation
-        there = made.at(made.candidates.select(used), of_frames(self._look(used), np.sort(frames)))
+        there = made.at(made.setting.pool.select(used), of_frames(self._look(used), np.sort(frames)))
         fidelities = there.at_thresholds(self._fidelity, made.setting.cases.profiles[0])
         return [fidelity(sets[:, used]) for fidelity in fidelities]
 
     def _look(self, used: Int64[np.ndarray, " u"]) -> Visibility:
         key, made = used.tobytes(), self._preparation
         if key not in self._seen:
-            run, labels = replace(made.run, progress=None), made.classes.labels
-            self._seen[key] = see(made.traffic, made.candidates.select(used), labels=labels, run=run)
+            run, labels = replace(made.run, progress=None), made.setting.counted.labels
+            self._seen[key] = see(made.traffic, made.setting.pool.select(used), labels=labels, run=run)
         return self._seen[key]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.panorama import panoramas
-from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
+from placement_env.fidelity.panorama.panoramas import choose_quick, look_round
 from toolkit.geometry import look
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import SuccessiveStrips
@@ -29,18 +29,27 @@ def seen(small_traffic):
     return look_round(small_traffic, SENSORS, (VEHICLE,))
 
 
-def test_they_are_worthwhile_where_four_share_a_place():
-    assert worthwhile(SENSORS)
-    assert not worthwhile(SENSORS[:3])
+def test_they_are_worthwhile_where_four_share_a_place(small_traffic):
     elsewhere = Sensor("e", CAMERA, look((0.0, 0.0, 5.0), 0.0))
-    assert not worthwhile([*SENSORS, elsewhere])
-    assert worthwhile([*SENSORS * 2, elsewhere])
+    for sensors, quick in (
+        (SENSORS, True),
+        (SENSORS[:3], False),
+        ([*SENSORS, elsewhere], False),
+        ([*SENSORS * 2, elsewhere], True),
+    ):
+        assert choose_quick(sensors, small_traffic, "auto").tolist() == [quick] * len(sensors)
+    assert not choose_quick(SENSORS, small_traffic, "full").any()
 
 
 def test_a_sensor_is_far_sighted_that_measures_the_whole_area(small_traffic):
     ranges = [30.0, 50.0, 56.0, 120.0]
     lidars = [Sensor(f"{r}", SpinningLidar(max_range=r), look(AT, 0.0)) for r in ranges]
-    assert far_sighted(lidars, small_traffic).tolist() == [False, False, True, True]  # 42 by 30 m, and height
+    assert choose_quick(lidars, small_traffic, "panorama").tolist() == [
+        False,
+        False,
+        True,
+        True,
+    ]  # 42 by 30 m, and height
 
 
 def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatch):
