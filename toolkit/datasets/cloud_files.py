@@ -56,10 +56,8 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud
 def crop_area(
     cloud: PointCloud, area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
 ) -> PointCloud:
-    """Crop a cloud with `toolkit.clouds.crop`.
-
-    Raises ValueError, which says where the points lie and ends with `remedy`, if none is left.
-    """
+    """Crop a cloud with `toolkit.clouds.crop`. Raises ValueError, which says where the points lie and ends with
+    `remedy`, if none is left."""
     from toolkit.clouds import crop, positions
 
     cropped = crop(cloud, area, height, floor=floor)
@@ -84,10 +82,8 @@ def _finite(recorded: Attributes) -> Attributes:
 
 
 def read_recorded(path: str | Path) -> Attributes:
-    """Attributes of one file by name, `positions` (float64) among them, also of points that are not finite.
-
-    Raises FileNotFoundError, and ValueError for a file that holds no points.
-    """
+    """Attributes of one file by name, `positions` (float64) among them, also of points that are not finite. Raises
+    FileNotFoundError, and ValueError for a file that holds no points."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")

@@ -186,11 +186,8 @@ class CoopDataset(Sequence[Frame]):
 
 
 def noisy(frame: Frame, seed: int) -> Frame:
-    """Return `frame` with every sensor's noise added.
-
-    The noise depends only on the seed, the frame's index and the sensor's name, so a sensor measures the same whichever
-    others are used. Raises ValueError for a negative seed.
-    """
+    """Return `frame` with every sensor's noise added. The noise depends only on the seed, the frame's index and the
+    sensor's name, so a sensor measures the same whichever others are used. Raises ValueError for a negative seed."""
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     measurements = []
@@ -223,11 +220,8 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
 
 
 def check_kinds(file: h5py.File) -> tuple[str, ...]:
-    """Check that groups and datasets stand where the layout expects; return `list_cameras`.
-
-    Raises ValueError for a dataset in the place of a group, for a group in the place of a dataset, and for a file of
-    recorded clouds.
-    """
+    """Check that groups and datasets stand where the layout expects; return `list_cameras`. Raises ValueError for a
+    dataset in the place of a group, for a group in the place of a dataset, and for a file of recorded clouds."""
     if str(hdf5.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
     for name, kind in hdf5.find_kinds(file, ("dslices", *_GROUPS)).items():

@@ -41,10 +41,8 @@ _UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts
 
 
 def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[np.ndarray, " frames"]:
-    """Mask of the frames in which a sensor repeats an image that showed objects which have left.
-
-    rows: the published ones of each frame.
-    """
+    """Mask of the frames in which a sensor repeats an image that showed objects which have left. rows: the published
+    ones of each frame."""
     frozen, first = np.zeros(len(view.depth), bool), 0
     for k in range(1, len(view.depth)):
         if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
@@ -102,11 +100,8 @@ def _error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
 def check_measurements(
     dataset: CoopDataset, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
-    """Check some of the frames.
-
-    tables: the published rows of all frames; units: factors that may turn depth into metres; the factor is taken that
-    makes points and boxes agree best.
-    """
+    """Check some of the frames. tables: the published rows of all frames; units: factors that may turn depth into
+    metres; the factor is taken that makes points and boxes agree best."""
     frames = np.unique(np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)).tolist()
     raw, findings = _views(dataset, frames)
     shared = [channel.place is not None for channel in dataset.channels]  # in dslices, which alone is in doubt
@@ -301,11 +296,8 @@ def _in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
 
 
 def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
-    """Diagnose a dataset, ours or a published one; no findings for a healthy one.
-
-    All tables of objects are checked, and the measurements of some frames. Raises FileNotFoundError for a missing file;
-    all other damage is a finding.
-    """
+    """Diagnose a dataset, ours or a published one; no findings for a healthy one. All tables of objects are checked,
+    and the measurements of some frames. Raises FileNotFoundError for a missing file; all other damage is a finding."""
     try:
         with open_file(path) as file:
             check_kinds(file)

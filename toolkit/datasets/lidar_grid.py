@@ -43,22 +43,16 @@ _SOME = 20_000  # points of a cloud whose neighbours are looked for
 
 @dataclass(frozen=True)
 class LidarGrid:
-    """A grid of rows, columns and range (`model`).
-
-    rings: number of the laser of each row, empty if clouds do not tell it.
-    """
+    """A grid of rows, columns and range (`model`). rings: number of the laser of each row, empty if clouds do not tell
+    it."""
 
     model: RowLidar
     rings: tuple[int, ...] = ()
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of one sensor in its clouds.
-
-    Some of its clouds are enough.
-
-    Raises ValueError for fewer than 100 points, and for an image of more than 4 million pixels.
-    """
+    """Find the grid of one sensor in its clouds. Some of its clouds are enough. Raises ValueError for fewer than 100
+    points, and for an image of more than 4 million pixels."""
     clouds = [cloud for cloud in clouds if len(cloud.points)]
     angles = [compute_angles(cloud.in_sensor()) for cloud in clouds]
     kept = [each[:, each[2] > NEAREST] for each in angles]
@@ -176,10 +170,8 @@ def _even_rows(clouds: Sequence[np.ndarray]) -> tuple[Float64[np.ndarray, " m"],
 
 
 def _phase(azimuth: np.ndarray, columns: int) -> float:
-    """Column offset that centres azimuths in their columns.
-
-    The columns divide a full turn. Returns 0 if the azimuths lie anywhere.
-    """
+    """Column offset that centres azimuths in their columns. The columns divide a full turn. Returns 0 if the azimuths
+    lie anywhere."""
     mean = np.exp(1j * (azimuth * columns - np.pi * (columns - 1))).mean()
     return float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
 
@@ -201,11 +193,9 @@ SHARED_CELL, OUTSIDE_GRID = "points in a cell with a nearer one", "points outsid
 
 @dataclass(frozen=True, eq=False)
 class CloudImage:
-    """A cloud as an image.
-
-    measurement: ranges (m), 0 where nothing returned; cells: of every point of the cloud, counted row by row, the
-    nearest one for points outside; inside: mask of the points in the grid; shown: mask of those that the image shows.
-    """
+    """A cloud as an image. measurement: ranges (m), 0 where nothing returned; cells: of every point of the cloud,
+    counted row by row, the nearest one for points outside; inside: mask of the points in the grid; shown: mask of those
+    that the image shows."""
 
     grid: LidarGrid
     measurement: Float32[np.ndarray, "rows columns"]
@@ -253,11 +243,8 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
 def _rows(
     cloud: SensorCloud, grid: LidarGrid, elevation: Float64[np.ndarray, " n"]
 ) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Row of each point, with a mask.
-
-    The mask marks the points that have a row. The row is that of their laser, else the nearest one, if it is no
-    farther than the next row.
-    """
+    """Row of each point, with a mask. The mask marks the points that have a row. The row is that of their laser, else
+    the nearest one, if it is no farther than the next row."""
     rows = np.array(grid.model.elevations)
     if grid.rings and cloud.ring is not None:
         numbers = np.array(grid.rings)

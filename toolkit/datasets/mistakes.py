@@ -281,10 +281,8 @@ def suspect_frames(
     frames: Sequence[int],
     map_SE3_site: Float[np.ndarray, "4 4"],
 ) -> tuple[Suspicion | None, list[Rows]]:
-    """Find the number of frames by which objects are off. Returns it and the rows that belong to `frames`.
-
-    clouds: moving points of `frames`, site frame; tables: rows of all frames of the file.
-    """
+    """Find the number of frames by which objects are off. Returns it and the rows that belong to `frames`. clouds:
+    moving points of `frames`, site frame; tables: rows of all frames of the file."""
     best: Suspicion | None = None
     rows = [tables[k] for k in frames]
     for off in [sign * n for n in range(1, MOST_FRAMES_OFF + 1) for sign in (1, -1)]:

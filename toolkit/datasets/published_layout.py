@@ -93,9 +93,8 @@ def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
 def parse_intrinsic(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
-    """Camera, of every second pixel, behind a published intrinsic matrix and image size.
-
-    Raises ValueError unless the matrix is a forward-first one with one focal length.
+    """Camera, of every second pixel, behind a published intrinsic matrix and image size. Raises ValueError unless the
+    matrix is a forward-first one with one focal length.
 
     >>> parse_intrinsic(intrinsic(DepthCamera()), 300, 400) == DepthCamera()
     True
@@ -132,9 +131,8 @@ def parse_rows(
     ids: np.ndarray | None = None,
     name: str = "objects",
 ) -> Objects:
-    """Return published rows as objects of the site frame, without pitch and roll, yaw in -pi..pi.
-
-    Raises ValueError if the rows have another width, and InvalidObjects for a row that is no object, see `wrong_rows`.
+    """Return published rows as objects of the site frame, without pitch and roll, yaw in -pi..pi. Raises ValueError if
+    the rows have another width, and InvalidObjects for a row that is no object, see `wrong_rows`.
 
     >>> len(parse_rows(np.zeros((0, 10)), np.eye(4)))
     0
@@ -160,10 +158,9 @@ def parse_rows(
 
 
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
-    """Fault of each row in words, "" for none; tables of another width have no wrong rows.
-
-    Faults are NaN or infinity, an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a place beyond
-    `FARTHEST_OBJECT`, and a yaw beyond `MOST_TURNED`.
+    """Fault of each row in words, "" for none; tables of another width have no wrong rows. Faults are NaN or infinity,
+    an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a place beyond `FARTHEST_OBJECT`, and a yaw
+    beyond `MOST_TURNED`.
 
     >>> [words[:16] for words in wrong_rows(np.array([[0, 0, 1, 0, 0, 0, 2, 1, 1, 0], [0, 0, 1, 0, 0, 0, 0, 1, 1, 0]]))]
     ['', 'has half extents']

@@ -43,11 +43,9 @@ class RandomRecording(NamedTuple):
 def random_recording(
     seed: int, number: int, frames: int, threads: int = 1, *, fleet: Fleet | None = None
 ) -> RandomRecording:
-    """Simulate a random junction with three to ten random sensors, noise-free, and random traffic.
-
-    number: of the recording under this seed; threads: of the ray casting; fleet: by default all bodies are drawn; a
-    fleet that draws none has each body stretched a little. Raises the errors of drawing the site and of SUMO.
-    """
+    """Simulate a random junction with three to ten random sensors, noise-free, and random traffic. number: of the
+    recording under this seed; threads: of the ray casting; fleet: by default all bodies are drawn; a fleet that draws
+    none has each body stretched a little. Raises the errors of drawing the site and of SUMO."""
     from toolkit.bodies.body import stretch_randomly
     from toolkit.bodies.fleet import fleet_named
     from toolkit.rendering.renderer import Renderer
@@ -82,17 +80,13 @@ def random_recordings_file(
     fleet: Fleet | None = None,
     overwrite: bool = False,
 ) -> _Made:
-    """Write random recordings to one file, joined from one file per recording.
-
-    A run that was killed continues when called again, and ends with the same bytes; every finished recording lies in
-    `FILE.parts/`. A recording that fails is left out with a warning that says why.
-
-    run: number of frames (20 by default), seed and processes, which change no byte; encode: content of the file
-    of a recording, called in the process that made it; join: called with the files in order and the target, its result
-    is returned; fleet: see `random_recording`; overwrite: drop an unfinished run of another count, seed, fleet or code.
-
-    Raises FileExistsError for such a run, and OSError, with the number of safe recordings, if the disk is full.
-    """
+    """Write random recordings to one file, joined from one file per recording. A run that was killed continues when
+    called again, and ends with the same bytes; every finished recording lies in `FILE.parts/`. A recording that fails
+    is left out with a warning that says why. run: number of frames (20 by default), seed and processes, which change no
+    byte; encode: content of the file of a recording, called in the process that made it; join: called with the files in
+    order and the target, its result is returned; fleet: see `random_recording`; overwrite: drop an unfinished run of
+    another count, seed, fleet or code. Raises FileExistsError for such a run, and OSError, with the number of safe
+    recordings, if the disk is full."""
     from toolkit.bodies.fleet import fleet_named
 
     if count < 1:

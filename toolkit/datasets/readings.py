@@ -86,11 +86,9 @@ class ReadRecording(RecordingView):
 def read_frame(
     frames: Frames, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
 ) -> Frame:
-    """Read frame k with its sensors' errors, drawn from the seed; None for no noise, which only `paper` allows.
-
-    Raises ValueError for an unknown profile, a negative seed, and a clock's offset if frames lie too far apart to know
-    velocities.
-    """
+    """Read frame k with its sensors' errors, drawn from the seed; None for no noise, which only `paper` allows. Raises
+    ValueError for an unknown profile, a negative seed, and a clock's offset if frames lie too far apart to know
+    velocities."""
     errors, frame = get_profile(errors), frames[k]
     check_drawn(errors, noise_seed)
     if noise_seed is None or not frame.has_images:
@@ -112,11 +110,9 @@ def with_errors(
     velocities: Float64[np.ndarray, "n 3"] | None = None,
     numbers: Sequence[int] | None = None,
 ) -> Frame:
-    """Add sensor errors to a frame, drawn from the seed, its index and the sensors' names alone.
-
-    velocities: of its objects (m/s), needed for a clock's offset; numbers: in place of the sensors' names when drawing.
-    With `paper` it is `toolkit.datasets.dataset.noisy`, to the bit.
-    """
+    """Add sensor errors to a frame, drawn from the seed, its index and the sensors' names alone. velocities: of its
+    objects (m/s), needed for a clock's offset; numbers: in place of the sensors' names when drawing. With `paper` it is
+    `toolkit.datasets.dataset.noisy`, to the bit."""
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     errors = get_profile(errors)

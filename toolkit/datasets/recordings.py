@@ -26,11 +26,9 @@ GROUP = "coview.layouts"
 
 @dataclass(frozen=True)
 class Layout:
-    """A way to write recordings down.
-
-    module: where its functions are; reader: from a path to a recording; writer: from frames and a path to their number,
-    None for a layout that is only read; file: it writes one file instead of a folder.
-    """
+    """A way to write recordings down. module: where its functions are; reader: from a path to a recording; writer: from
+    frames and a path to their number, None for a layout that is only read; file: it writes one file instead of a
+    folder."""
 
     name: str
     module: str
@@ -137,10 +135,8 @@ def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> i
 
 @dataclass(frozen=True)
 class Part(RecordingView):
-    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th.
-
-    Raises ValueError for numbers below 1, and for a recording without frames.
-    """
+    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th. Raises ValueError for
+    numbers below 1, and for a recording without frames."""
 
     frames: int | None = None
     every: int = 1

@@ -203,10 +203,8 @@ def labelled(
     problems: Problems,
     counts: Sequence[int] | Int64[np.ndarray, " n"] | None = None,
 ) -> Labelled:
-    """Turn label rows, world frame, into objects. Left-out rows are added to `problems`.
-
-    ids: track ids of any kind; row numbers if None. counts: the dataset's own, below 0 if nobody counted.
-    """
+    """Turn label rows, world frame, into objects. Left-out rows are added to `problems`. ids: track ids of any kind;
+    row numbers if None. counts: the dataset's own, below 0 if nobody counted."""
     boxes = np.asarray(boxes, np.float64).reshape(-1, 7)
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)

@@ -69,11 +69,8 @@ def map_sheet(
     legend: Sequence[Entry] = (),
     inches: float = MOST_INCHES,
 ) -> MapSheet:
-    """Draw the site from above under its title.
-
-    It has everything but sensors. holds: places that the map must include besides the area; legend: its entries, in
-    order; inches: longer side of the map.
-    """
+    """Draw the site from above under its title. It has everything but sensors. holds: places that the map must include
+    besides the area; legend: its entries, in order; inches: longer side of the map."""
     low, high = extent(site, holds)
     scale = inches / float((high - low).max())
     width, height = ((high - low) * scale).tolist()
@@ -163,9 +160,7 @@ def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[n
 
 
 def scale_length(metres: float) -> float:
-    """Largest round length up to this one.
-
-    It is 1, 2 or 5 times a power of ten.
+    """Largest round length up to this one. It is 1, 2 or 5 times a power of ten.
 
     >>> [scale_length(m) for m in (0.3, 7.0, 19.9, 20.0, 99.0)]
     [0.2, 5.0, 10.0, 20.0, 50.0]
@@ -231,9 +226,7 @@ TALL = 2.0  # m; buildings above this height cut off fields of view
 
 
 def sensor_labels(names: Sequence[str]) -> list[str]:
-    """Labels on the discs of sensors.
-
-    They are the names if all are short, else numbers from 1.
+    """Labels on the discs of sensors. They are the names if all are short, else numbers from 1.
 
     >>> sensor_labels(["d0", "d1"]), sensor_labels(["d0", "north-east pole"])
     (['d0', 'd1'], ['1', '2'])
@@ -244,10 +237,8 @@ def sensor_labels(names: Sequence[str]) -> list[str]:
 
 
 def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float) -> None:
-    """Draw a disc for each sensor, with its heading.
-
-    The heading is a line. Discs of sensors in one place spread around it.
-    """
+    """Draw a disc for each sensor, with its heading. The heading is a line. Discs of sensors in one place spread around
+    it."""
     if not len(sensors):
         return
     places = np.array([sensor.position[:2] for sensor in sensors])
@@ -302,10 +293,8 @@ def sensor_heading(sensor: Sensor) -> float:
 def spread_discs(
     places: Float64[np.ndarray, "n 2"], headings: Float64[np.ndarray, " n"], gap: float
 ) -> Float64[np.ndarray, "n 2"]:
-    """Centres of discs `gap` apart.
-
-    Each disc is at its place or, if that is taken, near it, preferably along its heading.
-    """
+    """Centres of discs `gap` apart. Each disc is at its place or, if that is taken, near it, preferably along its
+    heading."""
     discs = places.copy()
     turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
     for k in range(1, len(places)):

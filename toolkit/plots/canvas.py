@@ -90,9 +90,7 @@ def blank_figure(width: float, height: float, *, constrained: bool = False) -> F
 
 
 def check_picture(out: Path | str) -> None:
-    """Check that a picture's name ends in .png or .svg.
-
-    Raises ValueError for another ending.
+    """Check that a picture's name ends in .png or .svg. Raises ValueError for another ending.
 
     >>> check_picture("frame.jpg")
     Traceback (most recent call last):
@@ -103,12 +101,8 @@ def check_picture(out: Path | str) -> None:
 
 
 def write_figure(figure: Figure, out: Path | str) -> None:
-    """Write a figure as SVG or PNG, by its suffix.
-
-    The same picture gives the same bytes.
-
-    Raises ValueError for another suffix.
-    """
+    """Write a figure as SVG or PNG, by its suffix. The same picture gives the same bytes. Raises ValueError for another
+    suffix."""
     check_picture(out)
     if Path(out).suffix.lower() == ".svg":
         write_bytes(out, f'<?xml version="1.0" encoding="utf-8"?>\n{svg_text(figure)}\n'.encode())
@@ -126,12 +120,8 @@ def render_pixels(figure: Figure) -> Shaped[np.ndarray, "height width 3"]:
 
 
 def svg_text(figure: Figure, title: str = "") -> str:
-    """Return the figure as an <svg> element.
-
-    Its texts are outlines. It is for a page or a file.
-
-    title: for screen readers. Ids begin with a digest of the figure, so that several pictures can share a page.
-    """
+    """Return the figure as an <svg> element. Its texts are outlines. It is for a page or a file. title: for screen
+    readers. Ids begin with a digest of the figure, so that several pictures can share a page."""
     drawn = BytesIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     figure.savefig(drawn, format="svg", dpi=DPI, metadata=nothing)
@@ -156,9 +146,7 @@ def draw_heading(figure: Figure, title: str, subtitle: str) -> None:
 
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
-    """Limits of an axis from 0 upwards.
-
-    It ends a little above the greatest value.
+    """Limits of an axis from 0 upwards. It ends a little above the greatest value.
 
     >>> pad_limits([2.0, 4.0]), pad_limits([])
     ((0.0, 4.4), (0.0, 1.0))
@@ -173,9 +161,7 @@ def plain(text: str) -> str:
 
 
 def shorten(text: str, most: int) -> str:
-    """Shorten a plain text, with "…" in its middle.
-
-    most: number of letters.
+    """Shorten a plain text, with "…" in its middle. most: number of letters.
 
     >>> shorten("north-east pole, camera", 12)
     'north-…amera'
@@ -188,10 +174,8 @@ def shorten(text: str, most: int) -> str:
 
 
 def _short_path(attribute: re.Match[str]) -> str:
-    """Round the coordinates of a path.
-
-    They are rounded to a hundredth of a point, and spaces around the path's letters are dropped.
-    """
+    """Round the coordinates of a path. They are rounded to a hundredth of a point, and spaces around the path's letters
+    are dropped."""
     rounded = re.sub(r"-?\d+\.\d+", _hundredths, attribute[1])
     short = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
     return f' d="{short}"'

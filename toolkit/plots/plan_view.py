@@ -35,12 +35,8 @@ POINT_SIZE = 1.3  # square points of 1/72 inch
 
 
 class FrameOutcome(NamedTuple):
-    """Outcome of a frame's n truths and m detections.
-
-    `toolkit.detection.metrics.match` decides.
-
-    iou: at which a detection hits; *_hit: truths and detections that hit; *_ignored: those that do not count.
-    """
+    """Outcome of a frame's n truths and m detections. `toolkit.detection.metrics.match` decides. iou: at which a
+    detection hits; *_hit: truths and detections that hit; *_ignored: those that do not count."""
 
     iou: float
     truth_hit: Bool[np.ndarray, " n"]
@@ -50,10 +46,8 @@ class FrameOutcome(NamedTuple):
 
 
 def draw_site(site: Site, out: Path | str) -> None:
-    """Draw the site with its poles and sensors.
-
-    Streets, solids and fields of view are drawn too. The picture is PNG or SVG by the suffix.
-    """
+    """Draw the site with its poles and sensors. Streets, solids and fields of view are drawn too. The picture is PNG or
+    SVG by the suffix."""
     poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
     with house_style():
         sheet = map_sheet(
@@ -82,13 +76,9 @@ def draw_frame(
     outcome: FrameOutcome | None = None,
     title: str = "",
 ) -> None:
-    """Draw one frame.
-
-    Clouds are coloured by sensor, truth is filled by class. The picture is PNG or SVG by the suffix.
-
+    """Draw one frame. Clouds are coloured by sensor, truth is filled by class. The picture is PNG or SVG by the suffix.
     With an `outcome`, hits, misses and false alarms each have a line and a mark of their own. Raises ValueError for an
-    outcome of other truths or detections.
-    """
+    outcome of other truths or detections."""
     shown = sensors or site.sensors
     truth, found = truth or Objects.empty(), detections or Detections.empty()
     outlines = _outlines(truth, found, outcome)

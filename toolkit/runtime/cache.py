@@ -47,10 +47,9 @@ def make_key(*parts: Any) -> bytes:
 
 
 class Cache:
-    """Tuples of arrays by key, in a file or in memory.
-
-    path: of the file, made if missing, None for memory only. Sent to another process, it opens the file again there; in
-    memory, each process has its own. If the file cannot be written, it warns and goes on without.
+    """Tuples of arrays by key, in a file or in memory. path: of the file, made if missing, None for memory only. Sent
+    to another process, it opens the file again there; in memory, each process has its own. If the file cannot be
+    written, it warns and goes on without.
 
     >>> cache = Cache()
     >>> cache.put({make_key("a"): (np.arange(3),)})
@@ -146,10 +145,8 @@ class Cache:
 
 
 def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
-    """Encode arrays: checksum, a line of JSON with types and shapes, content.
-
-    Raises ValueError for arrays of objects or records.
-    """
+    """Encode arrays: checksum, a line of JSON with types and shapes, content. Raises ValueError for arrays of objects
+    or records."""
     columns = [np.ascontiguousarray(column) for column in arrays]
     for column in columns:
         if column.dtype.kind not in ARRAY_KINDS:
@@ -193,10 +190,8 @@ def _checksum(key: bytes, body: bytes) -> bytes:
 
 
 def _patiently(database: sqlite3.Connection, statement: str) -> None:
-    """Execute a statement for which SQLite itself does not wait.
-
-    No other process may change the journal's mode at that time.
-    """
+    """Execute a statement for which SQLite itself does not wait. No other process may change the journal's mode at that
+    time."""
     until = time.monotonic() + WAIT
     while True:
         try:

@@ -23,10 +23,8 @@ _Import = tuple[str, str]  # a module, and a name asked of it or ""
 
 @cache
 def code_digest(*modules: str) -> str:
-    """SHA-256 over all source that `modules` run, and library versions.
-
-    Computed once. A user's own module counts as well: its file, and what it imports of the house.
-    """
+    """SHA-256 over all source that `modules` run, and library versions. Computed once. A user's own module counts as
+    well: its file, and what it imports of the house."""
     return digest_of_source(modules)
 
 

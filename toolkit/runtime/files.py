@@ -42,12 +42,10 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
-    """Give the block a name, with the same ending and folder, to write a file under; rename it at the end.
-
-    If the block raises, `path` stays as it was. Raises OSError, with file and reason in one line, where the disk is
-    full or the folder cannot be written. unfinished: that name, if it matters, on the file system of `path`; none is
-    made before the block.
-    """
+    """Give the block a name, with the same ending and folder, to write a file under; rename it at the end. If the block
+    raises, `path` stays as it was. Raises OSError, with file and reason in one line, where the disk is full or the
+    folder cannot be written. unfinished: that name, if it matters, on the file system of `path`; none is made before
+    the block."""
     target = Path(os.path.realpath(path))
     try:
         with _name_errors(path):
@@ -70,10 +68,8 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def writing_together(folder: str | Path) -> Iterator[Path]:
-    """Give the block a folder; move its files into `folder`, made if missing, at the end.
-
-    If the block raises, nothing moves. Raises OSError as `writing`.
-    """
+    """Give the block a folder; move its files into `folder`, made if missing, at the end. If the block raises, nothing
+    moves. Raises OSError as `writing`."""
     target = Path(os.path.realpath(folder))
     missing = [each for each in (target, *target.parents) if not each.exists()]
     unfinished = None
@@ -116,11 +112,8 @@ def reserve(path: Path, size: int) -> None:
 
 
 def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may write to `out`.
-
-    Raises ValueError where `out` is one of the inputs, under whatever name or link; FileExistsError where it exists (a
-    folder: is not empty) without `overwrite`.
-    """
+    """Check that a command may write to `out`. Raises ValueError where `out` is one of the inputs, under whatever name
+    or link; FileExistsError where it exists (a folder: is not empty) without `overwrite`."""
     out = Path(out)
     for each in map(Path, inputs):
         same = out.samefile(each) if out.exists() and each.exists() else False

@@ -142,10 +142,8 @@ def read_node_attributes(node: h5py.Group | h5py.Dataset, where: str) -> dict[st
 
 @contextmanager
 def hdf5_file(path: str | Path, mode: Literal["w", "r+"] = "w") -> Iterator[tuple[h5py.File, Callable[[], None]]]:
-    """Give the block an HDF5 file to write, and a function that raises OSError once the disk has refused.
-
-    That function is called at the end, and may be called before. Not atomic: see `toolkit.runtime.files.writing`.
-    """
+    """Give the block an HDF5 file to write, and a function that raises OSError once the disk has refused. That function
+    is called at the end, and may be called before. Not atomic: see `toolkit.runtime.files.writing`."""
     with _Disk(path, "w+" if mode == "w" else "r+") as disk:
         try:
             with h5py.File(disk, mode) as file:

@@ -39,14 +39,11 @@ _OWN_SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNA
 
 @lru_cache(maxsize=1)
 def keep_freed_memory() -> bool:
-    """Let new arrays reuse the memory of old ones; return success.
-
-    For the rest of this process and arrays of up to `LARGEST_KEPT` bytes. The GNU C library hands back freed memory at
-    the end of its heap, and the system clears every page of it before it can be used again; a network whose maps come
-    and go spends a third of its time on that. The process then keeps its peak memory. Nothing changes under another C
-    library, or where the environment says how to allocate (MALLOC_TRIM_THRESHOLD_, MALLOC_MMAP_THRESHOLD_,
-    GLIBC_TUNABLES).
-    """
+    """Let new arrays reuse the memory of old ones; return success. For the rest of this process and arrays of up to
+    `LARGEST_KEPT` bytes. The GNU C library hands back freed memory at the end of its heap, and the system clears every
+    page of it before it can be used again; a network whose maps come and go spends a third of its time on that. The
+    process then keeps its peak memory. Nothing changes under another C library, or where the environment says how to
+    allocate (MALLOC_TRIM_THRESHOLD_, MALLOC_MMAP_THRESHOLD_, GLIBC_TUNABLES)."""
     if any(name in os.environ for name in _OWN_SETTINGS):
         return False
     mallopt = getattr(_c_library(), "mallopt", None)
@@ -157,18 +154,14 @@ def spread(
     progress: Callable[[int], None] | None = None,
     ticks: Callable[[int], None] | None = None,
 ) -> Iterator[Value]:
-    """Yield `job(x)` for each of `inputs`, in their order.
-
-    Errors of `job` are raised. job: a function of a module, or an object that can be called and pickled; large
-    constants belong into it, since each process gets it once. Its results must not depend on earlier inputs. workers:
-    processes on this machine; a script that asks for several must do so under `if __name__ == "__main__":`; ray:
-    address of a Ray cluster to use instead, "auto" for the one of this machine, "local" to start one here; coview must
-    be installed on all its machines. progress: called with the number of finished results; ticks: called now and then
-    with the number of calls of `tick` in processes, repeated work included.
-
-    Raises ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times; ImportError
-    without Ray; ConnectionError where no cluster answers.
-    """
+    """Yield `job(x)` for each of `inputs`, in their order. Errors of `job` are raised. job: a function of a module, or
+    an object that can be called and pickled; large constants belong into it, since each process gets it once. Its
+    results must not depend on earlier inputs. workers: processes on this machine; a script that asks for several must
+    do so under `if __name__ == "__main__":`; ray: address of a Ray cluster to use instead, "auto" for the one of this
+    machine, "local" to start one here; coview must be installed on all its machines. progress: called with the number
+    of finished results; ticks: called now and then with the number of calls of `tick` in processes, repeated work
+    included. Raises ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times;
+    ImportError without Ray; ConnectionError where no cluster answers."""
     if workers < 1 or workers != int(workers):
         rule = "at least 1" if workers < 1 else "a whole number"
         raise ValueError(f"workers must be {rule}, got {workers}")
@@ -242,11 +235,8 @@ def _in_processes(job: Task, inputs: Iterable[Value], workers: int, ticks: Calla
 def _results(
     pool: _Pool, pending: deque[_Task], remaining: Iterator[Value], ticks: Callable[[int], None]
 ) -> Iterator[Value]:
-    """Yield results in order.
-
-    Pending inputs without a future are handed out first; after a BrokenProcessPool `pending` still holds every input
-    without a result.
-    """
+    """Yield results in order. Pending inputs without a future are handed out first; after a BrokenProcessPool `pending`
+    still holds every input without a result."""
     while True:
         pending.extend(_Task(x) for x in islice(remaining, AHEAD * pool.workers - len(pending)))
         for task in pending:
@@ -265,10 +255,8 @@ def _results(
 
 @contextmanager
 def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
-    """Give the block processes, which end at once if it raises.
-
-    The last ones are kept for `IDLE_S` seconds: a search repeats the same job, and a process takes seconds to begin.
-    """
+    """Give the block processes, which end at once if it raises. The last ones are kept for `IDLE_S` seconds: a search
+    repeats the same job, and a process takes seconds to begin."""
     with _lock:
         pool = _kept.pop((pickled, workers), None)
     if pool is None:

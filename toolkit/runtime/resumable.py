@@ -150,9 +150,7 @@ def make_shards(
     progress: Callable[[int], None],
 ) -> None:
     """Make the shards of `blocks` in `workers` processes, or on a Ray cluster, which sends their content back.
-
-    progress: called with the number of finished items.
-    """
+    progress: called with the number of finished items."""
     workers, done = min(workers, max(1, len(blocks))), 0
 
     def count(items: int = 1) -> None:

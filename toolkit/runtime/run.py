@@ -64,11 +64,9 @@ class Processes:
     def map(
         self, job: Callable[[_In], _Out], inputs: Iterable[_In], *, progress: Callable[[int], None] | None = None
     ) -> Iterator[_Out]:
-        """`job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` gives it.
-
-        job: a module's function or a callable object that can be pickled; progress: called with the number of results.
-        Raises what `job` raises, WorkLost and ConnectionError.
-        """
+        """`job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` gives it. job: a module's function or
+        a callable object that can be pickled; progress: called with the number of results. Raises what `job` raises,
+        WorkLost and ConnectionError."""
         return spread(job, inputs, workers=self.count, ray=self.ray, progress=progress)
 
     def stage(self, name: str, total: int | None = None) -> Callable[[int], None] | None:

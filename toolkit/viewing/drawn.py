@@ -56,10 +56,8 @@ COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
 
 @dataclass(frozen=True, eq=False)
 class DrawnCloud:
-    """Points and place of one sensor, from the origin.
-
-    intensity: as the set gives it; time: of each point, seconds from the frame's. Each is None if the set has none.
-    """
+    """Points and place of one sensor, from the origin. intensity: as the set gives it; time: of each point, seconds
+    from the frame's. Each is None if the set has none."""
 
     name: str
     points: Float32[np.ndarray, "n 3"]
@@ -70,11 +68,8 @@ class DrawnCloud:
 
 @dataclass(frozen=True, eq=False)
 class DrawnSample:
-    """One instant to be drawn.
-
-    truth, detections: boxes by kind of `BOX_KINDS`, without the kinds that are absent; warning: of ground that is not
-    level; outcomes: hits, missed and false alarms, empty if unknown.
-    """
+    """One instant to be drawn. truth, detections: boxes by kind of `BOX_KINDS`, without the kinds that are absent;
+    warning: of ground that is not level; outcomes: hits, missed and false alarms, empty if unknown."""
 
     name: str
     time: float
@@ -100,11 +95,9 @@ def _count(boxes: dict[str, np.ndarray]) -> int:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Options for drawing frames.
-
-    detector: its boxes are drawn too; place: where it looks, and on what ground; least_score: of the boxes that are
-    drawn; classes, sensors: only boxes of these, and only the clouds of these, all when None.
-    """
+    """Options for drawing frames. detector: its boxes are drawn too; place: where it looks, and on what ground;
+    least_score: of the boxes that are drawn; classes, sensors: only boxes of these, and only the clouds of these, all
+    when None."""
 
     detector: Detector | None = None
     place: Place = Place("none")
@@ -113,10 +106,8 @@ class Drawing:
     sensors: Sequence[int | str] | None = None
 
     def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
-        """Origin (m) for a recording that begins with this frame.
-
-        It is in the world frame: the middle of the sensors, and their ground if that stays as it is.
-        """
+        """Origin (m) for a recording that begins with this frame. It is in the world frame: the middle of the sensors,
+        and their ground if that stays as it is."""
         points = sample.points()
         stays = self.place.level == "none" and len(points) > 0
         low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
@@ -252,10 +243,8 @@ def find_newest(sample: DrawnSample) -> float:
 def shades(
     cloud: DrawnCloud, colouring: Colouring, scales: Scales, *, index: int, newest: float
 ) -> UInt8[np.ndarray, "n 3"]:
-    """Red, green and blue of the points of a sensor.
-
-    The sensor has number `index`. Dark is low, or new; newest: as `find_newest`.
-    """
+    """Red, green and blue of the points of a sensor. The sensor has number `index`. Dark is low, or new; newest: as
+    `find_newest`."""
     if colouring == "sensor":
         return _uniform(tuple(bytes.fromhex(sensor_colour(index)[1:])), len(cloud.points))
     age = None if cloud.time is None else newest - cloud.time

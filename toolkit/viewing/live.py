@@ -37,11 +37,8 @@ PORT = 8080  # unless it is taken
 
 
 class LiveView:
-    """Scene of one frame at a time, served by viser.
-
-    It has controls. said: the line below the slider, with the frame's contents or the reason why it cannot be shown.
-    Raises the errors of reading the first frame.
-    """
+    """Scene of one frame at a time, served by viser. It has controls. said: the line below the slider, with the frame's
+    contents or the reason why it cannot be shown. Raises the errors of reading the first frame."""
 
     def __init__(self, server: ViserServer, samples: Part, drawing: Drawing) -> None:
         self.server, self.samples, self.drawing = server, samples, drawing
@@ -162,12 +159,9 @@ def _as_text(line: str) -> str:
 
 
 def view_live(samples: Part, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print) -> None:
-    """Serve a recording to browsers of this machine.
-
-    It runs until the process is interrupted. ready: called with the address.
-
-    Raises ImportError without viser, ValueError for an invalid port, and the errors of reading the first frame.
-    """
+    """Serve a recording to browsers of this machine. It runs until the process is interrupted. ready: called with the
+    address. Raises ImportError without viser, ValueError for an invalid port, and the errors of reading the first
+    frame."""
     if not 1 <= port < 2**16:
         raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
     with viser_server(port) as server:

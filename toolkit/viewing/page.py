@@ -45,11 +45,8 @@ class Switch:
 
 @dataclass(frozen=True)
 class PageContent:
-    """Contents of a page.
-
-    It has a switch for each part, one of `colourings` at a time, and frames by their nodes with a line of text each.
-    points: number of all points; drawn: number of those on the page.
-    """
+    """Contents of a page. It has a switch for each part, one of `colourings` at a time, and frames by their nodes with
+    a line of text each. points: number of all points; drawn: number of those on the page."""
 
     title: str
     html: str
@@ -62,10 +59,8 @@ class PageContent:
 
 
 def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE_POINTS) -> PageContent:
-    """Contents of a page of some frames.
-
-    most: limit on its points. Raises ValueError without a frame, ImportError without viser.
-    """
+    """Contents of a page of some frames. most: limit on its points. Raises ValueError without a frame, ImportError
+    without viser."""
     if not samples:
         raise ValueError("there is no sample to view: check the path and the layout")
     clouds = sum(len(sample.clouds) for sample in samples)
@@ -97,10 +92,8 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
 
 
 def _switches(samples: Sequence[DrawnSample], sensors: Sequence[str]) -> tuple[Switch, ...]:
-    """Switches for sensors, truth, detections, outcomes and object kinds.
-
-    Outcomes have one if they are known, and each kind that occurs has one.
-    """
+    """Switches for sensors, truth, detections, outcomes and object kinds. Outcomes have one if they are known, and each
+    kind that occurs has one."""
     found = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
     found += [Switch(name, f"/{name}", colour) for name, colour in BOXES.items()]
     known = any(sample.outcomes for sample in samples)
@@ -123,10 +116,8 @@ def page_html(content: PageContent) -> str:
 
 
 def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:
-    """Write frames as a page; return its contents.
-
-    It is written whole or not at all. The same frames give the same bytes.
-    """
+    """Write frames as a page; return its contents. It is written whole or not at all. The same frames give the same
+    bytes."""
     content = page_content(samples, title)
     write_text(out, page_html(content))
     return content

@@ -65,11 +65,8 @@ _WIDTH = {"truth": 1.5, "detections": 2.5}  # of lines, pixels
 
 @dataclass(frozen=True)
 class SceneStyle:
-    """Selection and style of what is drawn in each frame.
-
-    sensors: names, in the order of their numbers; most: points of a cloud; precision: of their coordinates; float16 is
-    half as large, in steps of 3 cm beyond 32 m.
-    """
+    """Selection and style of what is drawn in each frame. sensors: names, in the order of their numbers; most: points
+    of a cloud; precision: of their coordinates; float16 is half as large, in steps of 3 cm beyond 32 m."""
 
     sensors: tuple[str, ...]
     colourings: tuple[Colouring, ...]
@@ -171,11 +168,8 @@ def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Any:
 
 
 def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
-    """Area that the first view shows.
-
-    It is xmin, ymin, xmax, ymax in m, rounded to 10 m. It holds most points of a frame and its sensors, or else its
-    boxes.
-    """
+    """Area that the first view shows. It is xmin, ymin, xmax, ymax in m, rounded to 10 m. It holds most points of a
+    frame and its sensors, or else its boxes."""
     clouds = [cloud.points[:, :2].astype(np.float64) for cloud in sample.clouds if len(cloud.points)]
     near = [np.percentile(xy, percent, axis=0)[None] for xy in clouds for percent in _MOST]
     places = [cloud.place[None, :2] for cloud in sample.clouds] if clouds else []

@@ -59,12 +59,9 @@ def check_viser() -> None:
 
 @contextmanager
 def viser_server(port: int = 0) -> Iterator[ViserServer]:
-    """Open a viser server for this machine alone.
-
-    Its scene is empty, with light and up direction. port: 0 for one of the system's choice, else this or, if it is
-    taken, one after it. Nothing is printed, and viser does not rebuild its viewer, for which it would use the network.
-    Raises ImportError without viser.
-    """
+    """Open a viser server for this machine alone. Its scene is empty, with light and up direction. port: 0 for one of
+    the system's choice, else this or, if it is taken, one after it. Nothing is printed, and viser does not rebuild its
+    viewer, for which it would use the network. Raises ImportError without viser."""
     check_viser()
     import rich
     from viser import ViserServer
@@ -98,11 +95,8 @@ def set_view(server: ViserServer, position: tuple[float, ...], look_at: tuple[fl
 
 
 def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Spot, Spot]:
-    """Spot and target of a camera that sees an area.
-
-    It sees the whole area, at a slant from the south.
-
-    area: xmin, ymin, xmax, ymax (m); height: of the ground.
+    """Spot and target of a camera that sees an area. It sees the whole area, at a slant from the south. area: xmin,
+    ymin, xmax, ymax (m); height: of the ground.
 
     >>> overview((0.0, -50.0, 100.0, 50.0))
     ((35.0, -75.0, 65.0), (50.0, 0.0, 0.0))
@@ -113,10 +107,7 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
 
 
 def scene_html(server: ViserServer) -> str:
-    """Return the scene as a page for an iframe.
-
-    It tells when it is ready, and switches nodes when messages ask it to.
-    """
+    """Return the scene as a page for an iframe, which tells when it is ready and switches nodes by messages."""
     server.scene.add_frame("/end", show_axes=False)
     html = server.get_scene_serializer().as_html()
     head_end = html.index("</head>")
@@ -203,9 +194,7 @@ def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
 
 
 def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:
-    """Split segments into dashes.
-
-    dash, gap: lengths in metres.
+    """Split segments into dashes. dash, gap: lengths in metres.
 
     >>> dashes(np.array([[[0.0, 0, 0], [5, 0, 0]]]), dash=2.0, gap=1.0)[:, :, 0]
     array([[0., 2.],
@@ -257,17 +246,13 @@ def render_page(template: Path, data: object, script: str = "", **values: object
 
 
 def scene_script() -> str:
-    """Script that loads a scene into its frame and switches its nodes.
-
-    Every `input` with data-node names one node or several. Of the frames of a recording one is shown at a time.
-    """
+    """Script that loads a scene into its frame and switches its nodes. Every `input` with data-node names one node or
+    several. Of the frames of a recording one is shown at a time."""
     return (Path(__file__).parent / "scene.js").read_text(encoding="utf-8")
 
 
 def script_data(value: object) -> str:
-    r"""JSON that may stand inside a script element.
-
-    Its texts may hold anything.
+    r"""JSON that may stand inside a script element. Its texts may hold anything.
 
     >>> script_data("</script>")
     '"\\u003c/script>"'

@@ -32,13 +32,9 @@ def write_still(
     sensors: Sequence[str] = (),
     half: tuple[float, float] | None = None,
 ) -> None:
-    """Write a frame as a picture.
-
-    It is PNG or SVG by the ending, with the same bytes each time.
-
-    colouring: of points; sensors: names in the order of their colours, the frame's own when empty; half: half of the
-    sides (m) of what is shown about the origin, where most points are when None.
-    """
+    """Write a frame as a picture. It is PNG or SVG by the ending, with the same bytes each time. colouring: of points;
+    sensors: names in the order of their colours, the frame's own when empty; half: half of the sides (m) of what is
+    shown about the origin, where most points are when None."""
     xmin, ymin, xmax, ymax = find_view_area(sample) if half is None else (-half[0], -half[1], *half)
     width, height = xmax - xmin, ymax - ymin
     scale = _INCHES / max(width, height)

@@ -159,11 +159,8 @@ def _sample(log: Path, name: str) -> Frame:
 
 
 def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as a log; return how many were written.
-
-    Of several sensors the first two become up_lidar and down_lidar; a frame of more raises ValueError. Sweeps without
-    times get tenths of a second.
-    """
+    """Write frames as a log; return how many were written. Of several sensors the first two become up_lidar and
+    down_lidar; a frame of more raises ValueError. Sweeps without times get tenths of a second."""
     annotations: dict[str, np.ndarray] = {}
     stamps: list[int] = []
     cities: list[np.ndarray] = []

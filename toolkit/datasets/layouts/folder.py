@@ -29,11 +29,8 @@ _EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 
 
 def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> records.Listing:
-    """Frames of a folder, or of one cloud file.
-
-    poses: a file of poses, the folder's own if None; inverted: it gives world → sensor. Raises FileNotFoundError if
-    there are no clouds.
-    """
+    """Frames of a folder, or of one cloud file. poses: a file of poses, the folder's own if None; inverted: it gives
+    world → sensor. Raises FileNotFoundError if there are no clouds."""
     if path.is_file():
         clouds = {ALONE: [path]}
     elif path.is_dir():

@@ -160,10 +160,8 @@ def _write(group: h5py.Group, sample: Frame) -> None:
 
 
 def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
-    """Return the frames of a file, images or recorded clouds.
-
-    site, drop_invalid: see `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`.
-    """
+    """Return the frames of a file, images or recorded clouds. site, drop_invalid: see `CoopDataset`. Raises the errors
+    of `CoopDataset` and `hdf5_clouds`."""
     if path.is_file() and holds_clouds(path):
         return hdf5_clouds(path)
     return CoopDataset(path, site, drop_invalid=drop_invalid)

@@ -105,11 +105,8 @@ def _image_size(image: Path) -> tuple[int, int]:
 
 
 def write_kitti(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as training/ of KITTI, numbered from 000000; return how many.
-
-    The clouds of a frame become one, in its world frame. The camera is that of the frame's labels, else one at the
-    origin that looks along x.
-    """
+    """Write frames as training/ of KITTI, numbered from 000000; return how many. The clouds of a frame become one, in
+    its world frame. The camera is that of the frame's labels, else one at the origin that looks along x."""
     written, place = 0, folder / "training"
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:06d}"

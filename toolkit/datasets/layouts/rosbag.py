@@ -237,10 +237,8 @@ def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
-    """Write the clouds of frames for ROS 2: recording.mcap, a topic per sensor with tf; return how many frames.
-
-    A bag cannot hold labels, and a warning says so.
-    """
+    """Write the clouds of frames for ROS 2: recording.mcap, a topic per sensor with tf; return how many frames. A bag
+    cannot hold labels, and a warning says so."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
