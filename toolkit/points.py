@@ -165,10 +165,10 @@ def is_beyond(
     """
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0 m, got {radius}")
-    body = sensor.world_SE3_body if isinstance(sensor, Sensor) else sensor @ invert(BODY_SE3_CAMERA)
-    if metric == "horizontal":
-        across = points[:, :2] - body[:2, 3]
+    if metric == "horizontal":  # a sensor stands where its body does
+        across = points[:, :2] - np.asarray(sensor.pose if isinstance(sensor, Sensor) else sensor)[:2, 3]
     elif metric == "published":
+        body = sensor.world_SE3_body if isinstance(sensor, Sensor) else sensor @ invert(BODY_SE3_CAMERA)
         across = (points - body[:3, 3]) @ body[:3, :2]
     else:
         raise ValueError(f'metric must be "horizontal" or "published", got {metric!r}')

@@ -42,19 +42,21 @@ class LearntScene:
     left_out: dict[str, int] = field(default_factory=dict)
 
 
+@dataclass(eq=False)
 class Scenes:
     """Empty scenes of the sensors of a recording.
 
-    They are learnt when the first is asked for; `scenes(k)` is that of sensor k.
+    They are learnt when the first is asked for (`used`); `scenes(k)` is that of sensor k.
 
     given: scenes in place of those the recording shows, in any order, found by the sensors' names; sample: images kept
     of each sensor at most. Raises ValueError, when asked, for an unknown sensor, one that moves, and clouds that make
     no image; warns if frames of clouds are few.
     """
 
-    def __init__(self, recording: Frames, given: Sequence[EmptyScene] | None = None, *, sample: int = SAMPLE) -> None:
-        self._recording, self._given, self._sample = recording, given, sample
-        self.used = False
+    recording: Frames
+    given: Sequence[EmptyScene] | None = None
+    sample: int = field(default=SAMPLE, kw_only=True)
+    used: bool = field(default=False, init=False)
 
     def __call__(self, sensor: int) -> EmptyScene:
         """Empty scene of the sensor with this number. The number is that in the first frame."""
@@ -86,17 +88,17 @@ class Scenes:
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
-        return tuple(sensor.name for sensor in self._recording[0].sensors)
+        return tuple(sensor.name for sensor in self.recording[0].sensors)
 
     @cached_property
     def every(self) -> dict[str, LearntScene]:
         """Scenes of all sensors, by name."""
         self.used = True
-        if self._given is not None:
-            return {scene.name: LearntScene(scene, _grid_of(scene)) for scene in self._given}
-        if not (len(self._recording) and self._recording[0].has_images):
-            return learn_sample_scenes((self._recording[k] for k in range(len(self._recording))), sample=self._sample)
-        return {scene.name: LearntScene(scene) for scene in learn_empty_scenes(self._recording, self._sample)}
+        if self.given is not None:
+            return {scene.name: LearntScene(scene, _grid_of(scene)) for scene in self.given}
+        if not (len(self.recording) and self.recording[0].has_images):
+            return learn_sample_scenes((self.recording[k] for k in range(len(self.recording))), sample=self.sample)
+        return {scene.name: LearntScene(scene) for scene in learn_empty_scenes(self.recording, self.sample)}
 
 
 def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:

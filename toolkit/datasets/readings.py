@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.arrays import Float64
+from toolkit.datasets.dataset import noisy
 from toolkit.frame import Frame, Frames
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, get_profile
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, get_profile, only_own_noise
 from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.readings import TrueImage
 from toolkit.sensors.sensor import Sensor
@@ -116,6 +117,8 @@ def with_errors(
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     errors = get_profile(errors)
+    if numbers is None and only_own_noise(errors):
+        return noisy(frame, seed)
     numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors] if numbers is None else numbers
     readings = []
     for sensor, measurement, number in zip(frame.sensors, frame.images, numbers, strict=True):

@@ -220,6 +220,7 @@ def evaluate_recording(
     """
     total, errors, labels = reads.count(recording), reads.profile(), asked.labels()
     ious = {label: _thresholds(asked.iou_thresholds, label) for label in labels}
+    true_ious = {label: TRUE_IOU[label_index(label)] for label in labels}
     if not (len(asked.schemes) and len(asked.sensor_sets) and labels and all(ious.values())):
         raise ValueError("there must be a scheme, a sensor set, a class and an IoU threshold to evaluate")
     check_known(detector, labels)
@@ -260,12 +261,14 @@ def evaluate_recording(
     figures: dict[str, dict[str, Any]] = {}
     for name, chosen in scored[0].fused:
         fused = [each.fused[name, chosen] for each in scored]
-        found = [truth.keep(each.detections) for truth, each in zip(truths, fused, strict=True)]
+        found = [each.detections for each in fused]
+        if protocol == "measured":
+            found = [truth.keep(each) for truth, each in zip(truths, found, strict=True)]
         bits = [each.bits for each in fused]
         kbit = float(np.mean([sent.mean() / 1000 if len(sent) else 0.0 for sent in bits]))
         ms = float(np.median([each.ms for each in fused]))
         for label, thresholds in ious.items():
-            true_iou = TRUE_IOU[label_index(label)]
+            true_iou = true_ious[label]
             scores = evaluate(
                 found, objects, counted=counted, label=label, iou_thresholds=[*thresholds, true_iou], **counting
             )

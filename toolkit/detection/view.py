@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from time import perf_counter
 from typing import Any, NamedTuple, TypeVar
 
@@ -22,6 +22,7 @@ from toolkit.calibration.scenes import Scenes
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
 from toolkit.detection.place import CROP_HEIGHT, Stand
 from toolkit.frame import Frame, unproject
+from toolkit.geometry import LEVEL
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.points import Area, Crop, crop_sensor, detect_on_ground, find_crop_pixels
 from toolkit.sensors.sensor import Sensor
@@ -263,11 +264,12 @@ def frame_view(
     see `View`.
     """
     crop = Crop.of(site, height)
+    detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     return View(
         site,
         frame.sensors,
         measure=lambda sensor: crop_sensor(frame, sensor, crop),
-        run=lambda clouds: detect_on_ground(detector, together(clouds), site),
+        run=lambda clouds: detect(together(clouds)),
         codec=codec,
         nms_iou=nms_iou,
         capture=lambda sensor: Captured(frame, sensor, site, height),

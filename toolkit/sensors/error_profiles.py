@@ -20,6 +20,7 @@ from __future__ import annotations
 import zlib
 from collections import Counter
 from dataclasses import asdict, dataclass, is_dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ class ErrorProfile:
             if not (is_dataclass(term) and isinstance(term, ErrorTerm)) or isinstance(term, type):
                 raise ValueError(f"terms must be error terms such as Calibration(), got {term!r}: see ErrorTerm")
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of all terms and their numbers, whatever the name."""
         return make_key([[type(term).__module__, type(term).__qualname__, _numbers(term)] for term in self.terms]).hex()
