@@ -200,19 +200,16 @@ def test_the_layout_is_the_documented_one_however_it_was_trained(network, tmp_pa
     assert load_published(checkpoint(tmp_path / "c.pth", prefixed), "roundabout").site == "roundabout"
 
 
-@pytest.mark.parametrize("site", ["tjunction", "roundabout"])
-def test_boxes_and_points_turn_the_same_way(site):
-    rng = np.random.default_rng(0)
-    boxes = rng.uniform(0, 6, (20, 7))
-    ahead = boxes[:, :3] + np.stack((np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(20)), 1)
-    turned = published.from_network(boxes, site)
-    ahead_of_turned = turned[:, :3] + np.stack((np.cos(turned[:, 6]), np.sin(turned[:, 6]), np.zeros(20)), 1)
-    back = published.to_network(ahead_of_turned.astype(np.float32), site)
-    np.testing.assert_allclose(back, ahead, atol=1e-4)
-    np.testing.assert_allclose(published.to_network(turned[:, :3].astype(np.float32), site), boxes[:, :3], atol=1e-4)
+def test_boxes_and_points_turn_the_same_way_in_both_frames():
+    boxes = np.random.default_rng(0).uniform(0, 6, (20, 7))
 
+    def ahead(of):
+        return of[:, :3] + np.stack((np.cos(of[:, 6]), np.sin(of[:, 6]), np.zeros(20)), 1)
 
-def test_both_frames_are_one_place():
+    for site in ("tjunction", "roundabout"):
+        turned = published.from_network(boxes, site)
+        for there, here in ((ahead(turned), ahead(boxes)), (turned[:, :3], boxes[:, :3])):
+            np.testing.assert_allclose(published.to_network(there.astype(np.float32), site), here, atol=1e-4)
     carla = cloud("tjunction", 50)
     there = published.to_network(carla, "tjunction", "carla")
     np.testing.assert_allclose(published.to_network(to_site(carla, "tjunction"), "tjunction"), there, atol=1e-4)
@@ -317,15 +314,12 @@ def test_no_code_of_a_file_is_run(tmp_path, monkeypatch):
     assert not (tmp_path / "intruded").exists()
 
 
-@pytest.mark.parametrize("data", [b"", b"not a checkpoint", b"PK\x03\x04" + b"x" * 99])
-def test_a_damaged_file_is_one_clear_line(tmp_path, data):
-    (tmp_path / "c.pth").write_bytes(data)
-    with pytest.raises(ValueError, match="damaged or not a checkpoint") as error:
-        load_published(tmp_path / "c.pth", "tjunction")
-    assert "\n" not in str(error.value)
-
-
-def test_unknown_sites_frames_decodings_and_files(network, tmp_path):
+def test_files_that_are_damaged_or_missing_and_unknown_sites_are_one_clear_line(tmp_path):
+    for data in (b"", b"not a checkpoint", b"PK\x03\x04" + b"x" * 99):
+        (tmp_path / "c.pth").write_bytes(data)
+        with pytest.raises(ValueError, match="damaged or not a checkpoint") as error:
+            load_published(tmp_path / "c.pth", "tjunction")
+        assert "\n" not in str(error.value)
     with pytest.raises(FileNotFoundError, match="no checkpoint at"):
         load_published(tmp_path / "none.pth", "tjunction")
     with pytest.raises(ValueError, match="'crossing'"):

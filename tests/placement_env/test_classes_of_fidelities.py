@@ -2,7 +2,7 @@
 classes is what it says of each alone, combined."""
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pytest
@@ -179,10 +179,9 @@ def test_the_surrogate_of_classes_is_that_of_each_class_it_knows():
     assert (Surrogate(nobody, "early", models, classes=WORST)(sets).recall == 0).all()
 
 
-@pytest.mark.parametrize("scheme", ["early", "late"])
-@pytest.mark.parametrize("site", ["tjunction", "roundabout"])
-def test_the_sites_own_surrogates_know_cyclists_and_pedestrians(site, scheme):
-    for label, iou in (("vehicle", 0.7), ("cyclist", 0.5), ("pedestrian", 0.5)):
+def test_the_sites_own_surrogates_know_cyclists_and_pedestrians():
+    known = (("vehicle", 0.7), ("cyclist", 0.5), ("pedestrian", 0.5))
+    for site, scheme, (label, iou) in product(("tjunction", "roundabout"), ("early", "late"), known):
         model = shipped_model(scheme, iou, site, label=label)
         assert (model.label, model.scheme) == (label, scheme)
 
@@ -208,15 +207,12 @@ def test_the_detector_is_scored_class_by_class(scheme):
     assert np.ptp(each.ap, axis=0).min() > 0.1
 
 
-def test_classes_do_not_mix_in_a_shared_memo(tmp_path):
+def test_classes_do_not_mix_in_a_memo_and_a_small_one_has_its_iou(tmp_path):
     fresh = {
         name: detected(classes)(SETS).ap for name, classes in (("mean", MEAN), ("worst", WORST), ("one", VEHICLES))
     }
     for name, classes in (("one", VEHICLES), ("worst", WORST), ("mean", MEAN), ("one", VEHICLES)):
         np.testing.assert_array_equal(detected(classes, memo=tmp_path / "memo")(SETS).ap, fresh[name])
-
-
-def test_the_iou_of_a_small_class_is_its_own_and_others_are_refused():
     strict = Classes(NAMES, ious=(None, 0.7, None))
     sure, half = detected(strict).by_class(SETS), detected(MEAN).by_class(SETS)
     assert sure.ap[-1, 1] < half.ap[-1, 1]
@@ -327,10 +323,11 @@ def test_worth_of_objects_in_parts():
     assert (worth.tolist(), whole) == ([[1, 1, 1]], 3)
 
 
-def test_an_objective_says_what_each_class_gets():
+def test_an_objective_says_what_each_class_gets(make):
     seen = seen_by(9)
     several = Objective(
-        Setting(candidates=candidates_of(9), fidelity=Coverage(seen, classes=WORST), scheme="early"), visibility=seen
+        Setting(candidates=make(9, 1).candidates, fidelity=Coverage(seen, classes=WORST), scheme="early"),
+        visibility=seen,
     )
     score = several.score([0, 4])
     assert list(score.class_ap) == list(NAMES)
@@ -339,15 +336,9 @@ def test_an_objective_says_what_each_class_gets():
     assert several.score([4, 0]).cache_hit
     assert several.class_ap(several.row([])[None]).tolist() == [[0.0, 0.0, 0.0]]
     assert several.provenance["classes"] == WORST.origin
-    plain = Objective(Setting(candidates=candidates_of(9), fidelity=Coverage(seen), scheme="early"), visibility=seen)
+    plain = Objective(Setting(candidates=candidates, fidelity=Coverage(seen), scheme="early"), visibility=seen)
     assert plain.score([0, 4]).class_ap == {"vehicle": plain.score([0, 4]).ap}
     assert several.scores(all_subsets(9)).ap.tolist() == Coverage(seen, classes=WORST)(all_subsets(9)).ap.tolist()
-
-
-def candidates_of(count):
-    from tests.placement_env.conftest import candidates_on
-
-    return candidates_on(count, 1)
 
 
 def test_a_model_of_each_class_is_fitted_to_the_detector():

@@ -253,16 +253,15 @@ def test_a_surrogate_may_be_fitted_to_them(seen, renders, detector, tmp_path):
 
 
 def test_where_nothing_fits_them_the_remedy_is_named(seen):
-    with pytest.raises(ValueError, match=r"no surrogate of general for thinned .* fidelity detector or coverage"):
-        Surrogate(seen, Thinned())
-    with pytest.raises(ValueError, match="say --fidelity detector"):
-        TableFidelity(load_table("tjunction"), Thinned())
-    with pytest.raises(ValueError, match="say --fidelity detector"):
-        TableFidelity(load_table("tjunction"), Hybrid(radius=5.0))
-    with pytest.raises(ValueError, match="paper's codec"):
-        TableFidelity(load_table("tjunction"), codec=Centimetres())
-    with pytest.raises(ValueError, match="hybrid_radius"):
-        Coverage(seen, Hybrid(radius=5.0))
+    for make, said in (
+        (lambda: Surrogate(seen, Thinned()), r"no surrogate of general for thinned .* fidelity detector or coverage"),
+        (lambda: TableFidelity(load_table("tjunction"), Thinned()), "say --fidelity detector"),
+        (lambda: TableFidelity(load_table("tjunction"), Hybrid(radius=5.0)), "say --fidelity detector"),
+        (lambda: TableFidelity(load_table("tjunction"), codec=Centimetres()), "paper's codec"),
+        (lambda: Coverage(seen, Hybrid(radius=5.0)), "hybrid_radius"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            make()
 
 
 def test_a_site_takes_both_by_its_name():

@@ -6,35 +6,24 @@ import torch
 
 from models.config import VoxelNetConfig
 from models.detector import VoxelNetDetector
-from models.network.faces import (
-    BINS,
-    NEAREST,
-    SORTS,
-    STEP,
-    ZONES,
-    FaceNetworks,
-    face_features,
-    face_offsets,
-    measure_faces,
-    move_faces,
-)
+from models.network import faces
 from models.network.voxelnet import VoxelNet
 from models.training.second_stage import rebuild
 from toolkit.boxes import corners
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections
 
-OWN = BINS * ZONES
+OWN = faces.BINS * faces.ZONES
 BOX = np.array([[3.0, -2.0, 0.8, 4.0, 2.0, 1.6, 0.0]])  # from x = 1 to 5, y = -3 to -1, top at 1.6
 CAR = np.array([VEHICLE])
 
 
 def counts(row, zone):
     """The number of points in each step of a zone, from a row of features."""
-    return np.expm1(row[zone * BINS : (zone + 1) * BINS]).round(4)
+    return np.expm1(row[zone * faces.BINS : (zone + 1) * faces.BINS]).round(4)
 
 
 def step_of(distance):
-    return int(np.floor((distance - NEAREST) / STEP))
+    return int(np.floor((distance - faces.NEAREST) / faces.STEP))
 
 
 def turned(points, boxes, yaw, shift=(7.0, 3.0, 0.2)):
@@ -57,7 +46,7 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
         [2.1, -2.0, 1.71],  # 11 cm above the top, behind
     ])  # fmt: skip
     points, boxes = turned(points, BOX, yaw)
-    seen = face_features(points, boxes, CAR)
+    seen = faces.face_features(points, boxes, CAR)
     front, rear = seen.end
     left, right = seen.side
     for row, zone, distance in (
@@ -71,12 +60,12 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
 
 def test_only_points_about_a_face_count_beside_what_is_known_of_the_box():
     aside = np.array([[5.09, -4.2, 0.8], [5.09, -2.0, 0.15], [5.09, -2.0, 9.0], [9.0, -2.0, 0.8], [np.nan, 0, 0]])
-    seen = face_features(aside, BOX, CAR)
+    seen = faces.face_features(aside, BOX, CAR)
     assert [int(total.sum()) for total in seen.counted] == [0, 0, 0]
     assert np.expm1(seen.end[:, : 2 * OWN]).sum() == 0
     near = np.array([[5.09, -3.09, 0.8], [5.09, -3.11, 0.8]])  # 9 cm beside the box is still its front, 11 cm not
-    assert face_features(near, BOX, CAR).counted[0].tolist() == [1, 1]
-    seen = face_features(np.zeros((0, 3)), BOX, np.array([HEAVY]))
+    assert faces.face_features(near, BOX, CAR).counted[0].tolist() == [1, 1]
+    seen = faces.face_features(np.zeros((0, 3)), BOX, np.array([HEAVY]))
     expected = [0, 0, *np.log(np.array([4.0, 2.0, 1.6]) / [4.5, 1.8, 1.6]), 0, 0, 0, 1]
     for rows in seen[:3]:
         np.testing.assert_allclose(rows[:, -9:], np.tile(expected, (len(rows), 1)), atol=1e-7)
@@ -85,9 +74,9 @@ def test_only_points_about_a_face_count_beside_what_is_known_of_the_box():
     points = rng.uniform((-5, -8, 0), (12, 5, 3), (4000, 3)).astype(np.float32)
     boxes = BOX + np.array([[0.0] * 7, [4.0, 1.0, 0.1, 0.5, -0.3, 0.2, 0.7], [-4.0, 0, 0, 0, 0, 0, 2.0]])
     labels = np.array([VEHICLE, CYCLIST, HEAVY])
-    together = face_features(points, boxes, labels)
+    together = faces.face_features(points, boxes, labels)
     for row in range(3):
-        alone = face_features(points, boxes[row : row + 1], labels[row : row + 1])
+        alone = faces.face_features(points, boxes[row : row + 1], labels[row : row + 1])
         np.testing.assert_array_equal(together.end[[row, row + 3]], alone.end)
         np.testing.assert_array_equal(together.side[[row, row + 3]], alone.side)
         np.testing.assert_array_equal(together.top[[row]], alone.top)
@@ -97,7 +86,7 @@ def test_only_points_about_a_face_count_beside_what_is_known_of_the_box():
     ("distance", "step"), [(-0.59, 0), (-0.55, 1), (0.01, 15), (0.51, 27), (0.53, None), (-0.61, None)]
 )
 def test_counts_reach_from_60_cm_inside_to_52_cm_beyond_a_face(distance, step):
-    front = face_features(np.array([[5.0 + distance, -2.0, 0.8]]), BOX, CAR).end[0]
+    front = faces.face_features(np.array([[5.0 + distance, -2.0, 0.8]]), BOX, CAR).end[0]
     expected = np.zeros(28)
     if step is not None:
         expected[step] = 1
@@ -111,21 +100,21 @@ def test_moved_by_its_offsets_a_box_is_the_truth(seed):
     boxes = truths + np.column_stack([rng.normal(0, 0.2, (9, 6)), np.zeros(9)])
     boxes[:, 2] = truths[:, 2] - truths[:, 5] / 2 + boxes[:, 5] / 2  # on the same floor
     boxes[::2, 6] += np.pi  # the other way round, of the same place
-    result = move_faces(boxes, *face_offsets(boxes, truths))
+    result = faces.move_faces(boxes, *faces.face_offsets(boxes, truths))
     np.testing.assert_allclose(result[:, :6], truths[:, :6], atol=1e-9)
     np.testing.assert_array_equal(result[:, 6], boxes[:, 6])
 
 
 def test_faces_move_outwards_and_no_box_turns_inside_out():
-    box = move_faces(BOX, np.array([0.3, -0.1]), np.array([0.2, 0.05]), np.array([-0.4]))[0]
+    box = faces.move_faces(BOX, np.array([0.3, -0.1]), np.array([0.2, 0.05]), np.array([-0.4]))[0]
     low, high = corners(box[None])[0].min(axis=0), corners(box[None])[0].max(axis=0)
     np.testing.assert_allclose(low, [1.1, -3.05, 0.0], atol=1e-12)
     np.testing.assert_allclose(high, [5.3, -0.8, 1.2], atol=1e-12)
-    box = move_faces(BOX, np.array([-3.0, -3.0]), np.array([-2.0, -2.0]), np.array([-5.0]))[0]
+    box = faces.move_faces(BOX, np.array([-3.0, -3.0]), np.array([-2.0, -2.0]), np.array([-5.0]))[0]
     np.testing.assert_allclose(box[3:6], 0.2 * BOX[0, 3:6])
 
 
-class Known(FaceNetworks):
+class Known(faces.FaceNetworks):
     """Answers the same shift for every face, with a mean error of 2 cm."""
 
     def answers(self, sort, features):
@@ -140,19 +129,19 @@ def test_faces_move_where_sure_and_untrained_networks_stay_finite():
     known = Known()
     found = Detections(BOX, np.array([0.9]), CAR)
     known.prior[:] = 0.05
-    seen = measure_faces(known, found, cloud_at_the_front(3), ("vehicle",))
+    seen = faces.measure_faces(known, found, cloud_at_the_front(3), ("vehicle",))
     np.testing.assert_allclose(seen.boxes[0], [3.0, -2.0, 0.8, 4.5, 2.0, 1.6, 0.0])  # its ends; no side, no top
-    np.testing.assert_array_equal(measure_faces(known, found, cloud_at_the_front(2), ("vehicle",)).boxes, BOX)
-    np.testing.assert_array_equal(measure_faces(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX)
+    np.testing.assert_array_equal(faces.measure_faces(known, found, cloud_at_the_front(2), ("vehicle",)).boxes, BOX)
+    np.testing.assert_array_equal(faces.measure_faces(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX)
     known.prior[:] = 0.019
-    np.testing.assert_array_equal(measure_faces(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)
-    assert len(measure_faces(known, Detections.empty(), cloud_at_the_front(5), ("vehicle",))) == 0
+    np.testing.assert_array_equal(faces.measure_faces(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)
+    assert len(faces.measure_faces(known, Detections.empty(), cloud_at_the_front(5), ("vehicle",))) == 0
     torch.manual_seed(0)
-    networks = FaceNetworks()
-    shifts = networks.shifts(face_features(cloud_at_the_front(9), BOX, CAR))
+    networks = faces.FaceNetworks()
+    shifts = networks.shifts(faces.face_features(cloud_at_the_front(9), BOX, CAR))
     assert [len(each) for each in shifts] == [2, 2, 1]
     assert all(np.isfinite(each).all() for each in shifts)
-    assert [name for name, _ in networks.named_children()] == list(SORTS)
+    assert [name for name, _ in networks.named_children()] == list(faces.SORTS)
 
 
 def network():

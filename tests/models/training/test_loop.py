@@ -6,22 +6,7 @@ import pytest
 import torch
 
 from models.config import VoxelNetConfig
-from models.training.loop import (
-    ANYWHERE,
-    CHECKPOINT,
-    LOG,
-    PRESETS,
-    WINDOW,
-    Machine,
-    add_figures,
-    check_fit,
-    choose_area,
-    cut_log,
-    make_config,
-    read_curves,
-    train,
-    window,
-)
+from models.training import loop
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
 from models.training.samples import SampleRecipe
@@ -29,8 +14,8 @@ from models.training.validation import average_precision
 from models.weight_files import check_identity, read_checkpoint, save_atomically
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
-FAST = replace(PRESETS["fast"], epochs=3.0)
-OFTEN = Machine(checkpoint_s=0.0)
+FAST = replace(loop.PRESETS["fast"], epochs=3.0)
+OFTEN = loop.Machine(checkpoint_s=0.0)
 
 
 class Stopped(Exception):
@@ -54,45 +39,45 @@ def stop_after(steps):
     ],
 )
 def test_stopped_anywhere_and_gone_on_with_gives_the_same_weights(packed_file, tmp_path, preset, changes, same_weights):
-    settings = replace(PRESETS[preset], epochs=3.0, batch=2)
-    config = replace(make_config(AREA, preset), **changes)
-    undisturbed = train(packed_file, config, settings, tmp_path / "whole")
+    settings = replace(loop.PRESETS[preset], epochs=3.0, batch=2)
+    config = replace(loop.make_config(AREA, preset), **changes)
+    undisturbed = loop.train(packed_file, config, settings, tmp_path / "whole")
     for steps in (2, 4, 8):
         with pytest.raises(Stopped):
-            train(packed_file, config, settings, tmp_path / "stopped", machine=OFTEN, progress=stop_after(steps))
-    resumed = train(packed_file, config, settings, tmp_path / "stopped", machine=OFTEN)
+            loop.train(packed_file, config, settings, tmp_path / "stopped", machine=OFTEN, progress=stop_after(steps))
+    resumed = loop.train(packed_file, config, settings, tmp_path / "stopped", machine=OFTEN)
     assert same_weights(undisturbed, resumed)
-    assert (tmp_path / "whole" / LOG).read_bytes() == (tmp_path / "stopped" / LOG).read_bytes()
-    again = train(packed_file, config, settings, tmp_path / "stopped")  # nothing left to do
+    assert (tmp_path / "whole" / loop.LOG).read_bytes() == (tmp_path / "stopped" / loop.LOG).read_bytes()
+    again = loop.train(packed_file, config, settings, tmp_path / "stopped")  # nothing left to do
     assert same_weights(undisturbed, again)
 
 
 def test_another_seed_gives_other_weights_and_workers_the_same(packed_file, tmp_path, same_weights):
-    config, settings = make_config(AREA, "fast"), replace(FAST, epochs=1.0)
-    first = train(packed_file, config, settings, tmp_path / "a")
-    helped = train(packed_file, config, settings, tmp_path / "b", machine=Machine(workers=2))
-    other = train(packed_file, config, replace(settings, seed=1), tmp_path / "c")
+    config, settings = loop.make_config(AREA, "fast"), replace(FAST, epochs=1.0)
+    first = loop.train(packed_file, config, settings, tmp_path / "a")
+    helped = loop.train(packed_file, config, settings, tmp_path / "b", machine=loop.Machine(workers=2))
+    other = loop.train(packed_file, config, replace(settings, seed=1), tmp_path / "c")
     assert same_weights(first, helped)
     assert not same_weights(first, other)
 
 
 def test_a_folder_of_another_run_is_refused(packed_file, tmp_path):
-    config = make_config(AREA, "fast")
-    train(packed_file, config, replace(FAST, epochs=0.4), tmp_path)
+    config = loop.make_config(AREA, "fast")
+    loop.train(packed_file, config, replace(FAST, epochs=0.4), tmp_path)
     with pytest.raises(ValueError, match="another preset: choose another folder"):
-        train(packed_file, config, replace(FAST, epochs=0.7), tmp_path)
+        loop.train(packed_file, config, replace(FAST, epochs=0.7), tmp_path)
 
 
 def test_the_log_s_means_do_not_depend_on_where_a_training_was_killed(packed_file, tmp_path, monkeypatch):
     monkeypatch.setattr("models.training.loop.LOG_STEPS", 3)
-    config, settings = make_config(AREA, "fast"), replace(FAST, epochs=2.0, batch=1)
-    train(packed_file, config, settings, tmp_path / "whole")
+    config, settings = loop.make_config(AREA, "fast"), replace(FAST, epochs=2.0, batch=1)
+    loop.train(packed_file, config, settings, tmp_path / "whole")
     for steps in (2, 4):
         with pytest.raises(Stopped):
-            train(packed_file, config, settings, tmp_path / "killed", machine=OFTEN, progress=stop_after(steps))
-    train(packed_file, config, settings, tmp_path / "killed", machine=OFTEN)
-    assert (tmp_path / "whole" / LOG).read_bytes() == (tmp_path / "killed" / LOG).read_bytes()
-    assert len((tmp_path / "whole" / LOG).read_text().splitlines()) > 4
+            loop.train(packed_file, config, settings, tmp_path / "killed", machine=OFTEN, progress=stop_after(steps))
+    loop.train(packed_file, config, settings, tmp_path / "killed", machine=OFTEN)
+    assert (tmp_path / "whole" / loop.LOG).read_bytes() == (tmp_path / "killed" / loop.LOG).read_bytes()
+    assert len((tmp_path / "whole" / loop.LOG).read_text().splitlines()) > 4
 
 
 @pytest.mark.slow
@@ -100,89 +85,89 @@ def test_it_learns_two_frames_by_heart(frames, tmp_path):
     data = tmp_path / "two.packed"
     pack([recording(frames, AREA, count=2)], data)
     settings = replace(FAST, epochs=150.0, examples=SampleRecipe(subsets=0.0))
-    network = train(data, make_config(AREA, "fast"), settings, tmp_path)
+    network = loop.train(data, loop.make_config(AREA, "fast"), settings, tmp_path)
     ap = average_precision(network, PackedFrames(data), seed=9)
     assert ap["AP@0.7"] > 0.99
     assert ap["AP@0.8"] > 0.9
 
 
 def test_it_goes_on_from_other_weights(packed_file, tmp_path):
-    config, settings = make_config(AREA, "fast"), replace(FAST, epochs=0.4, learning_rate=1e-9)
-    first = train(packed_file, config, replace(FAST, epochs=0.4), tmp_path / "first")
-    second = train(packed_file, config, settings, tmp_path / "second", start=first)
+    config, settings = loop.make_config(AREA, "fast"), replace(FAST, epochs=0.4, learning_rate=1e-9)
+    first = loop.train(packed_file, config, replace(FAST, epochs=0.4), tmp_path / "first")
+    second = loop.train(packed_file, config, settings, tmp_path / "second", start=first)
     theirs = dict(first.named_parameters())
     assert all(torch.allclose(theirs[name], p, atol=1e-6) for name, p in second.named_parameters())
     with pytest.raises(ValueError, match="start"):
-        train(packed_file, config, settings, tmp_path / "second")
+        loop.train(packed_file, config, settings, tmp_path / "second")
 
 
 def test_in_bfloat16_it_learns_as_well_and_is_another_run(packed_file, tmp_path):
-    config, settings, figures = make_config(AREA, "fast"), replace(FAST, epochs=4.0), {}
+    config, settings, figures = loop.make_config(AREA, "fast"), replace(FAST, epochs=4.0), {}
     for bfloat16 in (False, True):
-        train(packed_file, config, settings, tmp_path / str(bfloat16), machine=Machine(bfloat16=bfloat16))
-        figures[bfloat16] = read_curves(tmp_path / str(bfloat16) / LOG)["class"][1][-1]
+        loop.train(packed_file, config, settings, tmp_path / str(bfloat16), machine=loop.Machine(bfloat16=bfloat16))
+        figures[bfloat16] = loop.read_curves(tmp_path / str(bfloat16) / loop.LOG)["class"][1][-1]
     assert figures[True] == pytest.approx(figures[False], rel=0.1)
     assert figures[True] != figures[False]
     with pytest.raises(ValueError, match="another bfloat16"):
-        train(packed_file, config, settings, tmp_path / "True")
+        loop.train(packed_file, config, settings, tmp_path / "True")
 
 
 def test_areas_are_those_of_the_data_and_heads_of_the_loss(packed_file, tmp_path):
-    assert choose_area("fast", packed_file) == AREA
-    assert choose_area("general", packed_file) == ANYWHERE
+    assert loop.choose_area("fast", packed_file) == AREA
+    assert loop.choose_area("general", packed_file) == loop.ANYWHERE
     with pytest.raises(ValueError, match="published loss"):
-        train(packed_file, VoxelNetConfig.light(AREA), PRESETS["paper"], tmp_path)
+        loop.train(packed_file, VoxelNetConfig.light(AREA), loop.PRESETS["paper"], tmp_path)
 
 
 def test_data_of_two_areas_needs_a_site(frames, tmp_path):
     data = tmp_path / "two.packed"
     pack([recording(frames, AREA, count=1), recording(frames, (-5, -5, 5, 5), count=1)], data)
     with pytest.raises(ValueError, match="2 different areas: give a site, or general"):
-        choose_area("fast", data)
+        loop.choose_area("fast", data)
 
 
 @pytest.mark.parametrize("size", ["light", "published"])
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", loop.PRESETS)
 def test_every_preset_has_a_network_that_its_loss_trains(preset, size):
-    check_fit(make_config(AREA, preset, size), PRESETS[preset])
+    loop.check_fit(loop.make_config(AREA, preset, size), loop.PRESETS[preset])
 
 
 def test_networks_of_classes_and_wide_areas():
-    assert make_config((0.0, 0.0, 40.0, 80.0), "paper", "published").voxel_size == (0.2, 0.2, 0.4)
-    assert make_config((-48.0, -48.0, 48.0, 48.0), "paper", "published").voxel_size == (0.4, 0.4, 0.4)
-    assert window((-48.0, 0.0, 48.0, 10.0)) == (-WINDOW / 2, 0.0, WINDOW / 2, 10.0)
-    config = make_config(AREA, "varied", classes=("vehicle", "pedestrian"))
+    assert loop.make_config((0.0, 0.0, 40.0, 80.0), "paper", "published").voxel_size == (0.2, 0.2, 0.4)
+    assert loop.make_config((-48.0, -48.0, 48.0, 48.0), "paper", "published").voxel_size == (0.4, 0.4, 0.4)
+    assert loop.window((-48.0, 0.0, 48.0, 10.0)) == (-loop.WINDOW / 2, 0.0, loop.WINDOW / 2, 10.0)
+    config = loop.make_config(AREA, "varied", classes=("vehicle", "pedestrian"))
     assert config.labels == ("vehicle", "pedestrian")
     assert config.anchor_labels == (0, 0, 1)
-    assert make_config(AREA, "varied", classes=("vehicle",)) == make_config(AREA, "fast")
+    assert loop.make_config(AREA, "varied", classes=("vehicle",)) == loop.make_config(AREA, "fast")
     shared = VoxelNetConfig.light(AREA, labels=("vehicle", "cyclist"))
     with pytest.raises(ValueError, match="anchors of their own"):
-        check_fit(shared, PRESETS["fast"])
+        loop.check_fit(shared, loop.PRESETS["fast"])
 
 
 @pytest.mark.parametrize("changes", [{"batch": 0}, {"epochs": 0.0}, {"epochs": float("nan")}])
 def test_what_trains_nothing_is_refused(changes):
     with pytest.raises(ValueError, match="batch of at least 1 and epochs above 0"):
-        check_fit(make_config(AREA, "fast"), replace(PRESETS["fast"], **changes))
+        loop.check_fit(loop.make_config(AREA, "fast"), replace(loop.PRESETS["fast"], **changes))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.999])
 def test_a_checkpoint_that_was_cut_is_told_in_one_line(packed_file, tmp_path, share):
-    config, settings, path = make_config(AREA, "fast"), replace(FAST, epochs=0.4), tmp_path / CHECKPOINT
-    train(packed_file, config, settings, tmp_path)
+    config, settings, path = loop.make_config(AREA, "fast"), replace(FAST, epochs=0.4), tmp_path / loop.CHECKPOINT
+    loop.train(packed_file, config, settings, tmp_path)
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
     with pytest.raises(
         ValueError, match=r"checkpoint.pt is damaged or not a checkpoint of tensors: .*: remove it"
     ) as told:
-        train(packed_file, config, settings, tmp_path)
+        loop.train(packed_file, config, settings, tmp_path)
     assert "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize("state", [7, {}, {"network": {}}, {"config": 3}])
 def test_what_is_no_checkpoint_is_told_in_one_line(packed_file, tmp_path, state):
-    torch.save(state, tmp_path / CHECKPOINT)
+    torch.save(state, tmp_path / loop.CHECKPOINT)
     with pytest.raises(ValueError, match=r"is not a checkpoint|another config") as told:
-        train(packed_file, make_config(AREA, "fast"), FAST, tmp_path)
+        loop.train(packed_file, loop.make_config(AREA, "fast"), FAST, tmp_path)
     assert "\n" not in str(told.value)
 
 
@@ -192,14 +177,14 @@ class Harmful:
 
 
 def test_a_training_that_goes_on_executes_nothing_of_its_checkpoint(packed_file, tmp_path, capsys):
-    torch.save({"config": Harmful()}, tmp_path / CHECKPOINT)
+    torch.save({"config": Harmful()}, tmp_path / loop.CHECKPOINT)
     with pytest.raises(ValueError, match="is damaged or not a checkpoint"):
-        train(packed_file, make_config(AREA, "fast"), FAST, tmp_path)
+        loop.train(packed_file, loop.make_config(AREA, "fast"), FAST, tmp_path)
     assert "executed" not in capsys.readouterr().out
 
 
 def test_what_is_saved_is_read_and_nothing_else_is_left_beside_it(tmp_path):
-    path = tmp_path / CHECKPOINT
+    path = tmp_path / loop.CHECKPOINT
     for step in (1, 2):
         save_atomically(path, {"step": step, "weights": torch.arange(3)})
         state = read_checkpoint(path)
@@ -218,24 +203,24 @@ def test_settings_are_the_same_after_a_round_trip_and_others_are_named(tmp_path)
 
 def test_a_log_forgets_what_came_after_the_checkpoint(tmp_path):
     path = tmp_path / "log.csv"
-    cut_log(path, 5)
+    loop.cut_log(path, 5)
     for step in (5, 10, 15):
-        add_figures(path, step, step / 10, {"box": 1.0 / step})
+        loop.add_figures(path, step, step / 10, {"box": 1.0 / step})
     with path.open("a") as file:
         file.write("20,2.0,bo")  # killed in the middle of a line
-    cut_log(path, 10)
-    assert read_curves(path) == {"box": ([0.5, 1.0], [0.2, 0.1])}
+    loop.cut_log(path, 10)
+    assert loop.read_curves(path) == {"box": ([0.5, 1.0], [0.2, 0.1])}
     path.write_text("")
-    cut_log(path, 10)
-    add_figures(path, 1, 0.1, {"box": 1.0})
-    assert read_curves(path) == {"box": ([0.1], [1.0])}
+    loop.cut_log(path, 10)
+    loop.add_figures(path, 1, 0.1, {"box": 1.0})
+    assert loop.read_curves(path) == {"box": ([0.1], [1.0])}
 
 
 def test_curves_come_in_the_order_in_which_they_first_appear(tmp_path):
-    path = tmp_path / LOG
-    add_figures(path, 1, 0.5, {"residuals": 2.0, "class": 3.0})
-    add_figures(path, 2, 1.0, {"AP@0.7": 0.25, "class": 1.0})
+    path = tmp_path / loop.LOG
+    loop.add_figures(path, 1, 0.5, {"residuals": 2.0, "class": 3.0})
+    loop.add_figures(path, 2, 1.0, {"AP@0.7": 0.25, "class": 1.0})
     assert path.read_text().splitlines()[:2] == ["step,epoch,name,value", "1,0.5000,residuals,2.0"]
-    found = read_curves(path)
+    found = loop.read_curves(path)
     assert list(found) == ["residuals", "class", "AP@0.7"]
     assert found["class"] == ([0.5, 1.0], [3.0, 1.0])

@@ -140,6 +140,10 @@ def test_keep_out_areas_may_have_holes_and_parts(site, tmp_path):
         assert len(pool(site, mounts=load_poles(local(tmp_path, point([0.0, 10.0])), site))) > 0
 
 
+def multipoint(places: list[Any], **properties) -> dict:
+    return {"type": "Feature", "properties": properties, "geometry": {"type": "MultiPoint", "coordinates": places}}
+
+
 BOX = [[0.0, 6.0], [9.0, 6.0], [9.0, 9.0], [0.0, 9.0]]
 BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
 
@@ -173,6 +177,15 @@ BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
         ),
         ([point([0.0, 10.0]), polygon(BOX, keep_out=1)], "keep_out must be true or false, got 1"),
         ([point([0.0, 10.0], price=float("nan"))], r"^\S*: features\[0\].properties.price must be a finite number"),
+        ([multipoint([[0.0, 10.0], [0.0, float("nan")]])], r"features\[0\].geometry.coordinates must be two or three"),
+        ([multipoint([[0.0, 10.0, 0.0, 1.0]])], "two or three finite numbers"),
+        ([multipoint([0.0, 10.0])], "two or three finite numbers, got 0.0"),
+        ([multipoint(3)], "of a MultiPoint must be a list, got 3"),
+        ([multipoint([])], "holds no pole"),
+        ([multipoint([[0.0, 10.0], [0.0, 10.0]])], "'pole00-1' and 'pole00-2' stand at the same place"),
+        ([multipoint([[0.0, 10.0], [5.0, 10.0]], name="a"), point([9.0, 10.0], name="a-2")], "2 poles are named 'a-2'"),
+        ([point([0.0, 10.0, 0.0, 7.0])], "two or three finite numbers"),
+        ([{"type": "Feature", "properties": {}, "geometry": {"type": "point", "coordinates": [0, 10]}}], "no pole"),
     ],
 )
 def test_what_is_wrong_is_told_in_one_line(site, tmp_path, features, message):
@@ -249,11 +262,7 @@ def test_properties_that_are_not_understood_are_named_once(site, tmp_path):
     assert [(mount.max_height, mount.price) for mount in mounts] == [(8.0, 1.0), (8.0, 1.0)]
 
 
-def multipoint(places: list[Any], **properties) -> dict:
-    return {"type": "Feature", "properties": properties, "geometry": {"type": "MultiPoint", "coordinates": places}}
-
-
-def test_a_multipoint_is_several_poles(site, tmp_path):
+def test_a_multipoint_is_several_poles_and_a_geometry_collection_none(site, tmp_path):
     path = local(
         tmp_path,
         multipoint([[0.0, 10.0], [5.0, 10.0, 0.2]], name="row", height=6.0),
@@ -268,29 +277,6 @@ def test_a_multipoint_is_several_poles(site, tmp_path):
     assert [m.max_height for m in mounts] == [6.0, 6.0, 8.0, 8.0, 8.0]
     lon_lat = write(tmp_path, multipoint(degrees([[0.0, 10.0], [5.0, 10.0]]), name="row"))
     assert np.abs(np.array([m.position[:2] for m in load_poles(lon_lat, site)]) - [[0, 10], [5, 10]]).max() < 2e-3
-
-
-@pytest.mark.parametrize(
-    ("features", "message"),
-    [
-        ([multipoint([[0.0, 10.0], [0.0, float("nan")]])], r"features\[0\].geometry.coordinates must be two or three"),
-        ([multipoint([[0.0, 10.0, 0.0, 1.0]])], "two or three finite numbers"),
-        ([multipoint([0.0, 10.0])], "two or three finite numbers, got 0.0"),
-        ([multipoint(3)], "of a MultiPoint must be a list, got 3"),
-        ([multipoint([])], "holds no pole"),
-        ([multipoint([[0.0, 10.0], [0.0, 10.0]])], "'pole00-1' and 'pole00-2' stand at the same place"),
-        ([multipoint([[0.0, 10.0], [5.0, 10.0]], name="a"), point([9.0, 10.0], name="a-2")], "2 poles are named 'a-2'"),
-        ([point([0.0, 10.0, 0.0, 7.0])], "two or three finite numbers"),
-        ([{"type": "Feature", "properties": {}, "geometry": {"type": "point", "coordinates": [0, 10]}}], "no pole"),
-    ],
-)
-def test_damaged_multipoints_are_one_line(features, message, site, tmp_path):
-    with pytest.raises(ValueError, match=message) as caught:
-        load_poles(local(tmp_path, *features), site)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_geometry_collection_is_not_passed_over_in_silence(site, tmp_path):
     inside = {"type": "Point", "coordinates": [9.0, 10.0]}
     geometry = {"type": "GeometryCollection", "geometries": [inside]}
     path = local(tmp_path, point([0.0, 10.0]), {"type": "Feature", "properties": {}, "geometry": geometry})
@@ -298,34 +284,18 @@ def test_a_geometry_collection_is_not_passed_over_in_silence(site, tmp_path):
         assert len(load_poles(path, site)) == 1
 
 
-@pytest.mark.parametrize(
-    ("key", "meant"),
-    [
-        ("Height", "height"),
-        ("HEIGHT_M", "height"),
-        ("pole height [m]", "height"),
-        ("heigth", "height"),
-        ("Höhe", "height"),
-        ("minHeight", "min_height"),
-        ("Max. height", "max_height"),
-        ("cost_eur", "price"),
-        ("Preis", "price"),
-        ("Price", "price"),
-        ("capacity_mbit", "capacity_kbit"),
-        ("Capacity", "capacity_kbit"),
-        ("linkKbit", "capacity_kbit"),
-        ("Name", "name"),
-        ("keepout", "keep_out"),
-        ("Keep_Out", "keep_out"),
-        ("keep-out", "keep_out"),
-        ("owner", None),
-        ("fid", None),
-        ("", None),
-        ("2024", None),
-    ],
-)
-def test_what_was_meant(key, meant):
-    assert guess_property(key) == meant
+def test_what_was_meant():
+    for meant, keys in {
+        "height": ("Height", "HEIGHT_M", "pole height [m]", "heigth", "Höhe"),
+        "min_height": ("minHeight",),
+        "max_height": ("Max. height",),
+        "price": ("cost_eur", "Preis", "Price"),
+        "capacity_kbit": ("capacity_mbit", "Capacity", "linkKbit"),
+        "name": ("Name",),
+        "keep_out": ("keepout", "Keep_Out", "keep-out"),
+        None: ("owner", "fid", "", "2024"),
+    }.items():
+        assert [guess_property(key) for key in keys] == [meant] * len(keys)
 
 
 def test_properties_are_named_once_and_cut():

@@ -9,22 +9,10 @@ import numpy as np
 import open3d as o3d
 import pytest
 
+from toolkit.bodies import meshes
 from toolkit.bodies.body import Body, include_mirrors
 from toolkit.bodies.drawn_bodies import draw_body
 from toolkit.bodies.fleet import catalogue, fleet_named
-from toolkit.bodies.meshes import (
-    NOTHING_SAID,
-    MeshEntry,
-    find_wrong_stand,
-    is_clearly,
-    load_mesh,
-    load_meshes,
-    measure_shape,
-    mirror_span,
-    read_mesh_table,
-    surface_points,
-    take_meshes,
-)
 from toolkit.mesh import Mesh, box, ellipsoid, merge, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
@@ -73,7 +61,7 @@ def write_glb(path, vertices, triangles):
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb"])
 def test_every_format_gives_the_same_box(tmp_path, suffix):
-    body = load_mesh(write(tmp_path / f"sedan.{suffix}", shift=(3, -4, 0.7)))
+    body = meshes.load_mesh(write(tmp_path / f"sedan.{suffix}", shift=(3, -4, 0.7)))
     assert np.allclose(body.size, SEDAN.size, atol=1e-4)
     assert np.allclose(body.vertices.min(axis=0)[[0, 2]], -np.array(body.size)[[0, 2]] / 2, atol=1e-4)
     assert -body.vertices[:, 1].min() > body.size[1] / 2 + 0.05  # the mirrors
@@ -83,7 +71,7 @@ def test_every_format_gives_the_same_box(tmp_path, suffix):
 
 def test_gltf_as_its_standard_says_is_turned_upright(tmp_path):
     y_up_z_forward = ((0, 1, 0), (0, 0, 1), (1, 0, 0))
-    body = load_mesh(write(tmp_path / "sedan.glb", turn=y_up_z_forward))
+    body = meshes.load_mesh(write(tmp_path / "sedan.glb", turn=y_up_z_forward))
     assert np.allclose(body.size, SEDAN.size, atol=1e-4)
     cabin = body.vertices[body.vertices[:, 2] > 0.3 * body.size[2]]
     assert cabin[:, 0].mean() < 0  # the bonnet is in front of it, so the cabin is behind the middle
@@ -97,7 +85,7 @@ def test_folders_and_names_give_the_class_and_the_rest_follows_from_the_size(tmp
     write(tmp_path / "d.ply", bodies["city_bicycle"])
     write(tmp_path / "e.ply", bodies["city_bus"])
     (tmp_path / "README.txt").write_text("not a mesh")
-    loaded = {body.name: body.label for body in load_meshes(tmp_path)}
+    loaded = {body.name: body.label for body in meshes.load_meshes(tmp_path)}
     assert loaded == {"vehicle/a": VEHICLE, "b/heavy_van": HEAVY, "c": PEDESTRIAN, "d": CYCLIST, "e": HEAVY}
     assert [body.name for body in catalogue(tmp_path)][-5:] == sorted(loaded)
 
@@ -115,13 +103,13 @@ def test_folders_and_names_give_the_class_and_the_rest_follows_from_the_size(tmp
 def test_a_size_no_road_user_has_is_refused_with_what_to_do(tmp_path, change, hint):
     path = write(tmp_path / "vehicle_sedan.ply", **change)
     with pytest.raises(ValueError, match=hint) as error:
-        load_meshes(tmp_path)
+        meshes.load_meshes(tmp_path)
     assert str(path) in str(error.value)
 
 
 def test_unread_vertices_do_not_widen_the_box(tmp_path):
     stray = Body("s", 0, np.concatenate([SEDAN.vertices, [[9, 9, 9]]]).astype(np.float32), SEDAN.triangles)
-    assert np.allclose(load_mesh(write(tmp_path / "sedan.ply", stray)).size, SEDAN.size, atol=1e-4)
+    assert np.allclose(meshes.load_mesh(write(tmp_path / "sedan.ply", stray)).size, SEDAN.size, atol=1e-4)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb", "gltf"])
@@ -129,7 +117,7 @@ def test_unread_vertices_do_not_widen_the_box(tmp_path):
 def test_damaged_files_are_named(tmp_path, suffix, content):
     (tmp_path / f"broken.{suffix}").write_bytes(content)
     with pytest.raises(ValueError, match=f"broken.{suffix}.*export it again"):
-        load_meshes(tmp_path)
+        meshes.load_meshes(tmp_path)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "off"])
@@ -145,14 +133,14 @@ def test_a_corner_that_is_not_there_is_refused(tmp_path, suffix, corner):
     }
     path.write_text(texts[suffix])
     with pytest.raises(ValueError, match=r"export it again"):
-        load_mesh(path)
+        meshes.load_mesh(path)
 
 
 def test_missing_and_empty_folders(tmp_path):
     with pytest.raises(FileNotFoundError, match="is not a folder"):
-        load_meshes(tmp_path / "nowhere")
+        meshes.load_meshes(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="holds no mesh"):
-        load_meshes(tmp_path)
+        meshes.load_meshes(tmp_path)
 
 
 Y_UP_X_FORWARD = ((1, 0, 0), (0, 0, 1), (0, -1, 0))
@@ -190,7 +178,7 @@ def elephant() -> Body:
 def test_what_cannot_be_told_is_refused_with_the_remedy(tmp_path, name, body, change, says):
     write(tmp_path / name, OURS[body], **change)
     with pytest.raises(ValueError, match=says) as error:
-        load_meshes(tmp_path)
+        meshes.load_meshes(tmp_path)
     assert "\n" not in str(error.value)
     assert name in str(error.value)
 
@@ -198,34 +186,34 @@ def test_what_cannot_be_told_is_refused_with_the_remedy(tmp_path, name, body, ch
 def test_an_elephant_is_no_car_unless_somebody_says_so(tmp_path):
     path = write(tmp_path / "dumbo.ply", elephant())
     with pytest.raises(ValueError, match=r"may be .* vehicle.* not clearly that of one: put it into a folder vehicle/"):
-        load_meshes(tmp_path)
+        meshes.load_meshes(tmp_path)
     (tmp_path / "meshes.toml").write_text('[[mesh]]\nfile = "dumbo.ply"\nlabel = "vehicle"\n')
-    assert [(body.name, body.label) for body in load_meshes(tmp_path)] == [("dumbo", VEHICLE)]
+    assert [(body.name, body.label) for body in meshes.load_meshes(tmp_path)] == [("dumbo", VEHICLE)]
     path.unlink()
 
 
 def test_small_or_broken_meshes_are_refused(tmp_path):
     write(tmp_path / "pedestrian" / "sedan.ply")
     with pytest.raises(ValueError, match="does not fit a pedestrian"):
-        load_meshes(tmp_path)
+        meshes.load_meshes(tmp_path)
     flat = Body("t", 0, np.array([[0, 0, 0], [4, 0, 0], [4, 2, 1.5]], np.float32), np.array([[0, 1, 2]], np.int32))
     with pytest.raises(ValueError, match="not clearly that of one"):
-        load_mesh(write(tmp_path / "one.ply", flat))
+        meshes.load_mesh(write(tmp_path / "one.ply", flat))
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(SEDAN.vertices.astype(float)))
     o3d.io.write_point_cloud(str(tmp_path / "points.ply"), cloud)
     with pytest.raises(ValueError, match="points but no triangles"):
-        load_mesh(tmp_path / "points.ply")
+        meshes.load_mesh(tmp_path / "points.ply")
     broken = Body("b", 0, box((4, 2, 1.5)).vertices.astype(np.float32), box((4, 2, 1.5)).triangles.astype(np.int32))
     broken.vertices[0] = np.nan
     with pytest.raises(ValueError, match="NaN"):
-        load_mesh(write(tmp_path / "nan.ply", broken))
+        meshes.load_mesh(write(tmp_path / "nan.ply", broken))
 
 
 def test_the_table_turns_scales_and_names(tmp_path):
     write(tmp_path / "sub" / "x1.ply", OURS["city_bus"], turn=Y_UP_Z_FORWARD, scale=INCHES)
     entry = 'file = "sub/x1.ply"\nlabel = "heavy"\nup = "y"\nforward = "z"\nscale = 0.0254\n'
     (tmp_path / "meshes.toml").write_text(f"[[mesh]]\n{entry}")
-    (taken,) = take_meshes(tmp_path)
+    (taken,) = meshes.take_meshes(tmp_path)
     assert taken.body.label == HEAVY
     aside = taken.body.vertices - OURS["city_bus"].vertices
     assert np.allclose(aside, [-0.105, 0, 0], atol=2e-3)  # its mirrors stick out to the front as well, and stay in
@@ -238,7 +226,7 @@ def test_how_each_was_taken_is_said(tmp_path):
     write(tmp_path / "vehicle" / "a.ply", OURS["compact_suv"])
     write(tmp_path / "b.ply", OURS["classic_sedan"])
     write(tmp_path / "c.glb", OURS["city_bicycle"], turn=Y_UP_Z_FORWARD)
-    assert [f"{taken.file}: {taken.how}" for taken in take_meshes(tmp_path)] == [
+    assert [f"{taken.file}: {taken.how}" for taken in meshes.take_meshes(tmp_path)] == [
         "b.ply: vehicle (by its shape), 4.55 x 1.69 x 1.41 m, z up, x forward (its profile agrees), "
         "mirrors left out of its box",
         "c.glb: cyclist (by its shape), 1.72 x 0.62 x 1.83 m, y up, z forward (front assumed)",
@@ -269,7 +257,7 @@ ON_ITS_SIDE = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 def shape_of(mesh, turn=None):
     vertices = np.asarray(mesh.vertices, np.float64) @ (np.eye(3) if turn is None else turn).T
-    return measure_shape(vertices, np.asarray(mesh.triangles, np.int64))
+    return meshes.measure_shape(vertices, np.asarray(mesh.triangles, np.int64))
 
 
 def elephant_mesh(length=4.4, width=1.8, height=1.7):
@@ -302,8 +290,8 @@ def horse():
 )
 def test_each_is_clearly_what_it_is(names, label):
     for shape in (shape_of(OURS[name]) for name in names):
-        assert [each for each in range(4) if is_clearly(shape, each)] == [label]
-        assert find_wrong_stand(shape, label) is None
+        assert [each for each in range(4) if meshes.is_clearly(shape, each)] == [label]
+        assert meshes.find_wrong_stand(shape, label) is None
 
 
 @pytest.mark.parametrize(
@@ -315,7 +303,7 @@ def test_each_is_clearly_what_it_is(names, label):
     ids=["calf", "elephant", "small_elephant", "table", "horse", "wardrobe", "stool", "egg"],
 )
 def test_animals_and_furniture_are_clearly_nothing(mesh):
-    assert not [LABELS[label] for label in range(4) if is_clearly(shape_of(mesh), label)]
+    assert not [LABELS[label] for label in range(4) if meshes.is_clearly(shape_of(mesh), label)]
 
 
 def test_how_something_stands_is_seen():
@@ -325,10 +313,10 @@ def test_how_something_stands_is_seen():
         (np.diag([-1.0, -1, 1]), "face backwards"),
     ):
         shape = shape_of(OURS["compact_hatchback"], turn)
-        assert says in str(find_wrong_stand(shape, VEHICLE))
-        assert says == "face backwards" or not is_clearly(shape, VEHICLE)
+        assert says in str(meshes.find_wrong_stand(shape, VEHICLE))
+        assert says == "face backwards" or not meshes.is_clearly(shape, VEHICLE)
     lying = shape_of(OURS["man_standing"], np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
-    assert "lies" in str(find_wrong_stand(lying, PEDESTRIAN))
+    assert "lies" in str(meshes.find_wrong_stand(lying, PEDESTRIAN))
 
 
 def test_measures_of_boxes_and_points_by_area():
@@ -340,15 +328,15 @@ def test_measures_of_boxes_and_points_by_area():
     assert shape.clearance == pytest.approx(0)
     assert shape.ahead == pytest.approx(0, abs=1e-6)
     two = merge([box((1.0, 1.0, 1.0)), box((2.0, 2.0, 2.0), (5, 0, 0))])
-    points = surface_points(two.vertices, two.triangles)
+    points = meshes.surface_points(two.vertices, two.triangles)
     assert (points[:, 0] > 3).mean() == pytest.approx(0.8, abs=0.01)
 
 
 def test_flat_meshes_are_refused():
     with pytest.raises(ValueError, match="has no volume"):
-        measure_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+        meshes.measure_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(ValueError, match="has no surface"):
-        surface_points(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
+        meshes.surface_points(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
 
 
 def test_mirrors_are_found_to_the_centimetre_and_nothing_else():
@@ -356,24 +344,24 @@ def test_mirrors_are_found_to_the_centimetre_and_nothing_else():
     for number in range(40):
         body = draw_body(VEHICLE, np.random.default_rng([11, number]))
         whole = include_mirrors(body)
-        span = mirror_span(whole.vertices.astype(np.float64), whole.triangles.astype(np.int64))
+        span = meshes.mirror_span(whole.vertices.astype(np.float64), whole.triangles.astype(np.int64))
         width = whole.size[1] if span is None else span[1] - span[0]
         assert width == pytest.approx(body.size[1], abs=0.03), body.name
 
 
-def table_mesh_table(folder: Path, text: str) -> dict[Path, MeshEntry]:
+def table_mesh_table(folder: Path, text: str) -> dict[Path, meshes.MeshEntry]:
     (folder / "a.obj").touch()
     (folder / "meshes.toml").write_text(text)
-    return read_mesh_table(folder)
+    return meshes.read_mesh_table(folder)
 
 
 def test_what_tables_say(tmp_path):
-    assert read_mesh_table(tmp_path) == {}
-    assert not NOTHING_SAID.has_frame
-    assert np.array_equal(NOTHING_SAID.turn, np.eye(3))
+    assert meshes.read_mesh_table(tmp_path) == {}
+    assert not meshes.NOTHING_SAID.has_frame
+    assert np.array_equal(meshes.NOTHING_SAID.turn, np.eye(3))
     text = '[[mesh]]\nfile = "a.obj"\nlabel = "heavy"\nup = "y"\nforward = "-z"\nscale = 0.0254\n'
     (entry,) = table_mesh_table(tmp_path, text).values()
-    assert entry == MeshEntry(HEAVY, "y", "-z", 0.0254)
+    assert entry == meshes.MeshEntry(HEAVY, "y", "-z", 0.0254)
     assert entry.has_frame
     assert np.allclose(entry.turn @ [1, 2, 3], [-3, -1, 2])  # forward, left, up
 
@@ -381,7 +369,7 @@ def test_what_tables_say(tmp_path):
 def test_every_frame_is_a_rotation():
     for up, forward in product(("x", "y", "z", "-x", "-y", "-z"), repeat=2):
         if up[-1] != forward[-1]:
-            turn = MeshEntry(up=up, forward=forward).turn
+            turn = meshes.MeshEntry(up=up, forward=forward).turn
             assert np.linalg.det(turn) == pytest.approx(1)
             assert np.array_equal(turn @ turn.T, np.eye(3))
 

@@ -3,28 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.records import (
-    CATEGORIES,
-    Listing,
-    as_number,
-    boxes_record,
-    build_cloud,
-    entry,
-    heading,
-    labelled,
-    named_damage,
-    no_labels,
-    numbers,
-    one_cloud,
-    parse_objects,
-    read_cloud,
-    read_entries,
-    rigid,
-    rigid_matrix,
-    track_number,
-    write_boxes,
-    write_cloud,
-)
+from toolkit.datasets import records
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Detections, Objects
@@ -37,7 +16,7 @@ def test_a_listing_reads_when_asked():
         read.append(name)
         return Frame.of_clouds(name, (), Objects.empty())
 
-    listing = Listing(("a", "b", "c"), load)
+    listing = records.Listing(("a", "b", "c"), load)
     assert len(listing) == 3
     assert listing[1].name == "b"
     assert read == ["b"]
@@ -48,38 +27,38 @@ def test_a_listing_reads_when_asked():
 @pytest.mark.parametrize(
     ("damage", "names"),
     [
-        (lambda: entry({"a": 1}, "a", "b"), "it has no entry a.b"),
-        (lambda: as_number("x", "size"), "size must be a number, got 'x'"),
-        (lambda: as_number(None, "size"), "size must be a number, got 'None'"),
-        (lambda: numbers([1, [2]], 3, "size"), "size must be 3 numbers"),
-        (lambda: numbers([1, "b", 2], 3, "size"), "size must be 3 numbers"),
+        (lambda: records.entry({"a": 1}, "a", "b"), "it has no entry a.b"),
+        (lambda: records.as_number("x", "size"), "size must be a number, got 'x'"),
+        (lambda: records.as_number(None, "size"), "size must be a number, got 'None'"),
+        (lambda: records.numbers([1, [2]], 3, "size"), "size must be 3 numbers"),
+        (lambda: records.numbers([1, "b", 2], 3, "size"), "size must be 3 numbers"),
         (lambda: json.loads("{}")["key"], "'key'"),
         (lambda: b"\xff".decode(), "byte 0 is not UTF-8"),
     ],
 )
 def test_damage_is_one_line_with_the_file(damage, names):
-    with pytest.raises(ValueError, match=f"f.json .*{names}"), named_damage("f.json", "list"):
+    with pytest.raises(ValueError, match=f"f.json .*{names}"), records.named_damage("f.json", "list"):
         damage()
 
 
 def test_rotations_are_made_orthonormal_or_refused():
     off = pose(yaw=0.3)[:3, :3] + 0.004
-    matrix = rigid(off, [1, 2, 3])
+    matrix = records.rigid(off, [1, 2, 3])
     np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.abs(matrix[:3, :3] - off).max() < 0.01
     for wrong in (np.diag([1.0, 1, -1]), 1.2 * np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)):
         with pytest.raises(ValueError, match="must turn by a rotation"):
-            rigid(wrong, [0, 0, 0])
+            records.rigid(wrong, [0, 0, 0])
     with pytest.raises(ValueError, match="NaN"):
-        rigid(np.eye(3), [np.nan, 0, 0])
+        records.rigid(np.eye(3), [np.nan, 0, 0])
 
 
 def test_poses_and_headings_turn_with_the_frame():
     placed = pose(1.0, 2.0, 3.0, yaw=0.5)
-    np.testing.assert_allclose(rigid_matrix(placed.tolist()), placed)
-    np.testing.assert_allclose(rigid_matrix(placed[:3].ravel().astype(str)), placed)
-    np.testing.assert_allclose(heading(pose(9.0, yaw=0.25), [0.5, -3.0]), [0.75, -2.75])
-    assert heading(np.diag([1.0, -1, 1, 1]), 0.5) == pytest.approx(-0.5)
+    np.testing.assert_allclose(records.rigid_matrix(placed.tolist()), placed)
+    np.testing.assert_allclose(records.rigid_matrix(placed[:3].ravel().astype(str)), placed)
+    np.testing.assert_allclose(records.heading(pose(9.0, yaw=0.25), [0.5, -3.0]), [0.75, -2.75])
+    assert records.heading(np.diag([1.0, -1, 1, 1]), 0.5) == pytest.approx(-0.5)
 
 
 BOX = [1.0, 2, 3, 4, 2, 1.5, 0.5]
@@ -87,7 +66,7 @@ BOX = [1.0, 2, 3, 4, 2, 1.5, 0.5]
 
 def made(*rows, names=None, **more):
     problems = {}
-    found = labelled(np.array(rows, np.float64), names or ["car"] * len(rows), None, problems, **more)
+    found = records.labelled(np.array(rows, np.float64), names or ["car"] * len(rows), None, problems, **more)
     return found, problems
 
 
@@ -118,23 +97,25 @@ def test_labels_doubled_of_other_kinds_or_without_counts():
     assert found.others.counts.tolist() == [3]
     assert problems == {"labels of other kinds than ours": 1}
     assert made(BOX, [0, *BOX[1:]], counts=[3, -1])[0].counts is None
-    assert no_labels().counts is None
+    assert records.no_labels().counts is None
     found, problems = made([*BOX[:6], 7.0], [0.0, *BOX[1:6], 6.28])
     assert found.objects.boxes[0, 6] == pytest.approx(7 - 2 * np.pi)
     assert problems == {"yaws beyond a full turn": 1}
 
 
 def test_kinds_and_track_ids_are_numbers_the_same_everywhere():
-    assert [CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [0, 0, 3, 1, 2]
-    assert [track_number(" 17 "), track_number("-3")] == [17, -3]
-    assert track_number("b1d0-44") == track_number("b1d0-44") != track_number("b1d0-45")
-    assert track_number("9" * 30) >= 0
-    assert track_number("²") > 3
+    assert [records.CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [0, 0, 3, 1, 2]
+    assert [records.track_number(" 17 "), records.track_number("-3")] == [17, -3]
+    assert records.track_number("b1d0-44") == records.track_number("b1d0-44") != records.track_number("b1d0-45")
+    assert records.track_number("9" * 30) >= 0
+    assert records.track_number("²") > 3
 
 
 def cloud(points, **columns):
     problems = {}
-    return build_cloud({"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems), problems
+    return records.build_cloud(
+        {"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems
+    ), problems
 
 
 def test_points_that_are_none_are_counted_apart_unless_the_frame_is_the_worlds():
@@ -142,7 +123,7 @@ def test_points_that_are_none_are_counted_apart_unless_the_frame_is_the_worlds()
     assert (made.points.tolist(), made.intensity.tolist()) == ([[1, 2, 3]], [0])
     assert problems == {"points with NaN or infinite numbers": 2, "points of no return": 1}
     problems = {}
-    made = build_cloud({"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world")
+    made = records.build_cloud({"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world")
     assert (len(made.points), problems) == (1, {})
     made, _ = cloud([[1, 0, 0]], colors=np.array([[7, 0, 0]], np.uint8))  # colours hold intensity in the red
     assert made.intensity.tolist() == [7]
@@ -160,9 +141,9 @@ def test_times_are_seconds_from_the_first():
 def test_a_cloud_there_and_back(tmp_path):
     placed = pose(1.0, 2.0, 3.0, yaw=1.0)
     sensor = SensorCloud("s", np.array([[4.0, 5, 6]], np.float32), placed, intensity=np.array([0.5], np.float32))
-    write_cloud(tmp_path / "a.pcd", sensor)
+    records.write_cloud(tmp_path / "a.pcd", sensor)
     problems = {}
-    back = read_cloud(tmp_path / "a.pcd", "s", placed, problems)
+    back = records.read_cloud(tmp_path / "a.pcd", "s", placed, problems)
     assert back.points.tolist() == sensor.points.tolist()
     assert back.intensity.tolist() == [0.5]
 
@@ -171,10 +152,10 @@ def test_clouds_as_one():
     placed = pose(10.0)
     some = SensorCloud("a", np.ones((1, 3), np.float32), placed, intensity=np.ones(1, np.float32))
     other = SensorCloud("b", np.ones((2, 3), np.float32), np.eye(4))
-    together = one_cloud(Frame.of_clouds("0", (some, other), Objects.empty()))
+    together = records.one_cloud(Frame.of_clouds("0", (some, other), Objects.empty()))
     assert together.points[:, 0].tolist() == [11, 1, 1]
     assert together.intensity is None
-    assert one_cloud(Frame.of_clouds("0", (some,), Objects.empty())).intensity.tolist() == [1]
+    assert records.one_cloud(Frame.of_clouds("0", (some,), Objects.empty())).intensity.tolist() == [1]
 
 
 def test_rings_are_read_and_written(tmp_path):
@@ -185,8 +166,8 @@ def test_rings_are_read_and_written(tmp_path):
     assert cloud([[1, 0, 0]], ring=np.array([31.0], np.float32))[0].ring.tolist() == [31]
     made, _ = cloud([[1, 0, 0], [0, 0, 0], [2, 0, 0]], laser_number=np.array([[31], [4], [7]], np.uint8))
     assert made.ring.tolist() == [31, 7]
-    write_cloud(tmp_path / "a.pcd", made)
-    assert read_cloud(tmp_path / "a.pcd", "s", np.eye(4), {}).ring.tolist() == [31, 7]
+    records.write_cloud(tmp_path / "a.pcd", made)
+    assert records.read_cloud(tmp_path / "a.pcd", "s", np.eye(4), {}).ring.tolist() == [31, 7]
 
 
 BOX_BOXES_FILE = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
@@ -194,21 +175,21 @@ BOX_BOXES_FILE = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
 
 def test_boxes_there_and_back(tmp_path):
     objects = Objects(BOX_BOXES_FILE, np.array([2]), np.array([7]))
-    write_boxes(tmp_path / "a.json", [boxes_record("x", 0.5, objects, counts=[9])])
-    (each,) = read_entries(tmp_path / "a.json").values()
+    records.write_boxes(tmp_path / "a.json", [records.boxes_record("x", 0.5, objects, counts=[9])])
+    (each,) = records.read_entries(tmp_path / "a.json").values()
     assert each["time"] == 0.5
     assert each["objects"][0]["yaw_deg"] == pytest.approx(28.6478898)
-    found = parse_objects(tmp_path / "a.json", each, {})
+    found = records.parse_objects(tmp_path / "a.json", each, {})
     np.testing.assert_allclose(found.objects.boxes, BOX_BOXES_FILE, atol=1e-12)
     assert found.objects.ids.tolist() == [7]
     assert found.counts.tolist() == [9]
     sure = Detections(BOX_BOXES_FILE, np.array([0.75]), np.array([3]))
-    write_boxes(tmp_path / "a.json", [boxes_record("x", float("nan"), sure)], detector="general")
+    records.write_boxes(tmp_path / "a.json", [records.boxes_record("x", float("nan"), sure)], detector="general")
     content = json.loads((tmp_path / "a.json").read_text())
     assert content["detector"] == "general"
     assert content["samples"][0]["time"] is None
-    each = read_entries(tmp_path / "a.json")["x"]
-    back = parse_objects(tmp_path / "a.json", each, {}).objects
+    each = records.read_entries(tmp_path / "a.json")["x"]
+    back = records.parse_objects(tmp_path / "a.json", each, {}).objects
     np.testing.assert_allclose(back.boxes, BOX_BOXES_FILE, atol=1e-12)
     assert (each["objects"][0]["score"], back.labels.tolist()) == (0.75, [3])
 
@@ -225,4 +206,4 @@ def test_boxes_there_and_back(tmp_path):
 def test_damage_names_the_file(tmp_path, content, names):
     (tmp_path / "a.json").write_text(content)
     with pytest.raises(ValueError, match=f"a.json .*{names}"):
-        read_entries(tmp_path / "a.json")
+        records.read_entries(tmp_path / "a.json")

@@ -7,49 +7,40 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from toolkit.plots.canvas import (
-    blank_figure,
-    house_style,
-    pad_limits,
-    plain,
-    render_pixels,
-    shorten,
-    svg_text,
-    write_figure,
-)
+from toolkit.plots import canvas
 
 
 def figure(text="a", value=1.0):
-    made = blank_figure(2.0, 1.0)
+    made = canvas.blank_figure(2.0, 1.0)
     axes = made.add_axes((0.1, 0.2, 0.8, 0.7))
     axes.plot([0, value], [0, 1.234567])
-    axes.set_title(plain(text))
+    axes.set_title(canvas.plain(text))
     return made
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "SVG"])
 def test_the_same_figure_is_the_same_file(tmp_path, ending):
     for name in ("a", "b"):
-        with house_style():
-            write_figure(figure(), tmp_path / f"{name}.{ending}")
+        with canvas.house_style():
+            canvas.write_figure(figure(), tmp_path / f"{name}.{ending}")
     one, other = (tmp_path / f"{name}.{ending}" for name in ("a", "b"))
     assert one.read_bytes() == other.read_bytes()
     assert one.read_bytes().startswith(b"\x89PNG" if ending == "png" else b"<?xml")
 
 
 def test_no_setting_of_the_user_reaches_a_picture():
-    with house_style():
-        usual = svg_text(figure())
+    with canvas.house_style():
+        usual = canvas.svg_text(figure())
     with mpl.rc_context({"font.size": 30, "svg.fonttype": "none", "lines.linewidth": 9, "text.color": "red"}):
-        with house_style():
-            assert svg_text(figure()) == usual
+        with canvas.house_style():
+            assert canvas.svg_text(figure()) == usual
         assert mpl.rcParams["font.size"] == 30
 
 
 @pytest.mark.parametrize("name", ["a.pdf", "a", "a.png.txt"])
 def test_other_endings_are_refused(tmp_path, name):
     with pytest.raises(ValueError, match=r"end in \.png or \.svg"):
-        write_figure(figure(), tmp_path / name)
+        canvas.write_figure(figure(), tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
@@ -58,21 +49,21 @@ TEXTS = ["$x_1$", "a < b & c > d", "_hidden", "50 %", "$", "\\frac{", "a\x00b\nc
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_text_is_taken_as_it_is(text):
-    with house_style():
-        drawn = svg_text(figure(text), title=text)
+    with canvas.house_style():
+        drawn = canvas.svg_text(figure(text), title=text)
     root = ElementTree.fromstring(drawn)
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
-    assert root.find("{http://www.w3.org/2000/svg}title").text == plain(text)
+    assert root.find("{http://www.w3.org/2000/svg}title").text == canvas.plain(text)
     assert root.get("role") == "img"
     assert "<text" not in drawn
     assert "<metadata" not in drawn
 
 
 def test_pictures_stand_in_pages_with_their_size_and_short_paths():
-    with house_style():
-        assert svg_text(figure("$x$")) != svg_text(figure("x"))
-    with house_style():
-        one, other = svg_text(figure(value=1.0)), svg_text(figure(value=2.0))
+    with canvas.house_style():
+        assert canvas.svg_text(figure("$x$")) != canvas.svg_text(figure("x"))
+    with canvas.house_style():
+        one, other = canvas.svg_text(figure(value=1.0)), canvas.svg_text(figure(value=2.0))
     names = [{each.get("id") for each in ElementTree.fromstring(text).iter()} - {None} for text in (one, other)]
     assert names[0]
     assert not names[0] & names[1]
@@ -80,14 +71,14 @@ def test_pictures_stand_in_pages_with_their_size_and_short_paths():
         used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
         assert used
         assert used <= known
-    with house_style():
-        assert "1.234567" not in svg_text(figure())
-        path = ElementTree.fromstring(svg_text(figure())).find(".//{*}g[@id]//{*}path").get("d")
+    with canvas.house_style():
+        assert "1.234567" not in canvas.svg_text(figure())
+        path = ElementTree.fromstring(canvas.svg_text(figure())).find(".//{*}g[@id]//{*}path").get("d")
     assert path is not None
     assert "  " not in path
     assert all(len(number.partition(".")[2]) <= 2 for number in path.replace("M", " ").replace("L", " ").split())
-    with house_style():
-        pixels = render_pixels(figure())
+    with canvas.house_style():
+        pixels = canvas.render_pixels(figure())
     assert pixels.shape == (100, 200, 3)
     assert pixels.dtype == np.uint8
     assert np.ptp(pixels) > 200
@@ -98,9 +89,9 @@ def test_pictures_stand_in_pages_with_their_size_and_short_paths():
     [("abc", 3, "abc"), ("abcd", 3, "a…d"), ("abcdefgh", 5, "ab…gh"), ("a\tb", 9, "a b"), ("", 4, "")],
 )
 def test_long_text_loses_its_middle(text, most, short):
-    assert shorten(text, most) == short
+    assert canvas.shorten(text, most) == short
 
 
 @pytest.mark.parametrize(("values", "limits"), [([], (0, 1)), ([0.0], (0, 1)), ([1.0, 10.0], (0, 11))])
 def test_limits_leave_room(values, limits):
-    assert pad_limits(values) == pytest.approx(limits)
+    assert canvas.pad_limits(values) == pytest.approx(limits)

@@ -5,20 +5,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from toolkit.objects import LABELS
-from toolkit.plots.palette import (
-    BLIND,
-    CLASS,
-    GROUND,
-    LINES,
-    OUTCOME,
-    POINT_STEPS,
-    SENSORS,
-    SOLID,
-    VIEW_COLOURS,
-    point_colours,
-    point_names,
-    sensor_colour,
-)
+from toolkit.plots import palette
 
 # Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB.
 VISION = {
@@ -37,7 +24,11 @@ XYZ_OF_RGB = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
 WHITE = XYZ_OF_RGB.sum(axis=1)  # D65
-MEANINGS = [*SENSORS, *CLASS.values(), *(OUTCOME[name].colour for name in ("hit", "missed", "false alarm"))]
+MEANINGS = [
+    *palette.SENSORS,
+    *palette.CLASS.values(),
+    *(palette.OUTCOME[name].colour for name in ("hit", "missed", "false alarm")),
+]
 
 
 def cielab(colours, vision=VISION["normal"]):
@@ -56,34 +47,34 @@ def test_outcomes_classes_and_lines_differ_by_more_than_colour():
     assert cielab(["#ffffff", "#000000", "#ff0000"]) == pytest.approx(
         np.array([[100, 0, 0], [0, 0, 0], [53.24, 80.09, 67.20]]), abs=0.02
     )
-    shown = [OUTCOME[name] for name in ("hit", "missed", "false alarm", "not scored")]
+    shown = [palette.OUTCOME[name] for name in ("hit", "missed", "false alarm", "not scored")]
     assert len({str(style.line) for style in shown}) == len({style.colour for style in shown}) == 4
     assert [style.marker for style in shown] == ["", "X", "^", ""]
-    assert tuple(CLASS) == LABELS
-    assert not set(CLASS.values()) & set(SENSORS)
-    assert [sensor_colour(k) for k in range(8)] == list(SENSORS)
-    assert len(set(SENSORS)) == 8
-    assert sensor_colour(11) == SENSORS[3]
-    assert len({(colour, str(dashes)) for colour, dashes in LINES}) == 16
-    assert len({str(dashes) for _, dashes in LINES[:4]}) >= 3
+    assert tuple(palette.CLASS) == LABELS
+    assert not set(palette.CLASS.values()) & set(palette.SENSORS)
+    assert [palette.sensor_colour(k) for k in range(8)] == list(palette.SENSORS)
+    assert len(set(palette.SENSORS)) == 8
+    assert palette.sensor_colour(11) == palette.SENSORS[3]
+    assert len({(colour, str(dashes)) for colour, dashes in palette.LINES}) == 16
+    assert len({str(dashes) for _, dashes in palette.LINES[:4]}) >= 3
 
 
 @pytest.mark.parametrize("vision", VISION.values(), ids=VISION)
 def test_sensors_stand_out_for_every_reader(vision):
     apart = distances(MEANINGS, MEANINGS, vision)
     assert apart[np.triu_indices(len(MEANINGS), 1)].min() >= 18
-    ground = [*GROUND.values(), "#ffffff", SOLID["island"]]
-    assert distances(SENSORS, ground, vision).min() >= 20
-    assert distances([OUTCOME["hit"].colour, OUTCOME["missed"].colour], ground, vision).min() >= 30
+    ground = [*palette.GROUND.values(), "#ffffff", palette.SOLID["island"]]
+    assert distances(palette.SENSORS, ground, vision).min() >= 20
+    assert distances([palette.OUTCOME["hit"].colour, palette.OUTCOME["missed"].colour], ground, vision).min() >= 30
 
 
-@pytest.mark.parametrize("scale", [VIEW_COLOURS, tuple(BLIND.values())[::-1]])
+@pytest.mark.parametrize("scale", [palette.VIEW_COLOURS, tuple(palette.BLIND.values())[::-1]])
 def test_map_colours_grow_darker_in_grey(scale):
     assert (np.diff(cielab(scale)[:, 0]) <= -12).all()
 
 
 def test_counts_grow_darker_in_grey_up_to_a_hundred():
-    steps = point_colours(np.array([0.0, *POINT_STEPS]))
+    steps = palette.point_colours(np.array([0.0, *palette.POINT_STEPS]))
     lightness = cielab([tuple(colour) for colour in steps])[:, 0]
     assert (np.diff(lightness) <= -1.5).all()
     assert (np.diff(lightness[1:]) <= -8).all()
@@ -94,6 +85,6 @@ def test_counts_grow_darker_in_grey_up_to_a_hundred():
     ("count", "step"), [(0, 0), (0.9, 0), (1, 1), (1.9, 1), (2, 2), (19.9, 4), (20, 5), (99, 6), (100, 7), (1e6, 7)]
 )
 def test_the_step_of_a_count(count, step):
-    steps = point_colours(np.array([0.0, *POINT_STEPS]))
-    assert point_colours(np.array([float(count)]))[0].tolist() == steps[step].tolist()
-    assert len(point_names()) == len(steps)
+    steps = palette.point_colours(np.array([0.0, *palette.POINT_STEPS]))
+    assert palette.point_colours(np.array([float(count)]))[0].tolist() == steps[step].tolist()
+    assert len(palette.point_names()) == len(steps)

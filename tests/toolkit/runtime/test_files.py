@@ -9,25 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toolkit.runtime.files import (
-    check_output,
-    load_arrays,
-    parse_json,
-    read_arrays,
-    read_json,
-    reserve,
-    write_arrays,
-    write_bytes,
-    write_text,
-    writing,
-    writing_together,
-)
+from toolkit.runtime import files
 
 
 def test_it_makes_folders_replaces_what_was_there_and_leaves_nothing_else(tmp_path):
     path = tmp_path / "new" / "file.txt"
-    write_text(path, "one")
-    write_bytes(path, b"two")
+    files.write_text(path, "one")
+    files.write_bytes(path, b"two")
     assert path.read_bytes() == b"two"
     assert [each.name for each in path.parent.iterdir()] == ["file.txt"]
 
@@ -37,7 +25,7 @@ def test_a_link_stays_a_link_and_what_it_points_to_is_replaced(tmp_path):
     real, link = tmp_path / "real" / "file", tmp_path / "link"
     real.write_text("old")
     link.symlink_to(real)
-    write_text(link, "new")
+    files.write_text(link, "new")
     assert link.is_symlink()
     assert real.read_text() == "new"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["link", "real"]
@@ -45,12 +33,12 @@ def test_a_link_stays_a_link_and_what_it_points_to_is_replaced(tmp_path):
 
 def test_permissions_of_what_was_there_stay_and_new_files_follow_the_mask(tmp_path):
     path = tmp_path / "file"
-    write_text(path, "a")
+    files.write_text(path, "a")
     mask = os.umask(0)
     os.umask(mask)
     assert path.stat().st_mode & 0o777 == 0o666 & ~mask
     path.chmod(0o640)
-    write_text(path, "b")
+    files.write_text(path, "b")
     assert path.stat().st_mode & 0o777 == 0o640
 
 
@@ -59,7 +47,7 @@ def test_a_full_disk_is_one_line_that_names_the_file_and_what_was_there_stays(tm
     path.write_text("good")
 
     def fill() -> None:
-        with writing(path) as unfinished:
+        with files.writing(path) as unfinished:
             assert unfinished.suffix == ".h5"
             unfinished.write_text("torn")
             raise OSError(errno.ENOSPC, "full")
@@ -75,12 +63,12 @@ def test_a_full_disk_is_one_line_that_names_the_file_and_what_was_there_stays(tm
 def test_a_folder_that_is_none_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="cannot write"):
-        write_text(tmp_path / "file" / "below", "x")
+        files.write_text(tmp_path / "file" / "below", "x")
 
 
 def test_other_errors_pass_as_they_are(tmp_path):
     def fail() -> None:
-        with writing(tmp_path / "file"):
+        with files.writing(tmp_path / "file"):
             raise ValueError("mine")
 
     with pytest.raises(ValueError, match="mine"):
@@ -94,9 +82,9 @@ def test_an_output_may_not_be_an_input_under_any_name(tmp_path):
     os.link(tmp_path / "in", tmp_path / "hard")
     for name in ("in", "link", "hard", "./in"):
         with pytest.raises(ValueError, match="is what is read"):
-            check_output(tmp_path / name, inputs=[tmp_path / "other", tmp_path / "in"], overwrite=True)
+            files.check_output(tmp_path / name, inputs=[tmp_path / "other", tmp_path / "in"], overwrite=True)
     with pytest.raises(ValueError, match="is what is read"):
-        check_output(Path("not-there"), inputs=["./not-there"])
+        files.check_output(Path("not-there"), inputs=["./not-there"])
 
 
 def test_what_is_there_is_replaced_only_when_told(tmp_path):
@@ -104,17 +92,17 @@ def test_what_is_there_is_replaced_only_when_told(tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "a").write_text("")
-    check_output(tmp_path / "new")
-    check_output(tmp_path / "empty")
+    files.check_output(tmp_path / "new")
+    files.check_output(tmp_path / "empty")
     for name in ("there", "full"):
         with pytest.raises(FileExistsError, match="--overwrite"):
-            check_output(tmp_path / name)
-        check_output(tmp_path / name, overwrite=True)
+            files.check_output(tmp_path / name)
+        files.check_output(tmp_path / name, overwrite=True)
 
 
 def test_a_place_of_the_caller_s_own_for_what_is_unfinished(tmp_path):
     own, path = tmp_path / "own.unfinished", tmp_path / "new" / "file"
-    with writing(path, own) as unfinished:
+    with files.writing(path, own) as unfinished:
         assert unfinished == own
         assert not own.exists()
         own.write_text("whole")
@@ -124,18 +112,18 @@ def test_a_place_of_the_caller_s_own_for_what_is_unfinished(tmp_path):
 
 def test_room_is_reserved_or_refused(tmp_path):
     path = tmp_path / "file"
-    reserve(path, 100_000)
+    files.reserve(path, 100_000)
     assert path.read_bytes() == b""
     with pytest.raises(OSError, match=r"."):
-        reserve(path, 1 << 62)
+        files.reserve(path, 1 << 62)
     assert path.read_bytes() == b""
 
 
 def test_files_written_together_are_all_there_or_none(tmp_path):
     def write(folder, error=None):
-        with writing_together(folder) as unfinished:
+        with files.writing_together(folder) as unfinished:
             for name in ("a", "b"):
-                write_text(unfinished / name, "new")
+                files.write_text(unfinished / name, "new")
             if error:
                 raise error
 
@@ -154,7 +142,7 @@ def test_files_written_together_are_all_there_or_none(tmp_path):
 def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('\ufeff{"a": [1, 2.5, null]}', encoding="utf-8")
-    assert read_json(path) == parse_json('{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}
+    assert files.read_json(path) == files.parse_json('{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}
     for content, says in (
         (b'{"a": 1,\n', r"a\.json: not JSON from line 2 on"),
         (b"[" * 100_000, r"a\.json: its lists or objects are nested too deep"),
@@ -164,7 +152,7 @@ def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
     ):
         path.write_bytes(content)
         with pytest.raises(ValueError, match=says) as error:
-            read_json(path)
+            files.read_json(path)
         assert "\n" not in str(error.value)
 
 
@@ -172,8 +160,8 @@ ARRAYS: dict[str, np.ndarray] = {"a": np.arange(1000, dtype=np.float32), "empty"
 
 
 def test_arrays_written_are_read_here_and_by_numpy(tmp_path):
-    write_arrays(tmp_path / "new" / "x.npz", ARRAYS)
-    found = read_arrays(tmp_path / "new" / "x.npz")
+    files.write_arrays(tmp_path / "new" / "x.npz", ARRAYS)
+    found = files.read_arrays(tmp_path / "new" / "x.npz")
     assert found.keys() == ARRAYS.keys()
     assert all(found[name].dtype == ARRAYS[name].dtype and (found[name] == ARRAYS[name]).all() for name in ARRAYS)
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["x.npz"]
@@ -182,28 +170,28 @@ def test_arrays_written_are_read_here_and_by_numpy(tmp_path):
 
 
 def test_arrays_cut_off_or_with_a_turned_bit_are_refused(tmp_path):
-    write_arrays(tmp_path / "x.npz", ARRAYS)
+    files.write_arrays(tmp_path / "x.npz", ARRAYS)
     content = (tmp_path / "x.npz").read_bytes()
     damaged = [content[:length] for length in (0, 1, 40, -30, -1)]
     damaged += [content[:k] + bytes([content[k] ^ 4]) + content[k + 1 :] for k in range(0, len(content), 17)]
     for each in damaged:
         (tmp_path / "y.npz").write_bytes(each)
         with pytest.raises(ValueError, match="checksum"):
-            read_arrays(tmp_path / "y.npz")
+            files.read_arrays(tmp_path / "y.npz")
 
 
 def test_what_is_missing_or_not_ours_is_refused_whatever_the_checksum_says(tmp_path):
     with pytest.raises(FileNotFoundError):
-        read_arrays(tmp_path / "none.npz")
+        files.read_arrays(tmp_path / "none.npz")
     content = BytesIO()
     np.savez(content, a=np.array([{}], object))
     (tmp_path / "x.npz").write_bytes(content.getvalue())
     with pytest.raises(ValueError, match="checksum"):
-        read_arrays(tmp_path / "x.npz")
+        files.read_arrays(tmp_path / "x.npz")
     for value in (content.getvalue(), b"no archive"):
         (tmp_path / "x.npz").write_bytes(value + sha256(value).digest())
         with pytest.raises(ValueError, match="no plain arrays"):
-            read_arrays(tmp_path / "x.npz")
+            files.read_arrays(tmp_path / "x.npz")
 
 
 def npy(array):
@@ -215,8 +203,8 @@ def npy(array):
 def test_arrays_are_read(tmp_path):
     np.save(tmp_path / "a.npy", np.arange(3))
     np.savez(tmp_path / "b.npz", x=np.arange(3), y=np.eye(2))
-    assert load_arrays(tmp_path / "a.npy")[""].tolist() == [0, 1, 2]
-    assert set(load_arrays(tmp_path / "b.npz")) == {"x", "y"}
+    assert files.load_arrays(tmp_path / "a.npy")[""].tolist() == [0, 1, 2]
+    assert set(files.load_arrays(tmp_path / "b.npz")) == {"x", "y"}
 
 
 def test_damaged_numpy_file_or_pickle_is_one_line(tmp_path):
@@ -227,5 +215,5 @@ def test_damaged_numpy_file_or_pickle_is_one_line(tmp_path):
     ):
         (tmp_path / "a.npy").write_bytes(content)
         with pytest.raises(ValueError, match=r"a\.npy cannot be read as \.npy array") as error:
-            load_arrays(tmp_path / "a.npy")
+            files.load_arrays(tmp_path / "a.npy")
         assert "\n" not in str(error.value)

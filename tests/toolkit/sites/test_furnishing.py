@@ -4,23 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites.furnishing import (
-    FOOT_AIR,
-    OVER_ROAD,
-    UNDERSIDE,
-    avenues,
-    barrier,
-    beacon,
-    clumps,
-    concrete,
-    cone,
-    fence,
-    furnish,
-    lane_works,
-    plant,
-    plant_islands,
-    verge_works,
-)
+from toolkit.sites import furnishing
 from toolkit.sites.furniture import rectangle
 from toolkit.sites.site import Mount, Solid
 from toolkit.sites.surroundings import LANE_CLEARANCE, MOUNT_CLEARANCE, Plot, Road, along, place_mounts
@@ -43,7 +27,7 @@ DRIVEN = shapely.box(-80.0, -3.5, 80.0, 3.5)
 def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles):
     rng = np.random.default_rng(seed)
     mounts = place_mounts(ROAD, AREA, rng)
-    solids, bays = furnish(ROAD, AREA, mounts, rng, strips={"in0": (LINE, 5.2)}, angles=angles)
+    solids, bays = furnishing.furnish(ROAD, AREA, mounts, rng, strips={"in0": (LINE, 5.2)}, angles=angles)
     low = [(shapely.Polygon(s.footprint), s.kind) for s in solids if s.base < 2]
     assert {"building", "post"} <= {kind for _, kind in low}
     assert max(shape.intersection(DRIVEN).area for shape, _ in low) < 1e-3
@@ -62,8 +46,8 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
 def test_posts_end_below_the_lowest_sensor():
     rng = np.random.default_rng(0)
     mounts = place_mounts(ROAD, AREA, rng)
-    solids, _ = furnish(ROAD, AREA, mounts, rng)
-    assert [s.top for s in solids[: len(mounts)]] == [round(m.min_height - FOOT_AIR, 2) for m in mounts]
+    solids, _ = furnishing.furnish(ROAD, AREA, mounts, rng)
+    assert [s.top for s in solids[: len(mounts)]] == [round(m.min_height - furnishing.FOOT_AIR, 2) for m in mounts]
 
 
 WINDOW = shapely.box(*AREA).buffer(25.0, join_style="mitre")
@@ -73,7 +57,7 @@ KERB = along(ROAD.carriageway.buffer(0.8).boundary.intersection(WINDOW), 0.5)
 
 def avenue(seed):
     plot = Plot(ROAD, WINDOW, [MOUNT])
-    avenues(plot, KERB, np.random.default_rng(seed))
+    furnishing.avenues(plot, KERB, np.random.default_rng(seed))
     return plot.solids
 
 
@@ -84,7 +68,7 @@ def test_avenues_hang_over_the_road_and_what_drives_passes_below():
         crowns = [s for s in solids if s.kind == "tree"]
         trunks = [shapely.Polygon(s.footprint) for s in solids if s.kind == "trunk"]
         assert not any(trunk.intersects(ROAD.carriageway) for trunk in trunks)
-        assert all(UNDERSIDE[0] - 0.01 <= s.base < s.top <= UNDERSIDE[1] + 7.3 for s in crowns)
+        assert all(furnishing.UNDERSIDE[0] - 0.01 <= s.base < s.top <= furnishing.UNDERSIDE[1] + 7.3 for s in crowns)
         hung = [s for s in crowns if shapely.Polygon(s.footprint).intersects(DRIVEN)]
         seen += len(hung) > 10
         near = [shapely.Polygon(s.footprint).distance(shapely.Point(3.0, 4.3)) for s in crowns]
@@ -95,10 +79,10 @@ def test_avenues_hang_over_the_road_and_what_drives_passes_below():
 
 def test_crowns_are_clumps_and_narrower_beside_houses():
     plot = Plot(ROAD, WINDOW, [])
-    avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
+    furnishing.avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
     assert plot.solids == []
     for seed in range(10):
-        made = clumps(5.0, -2.0, OVER_ROAD[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
+        made = furnishing.clumps(5.0, -2.0, furnishing.OVER_ROAD[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
         assert 3 <= len(made) <= 8
         reach = max(np.hypot(*(s.footprint - [5.0, -2.0]).T).max() for s in made)
         assert 3.0 < reach < 4.51
@@ -106,24 +90,27 @@ def test_crowns_are_clumps_and_narrower_beside_houses():
         assert max(s.top for s in made) == 7.0
     rng, plot = np.random.default_rng(0), Plot(ROAD, WINDOW, [])
     plot.solids.append(Solid(rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
-    assert plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
+    assert furnishing.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert max(crown.bounds[3] for crown in crowns) <= 8.01
-    assert not plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), "too close to the wall"
-    assert not plant(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
-    assert not plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
+    assert not furnishing.plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), "too close to the wall"
+    assert not furnishing.plant(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
+    assert not furnishing.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
 
 
 @pytest.mark.parametrize("footway", [True, False])
 def test_a_footway_is_planted_only_where_it_may_be(footway):
     plot = Plot(ROAD, WINDOW, [])
-    assert plant(plot, np.array([0.0, 4.5]), 2.0, (3.0, 6.0), np.random.default_rng(0), footway=footway) == footway
+    assert (
+        furnishing.plant(plot, np.array([0.0, 4.5]), 2.0, (3.0, 6.0), np.random.default_rng(0), footway=footway)
+        == footway
+    )
 
 
 @pytest.mark.parametrize(("underside", "reaches"), [(2.4, False), (2.5, True)])
 def test_crowns_too_low_to_drive_below_keep_off_the_road(underside, reaches):
     plot = Plot(ROAD, WINDOW, [])
-    assert plant(plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0))
+    assert furnishing.plant(plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0))
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert any(crown.intersects(ROAD.carriageway) for crown in crowns) == reaches
 
@@ -133,7 +120,7 @@ SIDES = [(-20.0, -20.0, 20.0, -14.0), (-20.0, 14.0, 20.0, 20.0), (-20.0, -20.0, 
 
 def planted(seed, sides=SIDES):
     plot = Plot(Road([], [], [rectangle(*side) for side in sides], []), shapely.box(-60, -60, 60, 60), [])
-    plant_islands(plot, np.random.default_rng(seed))
+    furnishing.plant_islands(plot, np.random.default_rng(seed))
     return plot
 
 
@@ -159,7 +146,7 @@ def test_islands_are_planted_off_the_lanes_and_slivers_stay_bare():
 
 def works(seed, line=LINE, edge="in0"):
     plot = Plot(ROAD, WINDOW, [])
-    lane_works(plot, {edge: (line, 3.4)}, np.random.default_rng(seed))
+    furnishing.lane_works(plot, {edge: (line, 3.4)}, np.random.default_rng(seed))
     return plot.solids
 
 
@@ -183,7 +170,7 @@ def test_works_beside_the_street_keep_off_it_and_need_room():
     number = 0
     for seed in range(8):
         plot = Plot(ROAD, WINDOW, [])
-        verge_works(plot, np.random.default_rng(seed))
+        furnishing.verge_works(plot, np.random.default_rng(seed))
         assert not any(shapely.Polygon(s.footprint).intersects(ROAD.surface) for s in plot.solids)
         number += len(plot.solids) > 0
     assert number >= 4
@@ -192,10 +179,10 @@ def test_works_beside_the_street_keep_off_it_and_need_room():
 @pytest.mark.parametrize(
     ("make", "kind", "top"),
     [
-        (cone, "cone", (0.5, 1.0)),
-        (beacon, "cone", (1.0, 1.3)),
-        (concrete, "barrier", (0.75, 0.95)),
-        (fence, "fence", (1.2, 2.0)),
+        (furnishing.cone, "cone", (0.5, 1.0)),
+        (furnishing.beacon, "cone", (1.0, 1.3)),
+        (furnishing.concrete, "barrier", (0.75, 0.95)),
+        (furnishing.fence, "fence", (1.2, 2.0)),
     ],
 )
 def test_what_closes_a_lane_has_its_usual_size(make, kind, top):
@@ -207,7 +194,7 @@ def test_what_closes_a_lane_has_its_usual_size(make, kind, top):
 
 
 def test_a_barrier_is_as_long_as_asked_and_stands():
-    solids = barrier(2.5, np.random.default_rng(0))
+    solids = furnishing.barrier(2.5, np.random.default_rng(0))
     assert np.ptp(np.concatenate([s.footprint for s in solids])[:, 0]) == pytest.approx(2.5)
     assert min(s.base for s in solids) == 0
     assert 0.9 <= max(s.top for s in solids) <= 1.2

@@ -23,9 +23,6 @@ def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run
     assert (result["provenance"]["site"], result["provenance"]["frames"]) == ("tjunction", 2)
     assert "detector" in result["verified"]["provenance"]
     assert any(tmp_path.rglob("*.sqlite"))
-
-
-def test_it_verifies_with_errors(tmp_path, run):
     arguments = ("--candidates", "paper", "--budget", 1, "--frames", 1, "--cache", tmp_path, "--errors", "typical")
     code, out, _ = run("search", "tjunction", *arguments, "--verify", "detector", "--json")
     result = json.loads(out)
@@ -205,14 +202,12 @@ def test_an_answer_without_sensors_is_one_line_and_no_folder(run, tmp_path):
     assert (code, json.loads(printed)["sensors"]) == (1, [])
 
 
-@pytest.mark.parametrize("name", ANSWER)
-def test_files_of_others_are_not_replaced(name, refused, tmp_path):
-    (tmp_path / name).write_text("mine")
-    assert f"{name} exists" in refused("search", "tjunction", *FEW, "--out", tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == [name]
-
-
 def test_it_refuses_other_files_sites_and_projections(refused, tmp_path):
+    for name in ANSWER:
+        (tmp_path / name).write_text("mine")
+        assert f"{name} exists" in refused("search", "tjunction", *FEW, "--out", tmp_path)
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+        (tmp_path / name).unlink()
     save_site(load_site("tjunction"), tmp_path / "site.json")
     line = refused("search", tmp_path / "site.json", *FEW, "--out", tmp_path, "--overwrite")
     assert "site.json is what is read" in line

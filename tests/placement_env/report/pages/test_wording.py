@@ -3,17 +3,8 @@
 import pytest
 
 from placement_env.report.content import Judgement, overlap
+from placement_env.report.pages import wording
 from placement_env.report.pages.document import Cell, Column, number, table
-from placement_env.report.pages.wording import (
-    JUDGED_COLUMNS,
-    ap_text,
-    in_percent,
-    interval_text,
-    join_names,
-    judged_cells,
-    percent,
-    price_text,
-)
 
 JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
 
@@ -31,24 +22,24 @@ JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
     ],
 )
 def test_a_share_is_never_rounded_to_all_or_nothing(share, text):
-    assert percent(share) == text
+    assert wording.percent(share) == text
 
 
 def test_undefined_figures_are_dashes_that_sort_last():
     assert number(None) == number(float("nan")) == number(float("inf")) == "–"
     assert Column("AP").cell(None) == Column("AP").cell(float("nan")) == Cell("–", None)
-    assert in_percent(None) is None
+    assert wording.in_percent(None) is None
 
 
 def test_prices():
-    assert [price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
-    assert [price_text(p, "") for p in (1.0, 2.5, 4.0)] == ["1 unit", "2.5 units", "4 units"]
+    assert [wording.price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
+    assert [wording.price_text(p, "") for p in (1.0, 2.5, 4.0)] == ["1 unit", "2.5 units", "4 units"]
 
 
 def test_ap_stands_with_interval_and_vehicles():
-    assert ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
-    assert interval_text(JUDGED) == "0.910–0.980"
-    (judged,) = table("", JUDGED_COLUMNS, [judged_cells(JUDGED), judged_cells(None)])
+    assert wording.ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
+    assert wording.interval_text(JUDGED) == "0.910–0.980"
+    (judged,) = table("", wording.JUDGED_COLUMNS, [wording.judged_cells(JUDGED), wording.judged_cells(None)])
     assert [[cell.text for cell in row] for row in judged.rows] == [
         ["0.950", "0.910–0.980", "96.5", "1,412", "60"],
         ["–", "no vehicle", "–", "0", "–"],
@@ -62,4 +53,4 @@ def test_intervals_overlap_where_they_touch(low, high, expected):
 
 
 def test_names_in_a_row():
-    assert [join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]
+    assert [wording.join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]
