@@ -15,18 +15,7 @@ SOURCES = sorted(path.relative_to(ROOT) for floor in FLOORS for path in (ROOT / 
 PROTOCOLS = {"build", "search"}  # what every built-in site and every search has: one name, one meaning
 # Words of this house that the field has other words for: see the glossary in CONTRIBUTING.md.
 HOUSE_WORDS = {
-    "board",
-    "boards",
-    "dear",
-    "game",
-    "games",
-    "gaze",
-    "hung",
-    "lorries",
-    "lorry",
-    "sighting",
-    "sightings",
-    "told",
+    *("board", "boards", "dear", "game", "games", "gaze", "hung", "lorries", "lorry", "sighting", "sightings", "told")
 }
 
 
@@ -87,9 +76,7 @@ def folder_cycles():
         yield from (f"{folder}: {a} <-> {b}" for a in graph for b in graph[a] if a < b and a in graph[b])
 
 
-KNOWN_CYCLES = {
-    "toolkit/datasets: dataset.py <-> layouts",
-}
+KNOWN_CYCLES = {"toolkit/datasets: dataset.py <-> layouts"}
 
 
 def test_no_folder_cycle():

@@ -37,16 +37,12 @@ def test_what_the_parser_refuses(arguments, run):
 @pytest.mark.parametrize(
     ("error", "code"),
     [
-        (ValueError("a rule, a value, a remedy"), 2),
-        (FileNotFoundError("no such file"), 2),
+        *((ValueError("a rule, a value, a remedy"), 2), (FileNotFoundError("no such file"), 2)),
         (ImportError("traffic needs SUMO: pip install"), 3),
         (ModuleNotFoundError("No module named 'h5py'", name="h5py"), 3),
         (ImportError("cannot import name 'early'", name="toolkit.detection"), 70),
-        (WorkLost("a worker process ended unexpectedly"), 4),
-        (IndexError("list index out of range"), 70),
-        (RuntimeError("of a library"), 70),
-        (KeyError("name"), 70),
-        (KeyboardInterrupt(), 130),
+        *((WorkLost("a worker process ended unexpectedly"), 4), (IndexError("list index out of range"), 70)),
+        *((RuntimeError("of a library"), 70), (KeyError("name"), 70), (KeyboardInterrupt(), 130)),
         (BrokenPipeError(), 141),
     ],
 )

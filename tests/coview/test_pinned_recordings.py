@@ -65,21 +65,8 @@ def test_evaluate(recording, tmp_path, printed):
 
 def test_evaluate_clouds(layouts, tmp_path, printed):
     arguments = (
-        "--schemes",
-        "early",
-        "late",
-        "--classes",
-        "vehicle",
-        "--area",
-        -40,
-        -40,
-        40,
-        40,
-        "--still",
-        "--frames",
-        2,
-        "--sensors",
-        "d0,d2",
+        *("--schemes", "early", "late", "--classes", "vehicle", "--area", -40, -40, 40, 40, "--still", "--frames", 2),
+        *("--sensors", "d0,d2"),
     )
     where = ("--layout", "folder", "--out", tmp_path)
     found = printed("evaluate", layouts / "folder", *where, *arguments)

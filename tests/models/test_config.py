@@ -42,12 +42,9 @@ def test_a_configuration_survives_json(config):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"area": (0.0, 0.0, 0.0, 9.0)}, "must ascend"),
-        ({"height": (4.0, 0.0)}, "must ascend"),
-        ({"voxel_size": (0.2, 0.0, 0.4)}, "need a size"),
-        ({"max_points": 0}, "need a size"),
-        ({"column_width": 32}, "either"),
-        ({"middle_widths": (64, 64)}, "three entries"),
+        *(({"area": (0.0, 0.0, 0.0, 9.0)}, "must ascend"), ({"height": (4.0, 0.0)}, "must ascend")),
+        *(({"voxel_size": (0.2, 0.0, 0.4)}, "need a size"), ({"max_points": 0}, "need a size")),
+        *(({"column_width": 32}, "either"), ({"middle_widths": (64, 64)}, "three entries")),
     ],
 )
 def test_what_makes_no_network_is_refused(changes, said):
@@ -87,19 +84,15 @@ def test_classes_survive_json_and_what_is_usual_is_not_written():
     [
         ({"labels": ("vehicle", "tram")}, "different ones of"),
         ({"labels": ("vehicle", "vehicle")}, "different ones of"),
-        ({"labels": ()}, "different ones of"),
-        ({"faces": ("heavy",)}, "faces must be among"),
-        ({"faces": ("tram",)}, "different ones of"),
-        ({"kinds": ROAD_USERS}, "a kind for each label"),
+        *(({"labels": ()}, "different ones of"), ({"faces": ("heavy",)}, "faces must be among")),
+        *(({"faces": ("tram",)}, "different ones of"), ({"kinds": ROAD_USERS}, "a kind for each label")),
         ({**road_users(), "head": "published"}, "need a quality head"),
         ({"calibration": ((1.0, 0.0), (1.0, 0.0))}, "a slope above 0 per label"),
         ({"calibration": ((0.0, 0.0),)}, "a slope above 0 per label"),
-        ({"rivalry": ((1.0, 0.0),)}, "rivalry must have"),
-        ({"rivalry": ((0.0, 0.0, 0.0),)}, "rivalry must have"),
+        *(({"rivalry": ((1.0, 0.0),)}, "rivalry must have"), ({"rivalry": ((0.0, 0.0, 0.0),)}, "rivalry must have")),
         ({"rivalry": ((1.0, 0.0, -0.1),)}, "rivalry must have"),
         ({"rivalry": ((1.0, 0.0, 0.1),) * 2}, "rivalry must have"),
-        ({"score_threshold": 1.0}, "0..1"),
-        ({"thresholds": (-0.1,)}, "0..1"),
+        *(({"score_threshold": 1.0}, "0..1"), ({"thresholds": (-0.1,)}, "0..1")),
         ({"thresholds": (0.1, 0.1)}, "one per label"),
     ],
 )

@@ -256,10 +256,7 @@ def _opendrive(path: Path) -> None:
         'length="30" distance="10" tStart="9" tEnd="9"/></object></objects><signals><signal id="9" s="4" t="-4" '
         'zOffset="2.5" height="0.6" width="0.6" dynamic="no" orientation="+"/></signals></road>'
     )
-    roads = [
-        road.format(i=1, x=-60, y=0, hdg=0, length=120),
-        road.format(i=2, x=60, y=20, hdg=3.1, length=120),
-    ]
+    roads = [road.format(i=1, x=-60, y=0, hdg=0, length=120), road.format(i=2, x=60, y=20, hdg=3.1, length=120)]
     path.write_text(
         "\n".join(['<?xml version="1.0"?>', '<OpenDRIVE><header revMajor="1" revMinor="4"/>', *roads, "</OpenDRIVE>"])
     )

@@ -169,12 +169,7 @@ def _change_attribute(node: Any, name: str, rng: np.random.Generator) -> str:
         *("north", "", b"\xff\xfe", np.nan, np.inf, -1, 0, 1.5, 1e300, 10**12, True, 1 + 2j),
         *(np.zeros(0), np.zeros((2, 3)), np.array(["a", "b"], h5py.string_dtype()), h5py.Empty("f8")),
         *(
-            np.full((4, 4), np.nan),
-            np.eye(3),
-            np.zeros((), [("a", "f8")]),
-            "[" * 20000,
-            '{"a": NaN}',
-            "[1, {}]",
+            *(np.full((4, 4), np.nan), np.eye(3), np.zeros((), [("a", "f8")]), "[" * 20000, '{"a": NaN}', "[1, {}]"),
             "null",
         ),
     ]

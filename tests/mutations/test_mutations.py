@@ -11,26 +11,12 @@ from toolkit.datasets.recordings import LAYOUTS as LAYOUT_NAMES
 HERE = Path(__file__).parent
 HALVES = (
     (
-        "recording.hdf5",
-        "frames.packed",
-        "network.safetensors",
-        "classes.safetensors",
-        "checkpoint.pt",
-        "published.pth",
-        "table.npz",
+        *("recording.hdf5", "frames.packed", "network.safetensors", "classes.safetensors", "checkpoint.pt"),
+        *("published.pth", "table.npz"),
     ),
     (
         *(
-            "published.hdf5",
-            ".ply",
-            ".pcd",
-            "cloud.npz",
-            ".xyz",
-            ".csv",
-            ".npy",
-            ".bin",
-            ".feather",
-            "poses",
+            *("published.hdf5", ".ply", ".pcd", "cloud.npz", ".xyz", ".csv", ".npy", ".bin", ".feather", "poses"),
             "site.json",
         ),
         *("poles", "map.", "surrogate", "sqlite", ".obj", ".stl", ".off", ".glb", ".gltf"),

@@ -324,10 +324,9 @@ def test_worth_of_objects_in_parts():
 
 
 def test_an_objective_says_what_each_class_gets(make):
-    seen = seen_by(9)
+    seen, candidates = seen_by(9), make(9, 1).candidates
     several = Objective(
-        Setting(candidates=make(9, 1).candidates, fidelity=Coverage(seen, classes=WORST), scheme="early"),
-        visibility=seen,
+        Setting(candidates=candidates, fidelity=Coverage(seen, classes=WORST), scheme="early"), visibility=seen
     )
     score = several.score([0, 4])
     assert list(score.class_ap) == list(NAMES)

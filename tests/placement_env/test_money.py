@@ -16,11 +16,7 @@ from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.sensors.models import DepthCamera
 
-SEARCHES: dict[str, Any] = {
-    "exhaustive": exhaustive.search,
-    "greedy": greedy.search,
-    "swap": swap.search,
-}
+SEARCHES: dict[str, Any] = {"exhaustive": exhaustive.search, "greedy": greedy.search, "swap": swap.search}
 
 
 @pytest.fixture

@@ -192,12 +192,8 @@ def test_the_detector_fidelity_scores_what_evaluation_scores(recording, renders,
 @pytest.mark.parametrize(
     ("scheme", "codec"),
     [
-        (Thinned(2), Centimetres()),
-        (Thinned(4), Centimetres(0.2)),
-        ("early", Centimetres()),
-        ("early", PAPER),
-        ("late", Centimetres(0.2)),
-        (Hybrid(radius=5.0), PAPER),
+        *((Thinned(2), Centimetres()), (Thinned(4), Centimetres(0.2)), ("early", Centimetres()), ("early", PAPER)),
+        *(("late", Centimetres(0.2)), (Hybrid(radius=5.0), PAPER)),
     ],
 )
 def test_what_is_kept_is_of_this_scheme_and_codec(renders, detector, tmp_path, scheme, codec):

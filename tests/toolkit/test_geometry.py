@@ -90,12 +90,9 @@ def test_look_looks_along_its_heading_with_level_rows(x, y, z, heading, tilt):
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
-        (np.eye(3), r"shape \(4, 4\), got \(3, 3\)"),
-        (np.full((4, 4), np.nan), "NaN or infinite"),
-        (pose(1.0, 2.0, 3.0).T, "pass the transpose"),
-        (np.diag([1.0, -1, 1, 1]), "it mirrors"),
-        (np.diag([2.0, 2, 2, 1]), "determinant 8"),
-        (np.diag([1.0, 1, 0, 1]), "determinant 0"),
+        *((np.eye(3), r"shape \(4, 4\), got \(3, 3\)"), (np.full((4, 4), np.nan), "NaN or infinite")),
+        *((pose(1.0, 2.0, 3.0).T, "pass the transpose"), (np.diag([1.0, -1, 1, 1]), "it mirrors")),
+        *((np.diag([2.0, 2, 2, 1]), "determinant 8"), (np.diag([1.0, 1, 0, 1]), "determinant 0")),
     ],
 )
 def test_what_is_no_rigid_motion_is_refused(matrix, message):

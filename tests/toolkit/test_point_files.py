@@ -1,5 +1,3 @@
-""" """
-
 import numpy as np
 import open3d as o3d
 import pytest

@@ -172,11 +172,8 @@ ROWS = (
 def street():
     """A cyclist that is a pedestrian as well, a truck whose cab is a vehicle, and a pedestrian beside the truck."""
     boxes = [
-        [0, 0, 0.8, 1.8, 0.6, 1.6, 0],
-        [0.4, 0, 0.8, 0.6, 0.6, 1.6, 1.0],
-        [10, 0, 1.6, 9, 2.5, 3.2, 0],
-        [13, 0.1, 0.9, 4, 1.9, 1.8, 0],
-        [10, 1.45, 0.8, 0.6, 0.6, 1.7, 0],
+        *([0, 0, 0.8, 1.8, 0.6, 1.6, 0], [0.4, 0, 0.8, 0.6, 0.6, 1.6, 1.0], [10, 0, 1.6, 9, 2.5, 3.2, 0]),
+        *([13, 0.1, 0.9, 4, 1.9, 1.8, 0], [10, 1.45, 0.8, 0.6, 0.6, 1.7, 0]),
     ]
     labels = np.array([CYCLIST, PEDESTRIAN, HEAVY, VEHICLE, PEDESTRIAN])
     return Detections(np.array(boxes), np.array([0.6, 0.7, 0.9, 0.5, 0.8]), labels)

@@ -171,10 +171,7 @@ BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
         ([point([0.0, 10.0]), polygon(BOW, keep_out=True)], r"features\[1\].geometry must be a simple polygon"),
         ([point([0.0, 10.0]), polygon([[0.0]], keep_out=True)], "must be closed rings"),
         ([point([0.0, 10.0], keep_out=True)], "must be Polygon or MultiPolygon, got Point"),
-        (
-            [point([0.0, 10.0]), polygon(BOX, keep_out="true")],
-            r"features\[1\].properties.keep_out must be true",
-        ),
+        ([point([0.0, 10.0]), polygon(BOX, keep_out="true")], r"features\[1\].properties.keep_out must be true"),
         ([point([0.0, 10.0]), polygon(BOX, keep_out=1)], "keep_out must be true or false, got 1"),
         ([point([0.0, 10.0], price=float("nan"))], r"^\S*: features\[0\].properties.price must be a finite number"),
         ([multipoint([[0.0, 10.0], [0.0, float("nan")]])], r"features\[0\].geometry.coordinates must be two or three"),

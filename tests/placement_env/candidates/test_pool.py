@@ -136,10 +136,7 @@ def test_blind_poses_go_and_names_tell_the_others_apart():
 @pytest.mark.parametrize(
     "change",
     [
-        {"heights": (4.0,)},
-        {"headings": 9},
-        {"tilts": (0.1,)},
-        {"models": (DepthCamera(sigma=0.02),)},
+        *({"heights": (4.0,)}, {"headings": 9}, {"tilts": (0.1,)}, {"models": (DepthCamera(sigma=0.02),)}),
         {"mounts": tuple(replace(m, price=9.0) for m in square().mounts)},
         {"mounts": tuple(replace(m, capacity=9.0) for m in square().mounts)},
         {"mounts": tuple(replace(m, position=m.position + 1e-6) for m in square().mounts)},
@@ -162,12 +159,9 @@ def test_digest_is_the_same_in_another_process():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"heights": ()}, "at least one height"),
-        ({"headings": 0}, "at least one height"),
-        ({"tilts": (15.0,)}, "np.deg2rad"),
-        ({"heights": (-1.0,)}, "not negative"),
-        ({"mounts": ()}, "has no mount outside"),
-        ({"mounts": square().mounts * 2}, "rename one"),
+        *(({"heights": ()}, "at least one height"), ({"headings": 0}, "at least one height")),
+        *(({"tilts": (15.0,)}, "np.deg2rad"), ({"heights": (-1.0,)}, "not negative")),
+        *(({"mounts": ()}, "has no mount outside"), ({"mounts": square().mounts * 2}, "rename one")),
         ({"headings": 1, "mounts": (Mount("far", np.array([90.0, 0.0, 0.0])),)}, "no pose sees the area"),
     ],
 )

@@ -119,12 +119,7 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     sets = sets[objective.feasible(sets)]
     covered = [int((seen[row].sum(axis=0) >= views).sum()) for row in sets]
     found = cpsat.cover_most(
-        seen,
-        Poles.of(objective),
-        4,
-        views=views,
-        may_stand=objective.allowed([]),
-        prices=Prices.of(objective),
+        seen, Poles.of(objective), 4, views=views, may_stand=objective.allowed([]), prices=Prices.of(objective)
     )
     assert (found.covered, found.bound, found.optimal) == (max(covered), max(covered), True)
     assert objective.feasible(objective.row(found.chosen)[None])[0]

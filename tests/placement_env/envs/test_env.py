@@ -37,13 +37,9 @@ def test_nothing_is_answered_before_the_first_reset(name: str) -> None:
     env: Any = gym.make(name, render_mode="ansi", **TABLE).unwrapped
     vector: Any = gym.make_vec(name, num_envs=2, fidelity="table", render_mode="ansi")
     for early in (
-        lambda: env.step(0),
-        env.action_masks,
-        env.render,
-        env.placement,
+        *(lambda: env.step(0), env.action_masks, env.render, env.placement),
         lambda: vector.step(np.zeros(vector.action_space.shape, np.int64)),
-        vector.action_masks,
-        vector.render,
+        *(vector.action_masks, vector.render),
         lambda: vector.reset(options={"reset_mask": np.array([True, False])}),
     ):
         with pytest.raises(ResetNeeded, match="call reset"):
@@ -53,13 +49,8 @@ def test_nothing_is_answered_before_the_first_reset(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [
-        (NAMES[0], 1.5),
-        (NAMES[0], np.float32(0.2)),
-        (NAMES[0], -1),
-        (NAMES[0], 99),
-        (NAMES[1], np.full(6, 0.5)),
-        (NAMES[1], np.full(6, 2)),
-        (NAMES[1], np.full(6, -1)),
+        *((NAMES[0], 1.5), (NAMES[0], np.float32(0.2)), (NAMES[0], -1), (NAMES[0], 99), (NAMES[1], np.full(6, 0.5))),
+        *((NAMES[1], np.full(6, 2)), (NAMES[1], np.full(6, -1))),
     ],
 )
 def test_an_action_of_another_kind_is_an_error(name: str, wrong: Any) -> None:

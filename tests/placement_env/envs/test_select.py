@@ -86,14 +86,9 @@ def test_options(objective: Any) -> None:
     env.reset(options={"budget": 1, "failed": ["m0_5.0m_h0_t17_camera"]})
     assert env.step(1)[2]
     for bad, message in (
-        ({"colour": 1}, "options are"),
-        ({"budget": 0}, "at least 1"),
-        ({"budget": 2.5}, "whole number"),
-        ({"budget": None}, "whole number"),
-        ({"failed": [9]}, "candidates"),
-        ({"failed": "m0"}, "must be a list"),
-        ({"failed": 3}, "must be a list"),
-        ({"scheme": "late"}, "made from an objective"),
+        *(({"colour": 1}, "options are"), ({"budget": 0}, "at least 1"), ({"budget": 2.5}, "whole number")),
+        *(({"budget": None}, "whole number"), ({"failed": [9]}, "candidates"), ({"failed": "m0"}, "must be a list")),
+        *(({"failed": 3}, "must be a list"), ({"scheme": "late"}, "made from an objective")),
     ):
         with pytest.raises(ValueError, match=message):
             env.reset(options=bad)

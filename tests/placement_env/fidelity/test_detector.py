@@ -231,11 +231,7 @@ class Nameless:
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [
-        ({"scheme": "middle"}, "early"),
-        ({"iou": 1.5}, "iou"),
-        ({"detector": Nameless(), "memo": Cache()}, "digest"),
-    ],
+    [({"scheme": "middle"}, "early"), ({"iou": 1.5}, "iou"), ({"detector": Nameless(), "memo": Cache()}, "digest")],
 )
 def test_bad_requests_are_refused(options, message):
     arguments = {"renders": Seen(Recording()), "detector": Guess(), "scheme": "early", **options}

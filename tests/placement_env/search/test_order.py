@@ -33,10 +33,7 @@ def test_a_portfolio_says_what_fresh_traffic_says(common):
     assert found.met
     assert (said["by"], said["frames"]) == ("coverage", 2)
     assert said["curse"] == pytest.approx(found.summary["ap"] - said["ap"])
-    assert {name for each in said["contenders"] for name in each["searches"]} >= {
-        "greedy",
-        "swap",
-    }
+    assert {name for each in said["contenders"] for name in each["searches"]} >= {"greedy", "swap"}
     assert all(len(each["sensors"]) == len(each["subset"]) for each in said["contenders"])
     assert found.lines[0].startswith(
         f"portfolio: {{{', '.join(map(str, found.summary['subset']))}}} AP {said['ap']:.4f}"

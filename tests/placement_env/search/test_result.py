@@ -17,10 +17,7 @@ HISTORY = History(np.array([1, 5, 9]), np.array([0.1, 0.5, 0.9]), np.array([0.2,
 @pytest.mark.parametrize(
     ("limits", "reward"),
     [
-        ({}, 0.6),
-        ({"evaluations": 0.0}, 0.0),
-        ({"evaluations": 4.0}, 0.2),
-        ({"seconds": 0.5}, 0.6),
+        *(({}, 0.6), ({"evaluations": 0.0}, 0.0), ({"evaluations": 4.0}, 0.2), ({"seconds": 0.5}, 0.6)),
         ({"seconds": 0.4}, 0.2),
     ],
 )

@@ -105,12 +105,7 @@ def test_ap_at_each_error_profile(dear):
 
 
 def test_sensors_that_were_moved_are_scored_at_each_profile_where_they_stand(dear, monkeypatch):
-    both = Objective(
-        Setting(
-            candidates=dear.candidates,
-            fidelity=at_profiles(dear.scored_by, dear.scored_by),
-        )
-    )
+    both = Objective(Setting(candidates=dear.candidates, fidelity=at_profiles(dear.scored_by, dear.scored_by)))
     there = Preparation(Setting(load_site("tjunction"), candidates=dear.candidates, detector=print))
     vars(there)["traffic"] = None
     vars(both)["preparation"] = there

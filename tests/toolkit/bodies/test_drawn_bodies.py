@@ -1,5 +1,3 @@
-""" """
-
 from collections import Counter
 
 import numpy as np
@@ -114,12 +112,9 @@ def test_two_wheelers_have_their_shares_and_stand_on_both_wheels():
 @pytest.mark.parametrize(
     ("kind", "low", "high"),
     [
-        ("bicycle", (0.85, 0.3, 0.9), (2.1, 0.75, 2.2)),
-        ("cargo_bicycle", (1.9, 0.4, 1.4), (2.7, 0.75, 2.2)),
-        ("e_scooter", (0.9, 0.45, 1.4), (1.4, 0.75, 2.25)),
-        ("motorcycle", (1.7, 0.5, 1.4), (2.8, 0.85, 1.95)),
-        ("scooter", (1.4, 0.5, 1.4), (2.2, 0.85, 2.0)),
-        ("e_scooter_alone", (0.9, 0.45, 0.95), (1.4, 0.55, 1.3)),
+        *(("bicycle", (0.85, 0.3, 0.9), (2.1, 0.75, 2.2)), ("cargo_bicycle", (1.9, 0.4, 1.4), (2.7, 0.75, 2.2))),
+        *(("e_scooter", (0.9, 0.45, 1.4), (1.4, 0.75, 2.25)), ("motorcycle", (1.7, 0.5, 1.4), (2.8, 0.85, 1.95))),
+        *(("scooter", (1.4, 0.5, 1.4), (2.2, 0.85, 2.0)), ("e_scooter_alone", (0.9, 0.45, 0.95), (1.4, 0.55, 1.3))),
     ],
 )
 def test_sizes_are_those_of_the_kind_of_two_wheelers(kind, low, high):

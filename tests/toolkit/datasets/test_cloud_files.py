@@ -136,14 +136,9 @@ def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "empty"),
-        ("1 2 3", "16, 12 or 7 numbers"),
-        ("a b c d e f g", "must be numbers"),
-        ("2 0 0 0 0 0 0", "length 1"),
-        ("1 0 0 0  0 2 0 0  0 0 1 0", "rotation"),
-        ("1 0 0 0 nan 0 0", "NaN"),
-        ("nan 0 0 0 0 0 0", r"pose '0' of .*poses\.txt"),
-        ("a 1 0 0 0 0 0 0\na 1 0 0 0 5 0 0", "one name"),
+        *(("", "empty"), ("1 2 3", "16, 12 or 7 numbers"), ("a b c d e f g", "must be numbers")),
+        *(("2 0 0 0 0 0 0", "length 1"), ("1 0 0 0  0 2 0 0  0 0 1 0", "rotation"), ("1 0 0 0 nan 0 0", "NaN")),
+        *(("nan 0 0 0 0 0 0", r"pose '0' of .*poses\.txt"), ("a 1 0 0 0 0 0 0\na 1 0 0 0 5 0 0", "one name")),
     ],
 )
 def test_bad_pose_files_say_what_is_wrong(tmp_path, content, message):
@@ -163,14 +158,10 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such cloud file"):
         read_points(tmp_path / "a.ply")
     for name, content, message in (
-        ("a.las", b"x", r"ends in \.ply"),
-        ("a.bin", b"12345", "5 bytes"),
-        ("a.npy", b"12345", r"cannot be read as \.npy array"),
-        ("a.feather", b"12345", "no feather file"),
-        ("a.xyz", b"1 2\n", "x y z in every row"),
-        ("b.xyz", b"1 2 x\n", "x y z in every row"),
-        ("a.ply", b"ply", "no points"),
-        ("a.npz", b"junk", "no points"),
+        *(("a.las", b"x", r"ends in \.ply"), ("a.bin", b"12345", "5 bytes")),
+        *(("a.npy", b"12345", r"cannot be read as \.npy array"), ("a.feather", b"12345", "no feather file")),
+        *(("a.xyz", b"1 2\n", "x y z in every row"), ("b.xyz", b"1 2 x\n", "x y z in every row")),
+        *(("a.ply", b"ply", "no points"), ("a.npz", b"junk", "no points")),
         ("two-columns.csv", b"1,2\n3,4\n5,6\n", "x y z in every row"),
         ("empty-cell.csv", b"1,,3,4\n", "x y z in every row"),
         ("binary.csv", b"\xff\xfe\x00", r"binary\.csv is no text"),
@@ -189,10 +180,7 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
 @pytest.mark.parametrize(
     "content",
     [
-        "x,y,z,intensity\n1,2,3,9\n",
-        "\ufefft;X;Y;Z\n0;1;2;3\n",
-        "//X Y Z\n1 2 3\n",
-        '"t","z","y","x"\n0,3,2,1\n',
+        *("x,y,z,intensity\n1,2,3,9\n", "\ufefft;X;Y;Z\n0;1;2;3\n", "//X Y Z\n1 2 3\n", '"t","z","y","x"\n0,3,2,1\n'),
         "1 , 2,3,\n",
     ],
 )

@@ -322,13 +322,8 @@ def test_a_camera_is_where_the_file_says_with_a_name_of_its_own(path):
 @pytest.mark.parametrize(
     ("column", "value", "says"),
     [
-        (6, -1.0, "has half extents"),
-        (7, 0.0, "has half extents"),
-        (8, 1e6, "has half extents"),
-        (0, 1e300, "lies at"),
-        (5, 1e18, "has yaw"),
-        (2, np.nan, "holds NaN"),
-        (9, 7.0, "has class"),
+        *((6, -1.0, "has half extents"), (7, 0.0, "has half extents"), (8, 1e6, "has half extents")),
+        *((0, 1e300, "lies at"), (5, 1e18, "has yaw"), (2, np.nan, "holds NaN"), (9, 7.0, "has class")),
     ],
 )
 def test_objects_that_cannot_be_are_refused_by_row_or_dropped(path, column, value, says):

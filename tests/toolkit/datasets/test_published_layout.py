@@ -53,11 +53,8 @@ def test_cameras_and_boxes_in_carla_coordinates():
 @pytest.mark.parametrize(
     ("matrix", "says"),
     [
-        (np.full((4, 4), np.nan), "NaN"),
-        (np.zeros((4, 4)), "singular"),
-        (np.eye(3), r"shape \(4, 4\)"),
-        (np.diag([1.0, -1, 1, 1]), "mirrors"),
-        (2 * np.eye(4), "row 0 0 0 1"),
+        *((np.full((4, 4), np.nan), "NaN"), (np.zeros((4, 4)), "singular"), (np.eye(3), r"shape \(4, 4\)")),
+        *((np.diag([1.0, -1, 1, 1]), "mirrors"), (2 * np.eye(4), "row 0 0 0 1")),
     ],
 )
 def test_extrinsics_refused(matrix, says):

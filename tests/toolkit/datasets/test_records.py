@@ -72,12 +72,9 @@ def made(*rows, names=None, **more):
 
 def test_what_cannot_be_is_counted():
     for column, value, problem in (
-        (0, np.nan, "labels with NaN or infinite numbers"),
-        (6, np.inf, "labels with NaN or infinite numbers"),
-        (4, 0.0, "boxes of no size"),
-        (5, -1.0, "boxes of no size"),
-        (3, 1001.0, "boxes too large or too far away to be"),
-        (1, 1.1e6, "boxes too large or too far away to be"),
+        *((0, np.nan, "labels with NaN or infinite numbers"), (6, np.inf, "labels with NaN or infinite numbers")),
+        *((4, 0.0, "boxes of no size"), (5, -1.0, "boxes of no size")),
+        *((3, 1001.0, "boxes too large or too far away to be"), (1, 1.1e6, "boxes too large or too far away to be")),
     ):
         found, problems = made(BOX, [*BOX[:column], value, *BOX[column + 1 :]])
         assert len(found.objects) == 1

@@ -103,12 +103,8 @@ def test_what_is_seen_better_scores_higher(detector):
 @pytest.mark.parametrize(
     ("size", "label"),
     [
-        ((0.5, 0.6, 1.75), PEDESTRIAN),
-        ((1.8, 0.6, 1.75), CYCLIST),
-        ((4.4, 1.9, 1.5), VEHICLE),
-        ((5.3, 2.0, 2.0), VEHICLE),
-        ((12.0, 2.5, 3.1), HEAVY),
-        ((7.0, 2.4, 3.0), HEAVY),
+        *(((0.5, 0.6, 1.75), PEDESTRIAN), ((1.8, 0.6, 1.75), CYCLIST), ((4.4, 1.9, 1.5), VEHICLE)),
+        *(((5.3, 2.0, 2.0), VEHICLE), ((12.0, 2.5, 3.1), HEAVY), ((7.0, 2.4, 3.0), HEAVY)),
     ],
 )
 def test_size_tells_the_class(detector, size, label):

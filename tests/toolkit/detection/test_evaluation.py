@@ -13,12 +13,7 @@ from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.calibration.scenes import Scenes
 from toolkit.datasets.readings import ReadRecording, Reads, read_frame
 from toolkit.detection.cluster import ClusterDetector
-from toolkit.detection.evaluation import (
-    Comparison,
-    evaluate_recording,
-    format_table,
-    save_evaluation,
-)
+from toolkit.detection.evaluation import Comparison, evaluate_recording, format_table, save_evaluation
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import evaluate
@@ -145,15 +140,11 @@ def test_rows_repeat_with_a_seed_and_report_frames():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"schemes": ["middle"]}, "early"),
-        ({"sensor_sets": [[9]]}, "no sensor 9"),
-        ({"frames": 0}, "need one frame"),
-        ({"frames": 1.5}, "1.5"),
+        *(({"schemes": ["middle"]}, "early"), ({"sensor_sets": [[9]]}, "no sensor 9")),
+        *(({"frames": 0}, "need one frame"), ({"frames": 1.5}, "1.5")),
         ({"sensor_sets": [[0, "s0"]]}, r"chosen once only, got \[0, 's0'\]"),
         ({"radius": -1.0}, "hybrid_radius must be finite and at least 0 m"),
-        ({"codec": "paper"}, "codec"),
-        ({"sensor_sets": []}, "a sensor set"),
-        ({"iou_thresholds": [7.0]}, "7"),
+        *(({"codec": "paper"}, "codec"), ({"sensor_sets": []}, "a sensor set"), ({"iou_thresholds": [7.0]}, "7")),
     ],
 )
 def test_bad_requests_are_refused(options, message):
@@ -174,10 +165,7 @@ def test_table_and_files(tmp_path):
     assert {"scheme", "sensors", "iou", "ap", "recall", "kbit_per_sensor", "ms_per_frame"} <= written["rows"][0].keys()
     source = written["provenance"]
     assert (source["dataset"], source["detector"], source["frames"], source["noise_seed"]) == (
-        "Watched",
-        "Oracle",
-        5,
-        0,
+        *("Watched", "Oracle", 5, 0),
     )
     assert (source["site"], source["hybrid_radius"], source["iou"]) == ("somewhere", 20.0, [0.5, 0.7])
     assert source["schemes"].keys() == {"early", "late"}

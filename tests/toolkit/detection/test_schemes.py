@@ -9,15 +9,7 @@ import pytest
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import (
-    PAPER_SCHEMES,
-    SCHEMES,
-    Early,
-    Hybrid,
-    Late,
-    find_scheme,
-    schemes_in_steps,
-)
+from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, Early, Hybrid, Late, find_scheme, schemes_in_steps
 from toolkit.detection.view import View, together
 from toolkit.geometry import look
 from toolkit.objects import Detections

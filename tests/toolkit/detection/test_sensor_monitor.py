@@ -120,10 +120,7 @@ def test_shifted_is_what_lies_behind_the_scene():
     pushed = EMPTY.copy()
     pushed[40:, :] = 21.0  # two fifths of what returns
     assert watched([whole(0.1 * k, measured(k, pushed)) for k in range(4)]) == [
-        None,
-        None,
-        Fault.SHIFTED,
-        Fault.SHIFTED,
+        *(None, None, Fault.SHIFTED, Fault.SHIFTED)
     ]
     pushed = EMPTY.copy()
     pushed[40:44, :] = 21.0  # less than a tenth

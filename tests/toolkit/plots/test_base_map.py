@@ -85,10 +85,7 @@ def test_north_extent_and_scale_are_those_of_the_map():
     for metres, length in ((0.09, 0.05), (1, 1), (1.99, 1), (2, 2), (49, 20), (50, 50), (4e3, 2e3)):
         assert base_map.scale_length(float(metres)) == length
     assert np.ravel(base_map.extent(SITE)).tolist() == [
-        -20 - base_map.AROUND,
-        -10 - base_map.AROUND,
-        20 + base_map.AROUND,
-        10 + base_map.AROUND,
+        *(-20 - base_map.AROUND, -10 - base_map.AROUND, 20 + base_map.AROUND, 10 + base_map.AROUND)
     ]
     assert np.ravel(base_map.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [-30, -36, 55, 20]
 

@@ -35,11 +35,8 @@ SITE = Site("walled", np.array([-20.0, -20, 20, 20]), solids=(WALL,))
 COUNTED = Counted(Crop.of(SITE), 12.0)
 BOXES = np.array(
     [
-        [8.0, -4, 0.75, 4, 2, 1.5, 0.3],
-        [8.0, 4, 0.75, 4, 2, 1.5, 1.0],
-        [12.0, 4.5, 0.75, 4, 2, 1.5, 0.0],
-        [-20.0, 3.0, 0.75, 4, 2, 1.5, 0.0],
-        [-8.0, -3.0, 0.75, 4, 2, 1.5, -2.0],
+        *([8.0, -4, 0.75, 4, 2, 1.5, 0.3], [8.0, 4, 0.75, 4, 2, 1.5, 1.0], [12.0, 4.5, 0.75, 4, 2, 1.5, 0.0]),
+        *([-20.0, 3.0, 0.75, 4, 2, 1.5, 0.0], [-8.0, -3.0, 0.75, 4, 2, 1.5, -2.0]),
     ]
 )
 EYES = np.array([[0.0, 0.0, 5.0], [-8.0, -3.0, 6.0]])  # the second one above a car
@@ -237,12 +234,7 @@ def test_what_touches_what_and_is_seen_over_another():
         found = may_hide(ground, eye, find_sectors(ground, eye, np.ones(3, bool)))
         assert np.argwhere(found[0]).tolist() == expected
     places = [
-        (0.0, 0.0, 0.0),
-        (0.0, 2.1, 0.0),
-        (0.0, -1.9, 0.0),
-        (4.3, 2.2, np.pi / 4),
-        (9.0, 0.0, 0.0),
-        (13.0, 0.0, 0.5),
+        *((0.0, 0.0, 0.0), (0.0, 2.1, 0.0), (0.0, -1.9, 0.0), (4.3, 2.2, np.pi / 4), (9.0, 0.0, 0.0), (13.0, 0.0, 0.5))
     ]
     assert find_touching(moment_of(places).ground).tolist() == [True, False, True, False, True, True]
     assert find_touching(moment_of(places[1:2]).ground).tolist() == [False]

@@ -1,5 +1,3 @@
-""" """
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -38,10 +36,7 @@ def test_a_digest_tells_terms_numbers_and_order_but_not_the_name():
     assert one.digest == ErrorProfile("two", one.terms).digest
     assert len(one.digest) == 64
     others = [
-        (OwnNoise(), Calibration(0.01, 0.06)),
-        (Calibration(0.01, 0.05), OwnNoise()),
-        (OwnNoise(),),
-        (),
+        *((OwnNoise(), Calibration(0.01, 0.06)), (Calibration(0.01, 0.05), OwnNoise()), (OwnNoise(),), ()),
         (OwnNoise(), DropOut(0.01, 0.05)),
     ]
     assert len({ErrorProfile("x", terms).digest for terms in others} | {one.digest}) == 6

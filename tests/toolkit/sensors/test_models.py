@@ -1,5 +1,3 @@
-"""Tests of models."""
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -341,11 +339,8 @@ def test_nonsense_of_files_is_refused(name, values, message):
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (Blind, "Blind is not a SensorModel, it lacks .*rays"),
-        (int, "int must be a frozen dataclass"),
-        (Loose, "Loose must be a frozen dataclass"),
-        (Bare, "fields of Bare need defaults"),
-        (Typed, "no name of"),
+        *((Blind, "Blind is not a SensorModel, it lacks .*rays"), (int, "int must be a frozen dataclass")),
+        *((Loose, "Loose must be a frozen dataclass"), (Bare, "fields of Bare need defaults"), (Typed, "no name of")),
         (type("DepthCamera", (DepthCamera,), {}), "sensor model DepthCamera exists already"),
     ],
 )

@@ -1,5 +1,3 @@
-"""Tests of files."""
-
 import json
 from dataclasses import replace
 

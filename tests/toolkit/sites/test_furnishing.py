@@ -1,5 +1,3 @@
-"""Tests of furnishing."""
-
 import numpy as np
 import pytest
 import shapely

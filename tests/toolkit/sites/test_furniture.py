@@ -1,5 +1,3 @@
-"""Tests of furniture."""
-
 import numpy as np
 import pytest
 import shapely

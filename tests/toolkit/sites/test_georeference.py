@@ -1,5 +1,3 @@
-"""Tests of georeference."""
-
 import builtins
 import json
 import re
@@ -81,11 +79,7 @@ def test_sites_lie_on_earth_or_nowhere():
 @pytest.mark.parametrize(
     "reference",
     [
-        "+lat_0=4.9e+1 +lon_0=8.0",
-        "nonsense",
-        "",
-        "EPSG:4326",
-        "+proj=longlat +datum=WGS84",
+        *("+lat_0=4.9e+1 +lon_0=8.0", "nonsense", "", "EPSG:4326", "+proj=longlat +datum=WGS84"),
         "+proj=tmerc +lat_0=x +lon_0=y ",
     ],
 )

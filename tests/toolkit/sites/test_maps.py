@@ -1,5 +1,3 @@
-"""Tests of maps."""
-
 import os
 import warnings
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Tests of opendrive."""
-
 from pathlib import Path
 from xml.etree import ElementTree
 

@@ -1,5 +1,3 @@
-"""Tests of osm."""
-
 import gzip
 
 import numpy as np

@@ -55,19 +55,13 @@ def test_ground_is_smooth_bounded_and_seeded():
 @pytest.mark.parametrize(
     "change",
     [
-        {"name": "other"},
-        {"area": np.array([-10.0, -5, 10, 6])},
-        {"height": 3.6},
-        {"lanes": (SQUARE,)},
+        *({"name": "other"}, {"area": np.array([-10.0, -5, 10, 6])}, {"height": 3.6}, {"lanes": (SQUARE,)}),
         {"footways": (SQUARE + 6,)},
         {"solids": (Solid(SQUARE - 9, -0.3, 6.25, "wall"), Solid(SQUARE + 1, -1.0, -0.5, "pond"))},
         {"mounts": ()},
         {"sensors": (Sensor("d0", DepthCamera(sigma=0.5), look((1.0, 2.0, 5.2), 0.3, 0.1)),)},
-        {"parking": np.array([[1.0, 2, 0.6]])},
-        {"network": ""},
-        {"map_SE3_site": np.eye(4)},
-        {"geo_reference": None},
-        {"relief": Relief(0.06, 8)},
+        *({"parking": np.array([[1.0, 2, 0.6]])}, {"network": ""}, {"map_SE3_site": np.eye(4)}),
+        *({"geo_reference": None}, {"relief": Relief(0.06, 8)}),
     ],
     ids=lambda change: next(iter(change)),
 )

@@ -134,12 +134,7 @@ def headings(site):
 def test_sensor_poses_are_the_papers():
     site = load_site("tjunction")
     published = [
-        (40.9, 8.1, 155),
-        (-7.7, 21.9, 295),
-        (-45.6, 10.1, 15),
-        (8, 5.6, 52),
-        (-8.3, 18.5, 208),
-        (-5.5, -27.5, 64),
+        *((40.9, 8.1, 155), (-7.7, 21.9, 295), (-45.6, 10.1, 15), (8, 5.6, 52), (-8.3, 18.5, 208), (-5.5, -27.5, 64))
     ]
     places = np.array([s.position[:2] for s in site.sensors])
     assert np.allclose(places, [p[:2] for p in published])

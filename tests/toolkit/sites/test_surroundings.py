@@ -1,5 +1,3 @@
-"""Tests of surroundings."""
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,5 +1,3 @@
-""" """
-
 from collections import Counter
 from dataclasses import replace
 from importlib.util import find_spec

@@ -1,5 +1,3 @@
-""" """
-
 from importlib.util import find_spec
 from itertools import count, pairwise
 from xml.etree import ElementTree

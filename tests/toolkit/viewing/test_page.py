@@ -35,7 +35,7 @@ def test_every_frame_has_its_nodes_and_everything_a_switch(written):
         ("grid of 10 m", "/grid"),
     ]
     assert [(each.name.split(",")[0], each.checked) for each in content.colourings] == [
-        *(("sensor", True), ("height", False), ("intensity", False), ("age", False)),
+        *(("sensor", True), ("height", False), ("intensity", False), ("age", False))
     ]
     assert content.colourings[1].nodes == "/sensors/0/height /sensors/1/height"
     _, content = written

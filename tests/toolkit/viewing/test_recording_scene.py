@@ -46,13 +46,13 @@ def test_sensors_keep_numbers_and_the_first_view_has_most_points(drawn):
 def test_samples_have_a_node_for_all_that_is_in_them_after_their_groups(api, drawn):
     made = {handle.name: handle.visible for handle in add_groups(api, style(drawn))}
     assert [name for name in made if name.count("/") == 1] == [
-        *("/sensors", "/truth", "/detections", "/hits", "/missed", "/false_alarms"),
+        *("/sensors", "/truth", "/detections", "/hits", "/missed", "/false_alarms")
     ]
     assert {name for name in made if name.startswith("/truth/")} == {
         f"/truth/{kind}" for kind in ("vehicle", "cyclist", "pedestrian", "heavy", "others")
     }
     assert [made[f"/sensors/1/{each}"] for each in ("sensor", "height", "intensity", "age", "place")] == [
-        *(True, False, False, False, True),
+        *(True, False, False, False, True)
     ]
     made = {handle.name: handle for handle in add_sample(api, drawn[1], style(drawn), frame=7, visible=False)}
     sensors = {f"/sensors/{k}/{part}/7" for k in (0, 1) for part in ("place", *COLOURINGS)}

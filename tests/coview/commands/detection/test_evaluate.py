@@ -158,16 +158,7 @@ def test_differences_are_taken_as_asked(recording, tmp_path, run, refused):
 
 def test_classes_restrict_the_rows(recording, tmp_path, run):
     arguments = (
-        "evaluate",
-        recording,
-        "--frames",
-        1,
-        "--schemes",
-        "early",
-        "--classes",
-        "pedestrian",
-        "--out",
-        tmp_path,
+        *("evaluate", recording, "--frames", 1, "--schemes", "early", "--classes", "pedestrian", "--out", tmp_path),
     )
     code, out, _ = run(*arguments, "--json")
     assert code == 0

@@ -246,10 +246,7 @@ def test_classes_are_weighed(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ("--classes", "vehicle", "--class-weights", 1, 2),
-            "--class-weights needs a weight for each of vehicle,",
-        ),
+        (("--classes", "vehicle", "--class-weights", 1, 2), "--class-weights needs a weight for each of vehicle,"),
         (("--classes", "vehicle", "heavy", "--class-weights", 1, 0), "a weight above 0 for each of"),
         (("--classes", "vehicle", "heavy", "--class-weights", 1, 2, "--combine", "worst"), "the worst class takes no"),
         (("--classes", "vehicle", "vehicle"), "classes must be one or several different ones"),

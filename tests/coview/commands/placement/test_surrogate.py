@@ -12,15 +12,7 @@ QUICK = ("--frames", 6, "--poses", 4, "--sets", 10, "--schemes", "early", "--res
 def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
     out, cache = tmp_path / "people.json", ("--cache", tmp_path / "cache")
     asked = (
-        "surrogate",
-        "tjunction",
-        "--detector",
-        "tjunction",
-        "--classes",
-        "vehicle",
-        "pedestrian",
-        "--iou",
-        0.7,
+        *("surrogate", "tjunction", "--detector", "tjunction", "--classes", "vehicle", "pedestrian", "--iou", 0.7),
         0.55,
     )
     code, said, err = run(*asked, *QUICK, "--out", out, *cache, "--json")

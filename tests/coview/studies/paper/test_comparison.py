@@ -33,10 +33,7 @@ def test_difference_and_when_it_is_large():
 @pytest.mark.parametrize(
     ("relation", "ours", "difference"),
     [
-        ("more than", 0.7, 0.0),
-        ("more than", 0.5, -0.1),
-        ("less than", 0.5, 0.0),
-        ("less than", 0.7, 0.1),
+        *(("more than", 0.7, 0.0), ("more than", 0.5, -0.1), ("less than", 0.5, 0.0), ("less than", 0.7, 0.1)),
         ("is", 0.7, 0.1),
     ],
 )

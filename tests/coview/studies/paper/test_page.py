@@ -45,12 +45,7 @@ def test_pages_request_nothing_and_stand_side_by_side(page):
 
 def test_pages_are_closed_and_escaped(page):
     for text in (
-        "Ours &amp; theirs",
-        "Title &amp; more",
-        "coview &lt;reproduce&gt;",
-        "So it is.",
-        "2 frames",
-        "Because.",
+        *("Ours &amp; theirs", "Title &amp; more", "coview &lt;reproduce&gt;", "So it is.", "2 frames", "Because."),
     ):
         assert text in page
 

@@ -100,11 +100,7 @@ def test_large_differences_are_listed(made):
     lines = result.summary.splitlines()
     assert lines[0] == f"tjunction: {FRAMES} frames, {result.vehicles} vehicles"
     assert [line.split()[0] for line in lines[2:]] == [
-        "schemes",
-        "sensor_sets",
-        "pr_curves",
-        "shared_regions",
-        "benchmarks",
+        *("schemes", "sensor_sets", "pr_curves", "shared_regions", "benchmarks")
     ]
     assert lines[2].split()[1] == "9"
 

@@ -201,11 +201,7 @@ def test_the_same_points_are_detected_once_with_their_labels():
     assert same(first, Counting()(POINTS))
     assert (detector.calls, kept.asked) == (1, 1)
     for other in (
-        POINTS[::-1],
-        POINTS[:1],
-        POINTS + np.float32(0.01),
-        POINTS.reshape(-1)[:3].reshape(1, 3),
-        POINTS[:0],
+        *(POINTS[::-1], POINTS[:1], POINTS + np.float32(0.01), POINTS.reshape(-1)[:3].reshape(1, 3), POINTS[:0]),
     ):
         kept(other)
     assert detector.calls == 5  # the first point alone comes twice

@@ -18,10 +18,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount
 
 CAMERA, LIDAR = DepthCamera(width=200, height=150), SpinningLidar(channels=32, azimuth_step=0.02)
-MOUNTS = (
-    Mount("a", np.array([-22.0, -15.0, 0.1]), 4.0, 5.0),
-    Mount("b", np.array([19.0, 13.0, -0.2]), 3.0, 4.2),
-)
+MOUNTS = (Mount("a", np.array([-22.0, -15.0, 0.1]), 4.0, 5.0), Mount("b", np.array([19.0, 13.0, -0.2]), 3.0, 4.2))
 
 
 def hung(*aims, models=(CAMERA,)):

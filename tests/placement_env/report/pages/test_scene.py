@@ -36,7 +36,7 @@ def scene(example):
 def test_every_sensor_box_and_frame_has_nodes_in_a_small_page(scene):
     sensors, boxes = scene.layers[:4], scene.layers[4:]
     assert [(each.name, each.node) for each in sensors] == [
-        *(("d0", "/sensors/0"), ("d1", "/sensors/1"), ("d3", "/sensors/2"), ("d5", "/sensors/3")),
+        *(("d0", "/sensors/0"), ("d1", "/sensors/1"), ("d3", "/sensors/2"), ("d5", "/sensors/3"))
     ]
     assert [each.colour for each in sensors] == [sensor_colour(k) for k in range(4)]
     assert [each.node for each in boxes] == ["/truth", "/hit", "/missed", "/false"]

@@ -50,11 +50,8 @@ def test_the_best_wins_and_of_equals_the_better_mean_or_price():
 
 def test_near_optimal_sets_and_the_front():
     options = (
-        option(0.9, 0.85, 0.95, price=4.0),
-        option(0.8, 0.7, 0.85, price=2.0),
-        option(0.97, 0.95, 1.0, price=3.0),
-        option(0.7, 0.6, 0.84),
-        option(0.9, 0.8, 1.0, judged=False),
+        *(option(0.9, 0.85, 0.95, price=4.0), option(0.8, 0.7, 0.85, price=2.0), option(0.97, 0.95, 1.0, price=3.0)),
+        *(option(0.7, 0.6, 0.84), option(0.9, 0.8, 1.0, judged=False)),
     )
     assert near_optimal(options, 0) == (options[1], options[2])
     best, cheap, lean, beaten = (

@@ -157,12 +157,7 @@ def rush(street):
 
 @pytest.mark.parametrize(
     ("failing", "levels", "over", "left"),
-    [
-        (0, "worst", 0.5, None),
-        (0, "mean", 0.625, None),
-        (1, "worst", 0.5, 0.0),
-        (1, "mean", 0.625, 0.25),
-    ],
+    [*((0, "worst", 0.5, None), (0, "mean", 0.625, None), (1, "worst", 0.5, 0.0), (1, "mean", 0.625, 0.25))],
 )
 def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over, left):
     """Of four cars 0 and 1 find three, and two where 0 is blind; without 1 it is two and none, without 0 two."""
@@ -237,11 +232,8 @@ SETS = np.array([[1, 1, 0, 0], [0, 0, 0, 1]], bool)
 @pytest.mark.parametrize(
     ("failing", "levels", "combine", "paper", "poor", "over"),
     [
-        (0, 1, "worst", 0.75, 0.625, 0.625),
-        (0, 1, "mean", 0.75, 0.625, 0.6875),
-        (0, 2, "worst", 0.75, 0.5, 0.5),
-        (1, 1, "worst", 0.5, 0.25, 0.25),
-        (1, 2, "mean", 0.5, 0.0, 0.25),
+        *((0, 1, "worst", 0.75, 0.625, 0.625), (0, 1, "mean", 0.75, 0.625, 0.6875), (0, 2, "worst", 0.75, 0.5, 0.5)),
+        *((1, 1, "worst", 0.5, 0.25, 0.25), (1, 2, "mean", 0.5, 0.0, 0.25)),
     ],
 )
 def test_error_profiles_are_judged_by_themselves(hazy, failing, levels, combine, paper, poor, over):

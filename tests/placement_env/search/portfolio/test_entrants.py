@@ -67,11 +67,8 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
     assert np.array_equal(first.predicted, again.predicted)
     assert (first.searches, first.considered) == (again.searches, again.considered)
     for objective, effort, changes in (
-        (street.objective, Effort((1, 2, 3)), {}),
-        (street.objective, Effort((1, 2), evaluations=9), {}),
-        (street.objective, TWO, {"depends_on": "b"}),
-        (street.objective, TWO, {"seed": 2}),
-        (rich, TWO, {}),
+        *((street.objective, Effort((1, 2, 3)), {}), (street.objective, Effort((1, 2), evaluations=9), {})),
+        *((street.objective, TWO, {"depends_on": "b"}), (street.objective, TWO, {"seed": 2}), (rich, TWO, {})),
     ):
         with pytest.raises(pytest.fail.Exception, match="searched"):
             keep_entrants(objective, effort, cache, **{"depends_on": "a", "seed": 1, **changes})

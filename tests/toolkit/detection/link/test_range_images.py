@@ -96,13 +96,7 @@ def image(model, seed=0):
     measured[::2] = 20 + np.arange(model.shape[1], dtype=np.float32) / 50
     measured[rng.random(model.shape) < 0.2] = 0
     measured.ravel()[:7] = [
-        np.nan,
-        np.inf,
-        -3,
-        1e-3,
-        0.0099,
-        np.nextafter(np.float32(model.max_range), 0),
-        model.max_range,
+        *(np.nan, np.inf, -3, 1e-3, 0.0099, np.nextafter(np.float32(model.max_range), 0), model.max_range)
     ]
     return RangeImage(Sensor("s", model, np.eye(4)), measured, 2.5, 11)
 
