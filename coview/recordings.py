@@ -22,16 +22,15 @@ class Opening:
     """Options for opening a recording."""
 
     layout: str | None = None
-    """folder, kitti, openlabel, dair, opv2v, v2xset, v2xreal, rcooper, nuscenes, argoverse, sustech, rosbag, hdf5, or
-    one that a plug-in brings. By default folder for folders and cloud files, else hdf5."""
+    """folder, hdf5, rosbag, kitti, openlabel, dair, opv2v, v2xset, v2xreal, rcooper, nuscenes, argoverse or sustech."""
     poses: Path | None = None
-    """File of poses by the names of sensors, for folder; by default the folder's own poses.json."""
+    """File of sensor poses by name, for layout folder; the folder's own poses.json when left out."""
     inverted: bool = False
-    """The poses give world to sensor (extrinsics) instead of sensor to world."""
+    """Take the poses as world to sensor (extrinsics) instead of sensor to world."""
     site: str | None = None
-    """Name or file, for hdf5; needed for foreign recordings that show no built-in site."""
+    """Name or file of the site, for hdf5 files that show no built-in one."""
     drop_invalid: bool = False
-    """Leave out invalid objects (NaN, no size, kilometres away) of hdf5, and say how many."""
+    """Leave out, and count, invalid objects of hdf5 (NaN, no size, kilometres away)."""
 
     @property
     def files(self) -> list[Path]:
@@ -68,7 +67,7 @@ class Opening:
 def count_passing(
     frames: Iterable[Frame], problems: dict[str, int], progress: Callable[[int], None]
 ) -> Iterator[Frame]:
-    """Yield frames and count them. The bar moves, and what reading left out is added up."""
+    """Yield frames, report progress, and add up what reading left out."""
     from toolkit.datasets.records import add_problems
 
     for done, frame in enumerate(frames, 1):
@@ -79,7 +78,7 @@ def count_passing(
 
 @contextmanager
 def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) -> Iterator[CoopDataset]:
-    """Open a recording of a known site. For commands that need one."""
+    """Open a recording of a known site."""
     with Opening("hdf5", site=site, drop_invalid=drop_invalid).open(path) as recording:
         if recording.site is None:
             raise ValueError(f"{path} holds recorded clouds of an unknown site: give a recording of coview simulate")
@@ -87,6 +86,6 @@ def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) 
 
 
 def frame_count(recording: Sized, frames: int | None) -> int:
-    """Number of frames that are wanted of a recording."""
+    """Number of frames to use of a recording."""
     check_least("--frames", frames, 1, "leave it out for all")
     return len(recording) if frames is None else min(frames, len(recording))

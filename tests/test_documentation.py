@@ -197,6 +197,6 @@ def test_the_command_line_reference_says_what_help_says(extension):
     assert lines[0] == "coview site"
     assert [line for line in lines if line.startswith("coview site ")] >= ["coview site import", "coview site random"]
     there = lines.index("``--centre FLOAT FLOAT``")
-    assert lines[there + 1].strip().startswith("Of the detection area: metres of an OpenDRIVE map")
+    assert lines[there + 1].strip().startswith("Centre of the detection area: metres of an OpenDRIVE map")
     assert "``SITE``" in lines
     assert "``--drop-invalid``" in list(extension("commands").section("evaluate"))

@@ -46,6 +46,7 @@ class Harmful:
 def test_tensors_are_read_and_nothing_is_executed(tmp_path, capsys):
     torch.save({"a": torch.arange(3), "b": [1, "x"]}, tmp_path / "a.pt")
     read = load_tensors(tmp_path / "a.pt")
+    assert isinstance(read, dict)
     assert read["a"].tolist() == [0, 1, 2]
     assert read["b"] == [1, "x"]
     torch.save({"a": Harmful()}, tmp_path / "b.pt")

@@ -69,16 +69,14 @@ class Stand:
 
 @dataclass(frozen=True)
 class Place:
-    """Detection area and its ground. Raises ValueError for an area that encloses nothing."""
+    """Detection area and its ground."""
 
     level: Level | None = None
-    """Put points on the ground by a map of heights or a plane; none where the ground is at z = 0 already. By default
-    none at a known site, whose slope counts, else map.
-    """
+    """Ground: a map of heights, a plane, or none for ground at z = 0; map when left out, none at a known site."""
     still: bool = False
-    """The sensors do not move: the ground is found once."""
+    """Find the ground once, because the sensors do not move."""
     area: Corners | None = None
-    """Detect in xmin ymin xmax ymax (m, world frame); by default in the site's area, else 50 m around the sensors."""
+    """Area xmin ymin xmax ymax (m, world frame); the site's, or 50 m around the sensors, when left out."""
 
     def __post_init__(self) -> None:
         if self.level is not None and self.level not in LEVELS:

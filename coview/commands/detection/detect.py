@@ -14,7 +14,7 @@ from tyro.conf import Positional
 from coview.arguments import check_least
 from coview.detectors import place_detector
 from coview.exits import OK
-from coview.outputs import check_file, check_new_folder
+from coview.outputs import Writing, check_file, check_new_folder
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -29,10 +29,9 @@ def detect(
     detector: str = "general",
     frames: int | None = None,
     format: Literal["boxes", "openlabel", "kitti"] = "boxes",
-    overwrite: bool = False,
-    json: bool = False,
     opening: Opening = Opening(),
     place: Place = Place(),
+    writing: Writing = Writing(),
 ) -> int:
     """Find road users in cloud files, folders of clouds, bags, public sets and simulated recordings, on level ground.
 
@@ -42,14 +41,10 @@ def detect(
 
     Args:
         clouds: Cloud files, folders, bags or recordings.
-        out: File of boxes, or a folder for OpenLABEL or KITTI text, a file per frame.
+        out: File of boxes, or folder of OpenLABEL or KITTI files, one per frame.
         detector: general, another shipped network, a weights file, or package.module:callable.
-        frames: Only the first frames of each recording.
-        format: boxes (one JSON file), openlabel or kitti.
-        overwrite: Replace what is there.
-        json: Print the summary as JSON.
-        opening: Options for opening a recording.
-        place: Where to detect, and on what ground; 50 m around the sensors and map also at a known site.
+        frames: Number of first frames of each recording; all when left out.
+        format: One JSON file (boxes), openlabel or kitti.
     """
     from toolkit.datasets.recordings import Part
     from toolkit.detection.detect import Detected, describe_summary, detect_frames, summarise, write_detections
@@ -58,12 +53,12 @@ def detect(
     if not clouds:
         raise ValueError("give clouds to detect in: files, folders or bags")
     check = check_file if format == "boxes" else check_new_folder
-    check(out, inputs=[*clouds, *opening.files], overwrite=overwrite)
+    check(out, inputs=[*clouds, *opening.files], overwrite=writing.overwrite)
     place = replace(place, level=place.level or "map")
     with ExitStack() as stack:
         opened = [Part(stack.enter_context(opening.open(path)), frames) for path in clouds]
         network = place_detector(detector, place)
-        bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=json))
+        bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
 
         def watch() -> Iterator[Detected]:
             """Yield what is found, the first warning in words."""
@@ -77,5 +72,5 @@ def detect(
                 yield each
 
         figures = summarise(write_detections(watch(), out, format, detector=detector, level=place.level))
-    print_result(figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=json)
+    print_result(figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json)
     return OK

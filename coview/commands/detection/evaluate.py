@@ -9,18 +9,10 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import (
-    Label,
-    check_errors,
-    check_ious,
-    check_least,
-    check_positive,
-    check_schemes,
-    sensor_set,
-)
+from coview.arguments import Label, check_errors, check_ious, check_least, check_positive, check_schemes, sensor_set
 from coview.detectors import recording_detector
 from coview.exits import OK
-from coview.outputs import check_folder
+from coview.outputs import Writing, check_folder
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -36,66 +28,72 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Rules:
-    """Rules of scoring."""
-
-    schemes: tuple[str, ...] | None = None
-    """early, late, hybrid, foreground and differences (of foregrounds); by default the first three at a known site, all
-    clouds at once elsewhere."""
-    sensors: tuple[str, ...] = ("all",)
-    """Sensor sets, each a comma-separated list of numbers or names, or all."""
-    classes: tuple[Label, ...] | None = None
-    """Classes to score; by default all that the detector says it knows, vehicle where it does not say."""
-    iou: tuple[float, ...] | None = None
-    """IoU thresholds; by default 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian."""
-    metric: Literal["3d", "bev"] = "3d"
-    """IoU of volumes or of footprints."""
-    protocol: Literal["exact", "published", "measured"] | None = None
-    """exact; published, as the published code counts; or measured, where only objects with a point are to be found. By
-    default exact at a known site, measured elsewhere."""
-    breakdown: bool | None = None
-    """AP by footprint and volume, by range and points, in our protocol, KITTI's and nuScenes' too; by default where no
-    site is known."""
-    radius: float | None = None
-    """Hybrid fusion shares points farther than this from their sensor (m); by default the site's."""
-
-
-@dataclass(frozen=True)
 class Link:
     """Link from sensors to the centre."""
 
     codec: str = "paper"
-    """paper counts 96 bits a point and 256 a box, range-images sends bytes, as the foreground scheme always does."""
+    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes, as scheme foreground does."""
     step: float = 0.02
     """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08."""
     refers_to: Literal["previous", "key"] = "previous"
-    """Differences are taken from the previous message, or the last whole image (key), where messages may be lost.
-    Frames must be close together (coview simulate --every 0.1)."""
+    """Reference of differences: the previous message, or the last whole image where messages may be lost."""
     key_every: int = 10
-    """Messages from one whole image to the next at most, where differences are sent."""
+    """Maximum number of messages from one whole image to the next, where differences are sent."""
     rate: float | None = None
-    """Frames per second (Hz): print what each scheme puts on a link."""
+    """Frame rate (Hz); prints each scheme's load on the link."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Rules of scoring."""
+
+    schemes: tuple[str, ...] | None = None
+    """Fusion schemes: early, late, hybrid, foreground, differences; when left out, the first three at a known site."""
+    sensors: tuple[str, ...] = ("all",)
+    """Sensor sets, each a comma-separated list of numbers or names, or all."""
+    classes: tuple[Label, ...] | None = None
+    """Classes to score; those that the detector knows when left out."""
+    iou: tuple[float, ...] | None = None
+    """IoU thresholds; 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian when left out."""
+    metric: Literal["3d", "bev"] = "3d"
+    """IoU of volumes or of footprints."""
+    protocol: Literal["exact", "published", "measured"] | None = None
+    """Objects that count: exact, as the published code counts, or with a point (measured, usual without a site)."""
+    breakdown: bool | None = None
+    """Print AP by range and points, and in other protocols; usual without a known site."""
+    radius: float | None = None
+    """Distance (m) beyond which hybrid fusion shares points; the site's when left out."""
+    link: Link = Link()
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Detector and sensors to score."""
+
+    detector: str | None = None
+    """Detector: cluster, voxelnet, general, a weights file, package.module:callable; +background drops what stands."""
+    calibrate: str | None = None
+    """Reference, as in coview calibrate, to find the sensors' poses by first, or together."""
+    errors: str = "paper"
+    """Error profile of sensors that measured images: paper (their own noise), surveyed, typical or poor."""
 
 
 def evaluate(
     dataset: Positional[Path],
     /,
     *,
-    detector: str | None = None,
-    calibrate: str | None = None,
-    errors: str = "paper",
     out: Path = Path("out/evaluation"),
-    overwrite: bool = False,
-    json: bool = False,
+    subject: Subject = Subject(),
+    rules: Rules = Rules(),
     opening: Opening = Opening(),
     place: Place = Place(),
-    rules: Rules = Rules(),
-    link: Link = Link(),
     run: Run = Run(),
+    writing: Writing = Writing(),
 ) -> int:
     """Score fusion schemes and sensor sets on a recording: the paper's first table, as text, JSON and PR curves.
 
-    Beside it stands what the detector's threshold is worth, class by class.
+    Beside it stands what the detector's threshold is worth, class by class. The usual detector is cluster at a known
+    site, general elsewhere. Without a known site all clouds are fused at once.
 
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
@@ -105,21 +103,7 @@ def evaluate(
 
     Args:
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any layout.
-        detector: cluster, the default at a known site; a trained network: voxelnet for the site's own, general, the
-            default elsewhere, another name, or a weights file; or your own, package.module:callable (see
-            toolkit.detection.imported). With +background behind it (voxelnet+background), what stands in the empty site
-            is left out.
-        calibrate: First find where the sensors are: by a reference as in coview calibrate, or together, by each other.
-        errors: Of sensors that measured images: paper (their own noise), surveyed, typical or poor; see
-            toolkit.sensors.error_profiles.
         out: Folder for table.json and the PR curves.
-        overwrite: Replace the table and curves of another run.
-        json: Print rows and class figures, with the reliability diagram of the scores, as JSON.
-        opening: How the recording is opened.
-        place: Where to detect, and on what ground.
-        rules: Schemes, sensor sets, classes and protocol.
-        link: Link from sensors to the centre.
-        run: The seed is of the sensors' noise and errors.
     """
     from toolkit.calibration.scenes import Scenes
     from toolkit.datasets.readings import ReadRecording, Reads
@@ -127,19 +111,23 @@ def evaluate(
     from toolkit.detection.evaluation import curve_files, evaluate_recording, save_evaluation
     from toolkit.objects import check_known, known_labels
 
-    _check(rules, link)
-    check_errors(errors)
-    inputs, reads = [dataset, *opening.files], Reads(errors, run.seed, run.frames)
+    check_ious(rules.iou or ())
+    check_schemes(rules.schemes or ())
+    check_least("--radius", rules.radius, 0.0)
+    check_positive("--rate", rules.link.rate)
+    check_least("--key-every", rules.link.key_every, 1)
+    check_errors(subject.errors)
+    inputs, reads = [dataset, *opening.files], Reads(subject.errors, run.seed, run.frames)
 
     def check_outputs(labels: Sequence[str]) -> None:
         for name in ("table.json", *curve_files(labels, rules.iou)):
-            check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
+            check_folder(out, holds=name, inputs=inputs, overwrite=writing.overwrite)
 
     check_outputs(rules.classes or ("vehicle",))
     with opening.open(dataset) as opened:
-        poses, recording = ((), opened) if calibrate is None else _calibrate(opened, calibrate, reads)
+        poses, recording = ((), opened) if subject.calibrate is None else _calibrate(opened, subject.calibrate, reads)
         known = place.at(recording.site)
-        asked = _compare(rules, link, known=known)
+        asked = _compare(rules, known=known)
         first = recording[0] if len(recording) else None
         some = recording if known or first is None else Part(recording, run.frames)
         if first is not None and not known:
@@ -147,11 +135,11 @@ def evaluate(
             names = None if None in wanted else [name for chosen in wanted if chosen for name in chosen]
             some = some if names is None else _Seen(some, tuple(names))
         scenes = Scenes(ReadRecording(some, reads) if known else some)
-        detect = recording_detector(detector, some, place, scenes)
+        detect = recording_detector(subject.detector, some, place, scenes)
         labels = rules.classes or known_labels(detect) or ("vehicle",)
         check_known(detect, labels)
         check_outputs(labels)
-        with progress_bar("frame", reads.count(recording), hidden=json) as bar:
+        with progress_bar("frame", reads.count(recording), hidden=writing.json) as bar:
             found = evaluate_recording(
                 recording,
                 detect,
@@ -163,24 +151,19 @@ def evaluate(
             )
     found = replace(found, poses=poses)
     save_evaluation(found, out)
-    print_result(found.as_dict(), f"{found.text()}\nwritten to {out}/table.json, PR curves beside it", as_json=json)
+    print_result(
+        found.as_dict(), f"{found.text()}\nwritten to {out}/table.json, PR curves beside it", as_json=writing.json
+    )
     return OK
 
 
-def _check(rules: Rules, link: Link) -> None:
-    check_ious(rules.iou or ())
-    check_schemes(rules.schemes or ())
-    check_least("--radius", rules.radius, 0.0)
-    check_positive("--rate", link.rate)
-    check_least("--key-every", link.key_every, 1)
-
-
-def _compare(rules: Rules, link: Link, *, known: bool) -> Comparison:
+def _compare(rules: Rules, *, known: bool) -> Comparison:
     """Return the comparison that the options ask for; known: at a known site."""
     from toolkit.detection.evaluation import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps
 
+    link = rules.link
     named = schemes_in_steps(link.step, refers_to=link.refers_to, key_every=link.key_every)
     usual: tuple[str, ...] | None = PAPER_SCHEMES if known else None
     chosen = rules.schemes or usual

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from coview.arguments import check_least
-from coview.commands.detection.evaluate import evaluate
+from coview.commands.detection.evaluate import Subject, evaluate
 from coview.commands.placement.plan import Goal, StockOptions, plan
 from coview.commands.recordings.simulate import simulate
 from coview.detectors import recording_detector
 from coview.exits import OK
 from coview.options import Output
-from coview.outputs import check_folder
+from coview.outputs import Writing, check_folder
 from coview.recordings import open_recording
 from toolkit.runtime.run import Run
 
@@ -52,8 +52,9 @@ def demo(
     again = overwrite or (out.is_dir() and {each.name for each in out.iterdir()} <= made)
     for name in sorted(files):
         check_folder(out, holds=name, overwrite=again)
-    simulate("tjunction", out=out / RECORDING, frames=frames, seed=seed, overwrite=again)
-    evaluate(out / RECORDING, detector=detector, out=out, overwrite=again)
+    writing = Writing(overwrite=again)
+    simulate("tjunction", out=out / RECORDING, run=Run(frames=frames, seed=seed, workers=None), writing=writing)
+    evaluate(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
     with open_recording(out / RECORDING, None) as recording:
         draw_example(recording, recording_detector(detector, recording), out / "birds_eye.png", seed=seed)
     print(f"pictures in {out}: birds_eye.png, pr_0.7.png")

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_errors, check_least
 from coview.exits import OK
-from coview.outputs import check_file, check_new_folder
+from coview.outputs import Writing, check_file, check_new_folder
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Contents to write."""
+
+    classes: tuple[Label, ...] | None = None
+    """Classes of objects to write; all when left out."""
+    frames: int | None = None
+    """Number of first frames to write; all when left out."""
+    errors: str | None = None
+    """Error profile of sensors that measured images, as in coview evaluate; none when left out."""
+    seed: int = 0
+    """Seed of these errors."""
 
 
 def convert(
@@ -20,13 +35,9 @@ def convert(
     *,
     to: str,
     out: Path,
-    classes: tuple[Label, ...] | None = None,
-    frames: int | None = None,
-    errors: str | None = None,
-    seed: int = 0,
-    overwrite: bool = False,
-    json: bool = False,
+    contents: Contents = Contents(),
     opening: Opening = Opening(),
+    writing: Writing = Writing(),
 ) -> int:
     """Write a recording in another layout: clouds, poses and labels.
 
@@ -37,32 +48,27 @@ def convert(
     Example: coview convert my-log --layout argoverse --to hdf5 --out my-log.hdf5
 
     Args:
-        recording: As in coview detect.
-        to: Layout to write: folder, kitti, openlabel, dair, opv2v, v2xset, v2xreal, nuscenes, argoverse, sustech,
-            rosbag, which has no place for labels, hdf5, one file of clouds with all that is known, or a plug-in's.
-        out: Folder to write, of hdf5 the file.
-        classes: Only objects of these.
-        frames: Only the first frames.
-        errors: Of sensors that measured images, as in coview evaluate, crooked poses among them; none by default.
-        seed: Of these errors.
-        overwrite: Write into a folder that holds something.
-        json: Print the summary as JSON.
-        opening: How the recording is opened.
+        recording: Recording in any layout.
+        to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5 keeps everything.
+        out: Folder to write, or file for hdf5.
     """
     from toolkit.datasets.readings import ReadRecording, Reads
     from toolkit.datasets.recordings import Part, filter_classes, find_layout
 
-    check_least("--frames", frames, 1, "leave it out for all")
-    if errors is not None:
-        check_errors(errors)
+    check_least("--frames", contents.frames, 1, "leave it out for all")
+    if contents.errors is not None:
+        check_errors(contents.errors)
     target = find_layout(to)
     write, problems = target.write, dict[str, int]()
     with opening.open(recording) as opened:
-        (check_file if target.file else check_new_folder)(out, inputs=[recording, *opening.files], overwrite=overwrite)
-        some = Part(opened if errors is None else ReadRecording(opened, Reads(errors, seed)), frames)
-        with progress_bar("frame", len(some), hidden=json) as bar:
-            written = write(count_passing(filter_classes(some, classes), problems, bar.to), out)
+        check = check_file if target.file else check_new_folder
+        check(out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
+        errors = contents.errors
+        read = opened if errors is None else ReadRecording(opened, Reads(errors, contents.seed))
+        some = Part(read, contents.frames)
+        with progress_bar("frame", len(some), hidden=writing.json) as bar:
+            written = write(count_passing(filter_classes(some, contents.classes), problems, bar.to), out)
     met = "".join(f"; {number} {kind}" for kind, number in problems.items())
     summary = {"out": str(out), "samples": written, "problems": problems}
-    print_result(summary, f"{out}: {written} frames as {to}{met}", as_json=json)
+    print_result(summary, f"{out}: {written} frames as {to}{met}", as_json=writing.json)
     return OK

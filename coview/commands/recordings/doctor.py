@@ -30,10 +30,10 @@ def doctor(
 
     Args:
         dataset: Recording in any layout.
-        site: Name or file, for hdf5, as in coview evaluate.
-        reference: As in coview calibrate; sensors that are not where it says are suspected too.
-        layout: As in coview evaluate.
-        frames: Number of frames, from the beginning, whose labels are looked at; of hdf5 all are.
+        site: Name or file of the site, for hdf5, as in coview evaluate.
+        reference: Reference, as in coview calibrate, against which the sensors' poses are checked too.
+        layout: Layout, as in coview evaluate.
+        frames: Number of first frames whose labels are checked; of hdf5 all are.
         json: Print as JSON.
     """
     from toolkit.calibration.poses import check_drift

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from tyro.conf import Positional
 
 from coview.arguments import check_positive
 from coview.exits import OK
-from coview.outputs import check_file
+from coview.outputs import Writing, check_file
 from coview.printing import print_result
+
+
+@dataclass(frozen=True)
+class Crop:
+    """Part of the fused cloud to keep."""
+
+    area: tuple[float, float, float, float] | None = None
+    """Keep points in xmin ymin xmax ymax (m)."""
+    height: float = 4.0
+    """Keep points below this height (m), with --area."""
+    floor: float = 0.0
+    """Keep points above this height (m), with --area."""
+    voxel: float | None = None
+    """Keep one point of each sensor in every cube of this size (m)."""
 
 
 def fuse(
@@ -18,14 +33,10 @@ def fuse(
     *,
     poses: tuple[Path, ...] = (),
     inverted: bool = False,
-    area: tuple[float, float, float, float] | None = None,
-    height: float = 4.0,
-    floor: float = 0.0,
-    voxel: float | None = None,
     out: Path | None = None,
     argoverse: Path | None = None,
-    overwrite: bool = False,
-    json: bool = False,
+    crop: Crop = Crop(),
+    writing: Writing = Writing(),
 ) -> int:
     """Fuse cloud files in the frame of their poses; or take an Argoverse 2 log apart, fuse it back and check it.
 
@@ -34,42 +45,35 @@ def fuse(
     Example: coview fuse --argoverse my-log
 
     Args:
-        clouds: ply, pcd, xyz, txt, csv, npy, npz, KITTI bin, feather.
-        poses: One file with all poses, or one file for each cloud; a pipe, such as <(...), will do.
-        inverted: The files give world to sensor (extrinsics) instead of sensor to world.
-        area: Crop to xmin ymin xmax ymax (m).
-        height: Crop above (m), with --area.
-        floor: Crop below (m), with --area.
-        voxel: Down-sample: of each sensor one measured point in each cube of this size (m).
-        out: Where to write the fused cloud (ply, pcd or npz).
-        argoverse: A log with two lidars; points per labelled cuboid are printed beside the recording's own counts.
-        overwrite: Replace a file that is there.
-        json: Print as JSON.
+        clouds: Cloud files: ply, pcd, xyz, txt, csv, npy, npz, KITTI bin or feather.
+        poses: One file with all poses, or one per cloud; pipes such as <(...) work too.
+        inverted: Take the poses as world to sensor (extrinsics) instead of sensor to world.
+        out: File for the fused cloud (ply, pcd or npz).
+        argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded counts.
     """
     from toolkit.clouds import down_sample, save
     from toolkit.datasets.cloud_files import crop_area, fuse_files, load_poses
 
     if argoverse is not None:
-        return _check_argoverse(argoverse, json)
+        return _check_argoverse(argoverse, writing.json)
     if not clouds or not poses:
         raise ValueError("give cloud files and --poses, or --argoverse LOG")
-    check_positive("--voxel", voxel)
-    check_file(out, inputs=[*clouds, *poses], overwrite=overwrite)
+    check_positive("--voxel", crop.voxel)
+    check_file(out, inputs=[*clouds, *poses], overwrite=writing.overwrite)
     cloud = fuse_files(clouds, load_poses(clouds, poses, inverted=inverted))
-    if area is not None:
+    if crop.area is not None:
         check = "leave out --inverted" if inverted else "say --inverted if the poses are world to sensor"
-        cloud = crop_area(
-            cloud, area, height, floor=floor, remedy=f"give another --area, --height or --floor, or {check}"
-        )
-    if voxel is not None:
-        cloud = down_sample(cloud, voxel)
+        remedy = f"give another --area, --height or --floor, or {check}"
+        cloud = crop_area(cloud, crop.area, crop.height, floor=crop.floor, remedy=remedy)
+    if crop.voxel is not None:
+        cloud = down_sample(cloud, crop.voxel)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         save(cloud, out)
     points = len(cloud.point.positions)
     summary = {"files": len(clouds), "points": points, "out": out and str(out)}
     text = f"{points} points of {len(clouds)} files{f', written to {out}' if out else ''}"
-    print_result(summary, text, as_json=json)
+    print_result(summary, text, as_json=writing.json)
     return OK
 
 

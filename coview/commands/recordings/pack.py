@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
@@ -12,7 +12,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_least, refuse_given
 from coview.exits import OK
-from coview.outputs import check_file
+from coview.outputs import Writing, check_file
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
@@ -23,24 +23,33 @@ if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
 
 
+@dataclass(frozen=True)
+class RandomSites:
+    """Random junctions to record instead of packing recordings."""
+
+    random_sites: int = 0
+    """Number of junctions to draw, with sensors and traffic."""
+    fleet: Literal["own", "catalogue"] = "own"
+    """Bodies of road users: all drawn afresh (own), or our 47, each a little stretched (catalogue)."""
+
+
 def pack(
     datasets: Positional[tuple[Path, ...]] = (),
     /,
     *,
     out: Path,
-    random_sites: int = 0,
-    fleet: Literal["own", "catalogue"] = "own",
     packed: tuple[Path, ...] = (),
-    overwrite: bool = False,
-    json: bool = False,
+    sites: RandomSites = RandomSites(),
     opening: Opening = Opening(),
     place: Place = Place(),
     run: Run = Run(workers=None),
+    writing: Writing = Writing(),
 ) -> int:
     """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
 
-    At a known site what differs from the empty site is kept; of other recordings their points, on level ground. Killed
-    while it draws random sites and started again it goes on where it was, to the same bytes.
+    At a known site what differs from the empty site is kept; of other recordings their points, on level ground. If
+    killed while drawing random sites, it resumes and writes the same bytes. Of each random site 20 frames are recorded
+    when --frames is left out.
 
     Example: coview pack tjunction.hdf5 --out tjunction.packed
 
@@ -49,39 +58,32 @@ def pack(
     Example: coview pack my-clouds --packed general.packed --out mixed.packed
 
     Args:
-        datasets: Recordings; their sites may differ.
+        datasets: Recordings, at the same or different sites.
         out: Packed file to write.
-        random_sites: Draw this many junctions with sensors and traffic instead, and record each.
-        fleet: Bodies at random sites; own: everyone drawn afresh; catalogue: our 47, each a little stretched.
-        packed: Packed files whose frames are put behind these, to train on simulated and recorded ones together.
-        overwrite: Replace a file that is there.
-        json: Print the summary as JSON.
-        opening: Options for opening a recording.
-        place: Where points are kept, and on what ground.
-        run: Frames of each recording, by default all, or of each random site, by default 20; the rest is for random
-            sites.
+        packed: Packed files whose frames are appended, to train on simulated and recorded frames together.
     """
     from models.training.packing import dataset_recording, drawn_file, join_packed, read_recordings, sample_recordings
     from models.training.packing import pack as write
 
+    random_sites = sites.random_sites
     check_least("--random-sites", random_sites, 0)
     if bool(datasets) == bool(random_sites):
         raise ValueError("give recordings, or --random-sites N")
-    check_file(out, inputs=[*datasets, *packed, *opening.files], overwrite=overwrite)
+    check_file(out, inputs=[*datasets, *packed, *opening.files], overwrite=writing.overwrite)
     refuse_given({"--packed": bool(packed and random_sites)}, "is not for --random-sites")
     if random_sites:
         from toolkit.bodies.fleet import fleet_named
         from toolkit.datasets.random_recordings import random_recordings_file
 
-        with progress_bar("site", random_sites, hidden=json) as bar:
+        with progress_bar("site", random_sites, hidden=writing.json) as bar:
             total = random_recordings_file(
                 random_sites,
                 out,
                 run=replace(run, progress=bar.stage),
                 encode=drawn_file,
                 join=join_packed,
-                fleet=fleet_named(fleet),
-                overwrite=overwrite,
+                fleet=fleet_named(sites.fleet),
+                overwrite=writing.overwrite,
             )
     else:
         from toolkit.datasets.recordings import Part
@@ -90,7 +92,7 @@ def pack(
         with ExitStack() as stack:
             opened = [stack.enter_context(opening.open(path)) for path in datasets]
             count = sum(frame_count(recording, run.frames) for recording in opened)
-            bar = stack.enter_context(progress_bar("frame", count, hidden=json))
+            bar = stack.enter_context(progress_bar("frame", count, hidden=writing.json))
             made = (
                 [dataset_recording(cast("CoopDataset", recording), run.frames)]
                 if place.at(recording.site)
@@ -100,5 +102,5 @@ def pack(
             total = write(chain(*made, *map(read_recordings, packed)), out, progress=bar.to)
     megabytes = out.stat().st_size / 1e6
     summary = {"file": str(out), "frames": total, "mb": megabytes}
-    print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=json)
+    print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=writing.json)
     return OK

@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from coview.arguments import site_file
 from coview.exits import OK
-from coview.outputs import check_file
+from coview.outputs import Writing, check_file
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Run
@@ -22,13 +22,13 @@ class Bodies:
     """Bodies of the traffic."""
 
     fleet: Literal["own", "catalogue", "meshes", "both"] | None = None
-    """own: all drawn; meshes: yours, else drawn; both: half of each; catalogue: our 47 and yours; own when left out."""
+    """Bodies: all drawn (own), your --meshes, both, or our 47 and yours (catalogue); own when left out."""
     meshes: Path | None = None
-    """Folder of your own meshes, anything Open3D reads, for fleet meshes; how each was taken is printed."""
+    """Folder of your own meshes, in any format that Open3D reads, for fleet meshes."""
     mirrors_in_boxes: bool = False
-    """Let the boxes of vehicles hold their wing mirrors; they end at the body otherwise."""
+    """Include wing mirrors in the boxes of vehicles."""
     held_out: bool = False
-    """Of our own cars take those that no shipped detector was trained on, to test one."""
+    """Use only our cars that no shipped detector was trained on."""
 
 
 def simulate(
@@ -37,40 +37,35 @@ def simulate(
     *,
     out: Path,
     every: float = 5.0,
-    overwrite: bool = False,
-    json: bool = False,
     bodies: Bodies = Bodies(),
     run: Run = Run(frames=1000, workers=None),
+    writing: Writing = Writing(),
 ) -> int:
     """Record a site: SUMO moves the traffic, rays are cast, HDF5 in the paper's layout is written.
 
-    Killed at any moment and started again it goes on where it was, to the same bytes.
+    If killed and started again, it resumes and writes the same bytes.
 
     Example: coview simulate tjunction --frames 1000 --seed 7 --out tjunction.hdf5
 
     Args:
         site: tjunction, roundabout, or a site file.
         out: HDF5 file to write.
-        every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz, 50 frames without a break.
-        overwrite: Replace a file that holds another recording.
-        json: Print the summary as JSON.
-        bodies: Bodies of the traffic.
-        run: Frames, seed and processes; nothing needs the cache.
+        every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz, in runs of 50 frames.
     """
     from toolkit.bodies.fleet import fleet_named
     from toolkit.datasets.simulation import FRAMES, simulate_dataset
     from toolkit.sites.files import load_site
 
     fleet = fleet_named(bodies.fleet, bodies.meshes, held_out=bodies.held_out, mirrors=bodies.mirrors_in_boxes)
-    if not json:
+    if not writing.json:
         print(*fleet.notes, sep="\n", end="\n" if fleet.notes else "")
     place, started, frames = load_site(site), perf_counter(), run.frames_or(FRAMES)
     check_file(out, inputs=site_file(site), overwrite=True)  # whether it holds the same recording is seen later
-    with progress_bar("frame", frames, hidden=json) as bar:
+    with progress_bar("frame", frames, hidden=writing.json) as bar:
         run = replace(run, progress=bar.stage)
-        new = simulate_dataset(place, out, run=run, fleet=fleet, interval=every, overwrite=overwrite)
+        new = simulate_dataset(place, out, run=run, fleet=fleet, interval=every, overwrite=writing.overwrite)
     seconds = perf_counter() - started
     summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds}
     text = f"{out}: {frames} frames at {place.name}, {new} of them made now, {new / seconds:.1f} a second"
-    print_result({**summary, "meshes": list(fleet.notes)}, text, as_json=json)
+    print_result({**summary, "meshes": list(fleet.notes)}, text, as_json=writing.json)
     return OK

@@ -27,17 +27,17 @@ class ImportMap:
     Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40 --out my-junction.json
 
     Attributes:
-        centre: Of the detection area: metres of an OpenDRIVE map, longitude and latitude of an OpenStreetMap file.
-        size: Of the detection area along x and y (m).
+        centre: Centre of the detection area: metres of an OpenDRIVE map, or longitude and latitude of OpenStreetMap.
+        size: Size of the detection area along x and y (m).
         out: Site file to write.
         opendrive: OpenDRIVE file (.xodr).
         osm: OpenStreetMap file (.osm, .osm.gz).
         heading_deg: Direction of the area's x axis, counter-clockwise from the map's east.
-        lefthand: Traffic keeps left (OpenStreetMap only).
-        furnish: Draw houses, trees, furniture, parked cars and uneven ground where the map is silent, and say what.
-        seed: Which surroundings are drawn.
-        sensors: Place so many cameras by greedy coverage, to try the site with.
-        overwrite: Replace a file that is there.
+        lefthand: Let traffic keep left (OpenStreetMap only).
+        furnish: Draw houses, trees, furniture, parked cars and uneven ground where the map is silent.
+        seed: Seed of the surroundings.
+        sensors: Number of cameras to place by greedy coverage, to try the site with.
+        overwrite: Replace existing files.
     """
 
     centre: tuple[float, float]
@@ -94,7 +94,7 @@ class ExportSite:
     Attributes:
         site: tjunction, roundabout, or a site file.
         out: GeoJSON file to write.
-        overwrite: Replace a file that is there.
+        overwrite: Replace existing files.
     """
 
     site: Positional[str]
@@ -121,8 +121,8 @@ class RandomSite:
 
     Attributes:
         out: Site file to write.
-        seed: Which one.
-        overwrite: Replace a file that is there.
+        seed: Seed of the junction.
+        overwrite: Replace existing files.
     """
 
     out: Path
@@ -147,7 +147,7 @@ class ShowSite:
     Attributes:
         site: tjunction, roundabout, or a site file.
         out: Picture to write.
-        overwrite: Replace a file that is there.
+        overwrite: Replace existing files.
     """
 
     site: Positional[str]

@@ -34,14 +34,13 @@ def survey(
     Example: coview survey my-log --layout argoverse
 
     Args:
-        dataset: Recording.
+        dataset: Recording in any layout.
         sensors: Sensor sets, as in coview evaluate.
         classes: Classes whose points are counted.
-        frames: Only the first frames.
-        errors: As in coview evaluate.
-        seed: Of the sensors' noise and errors.
+        frames: Number of first frames to use; all when left out.
+        errors: Error profile, as in coview evaluate.
+        seed: Seed of the sensors' noise and errors.
         json: Print as JSON.
-        opening: How the recording is opened.
     """
     from toolkit.datasets.readings import Reads
     from toolkit.detection.survey import survey as count

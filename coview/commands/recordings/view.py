@@ -13,7 +13,7 @@ from tyro.conf import Positional
 from coview.arguments import Label, check_least, sensor_set
 from coview.detectors import place_detector
 from coview.exits import OK
-from coview.outputs import check_file
+from coview.outputs import Writing, check_file
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -25,21 +25,25 @@ class Shown:
     """Contents of the view."""
 
     detector: str | None = None
-    """Show what it finds too: general, another shipped name, a weights file, or package.module:callable."""
+    """Detector to show: general, another shipped name, a weights file, or package.module:callable."""
     score: float = 0.0
-    """Only what it finds with at least this score."""
+    """Least score of detections to show."""
     classes: tuple[Label, ...] | None = None
-    """Only boxes of these, labelled or detected."""
+    """Classes of boxes to show, labelled or detected."""
     sensors: str | None = None
-    """Only the clouds of these: a,b,c; it detects in them alone."""
+    """Sensors whose clouds are shown and detected in: a,b,c."""
     frames: int | None = None
-    """Only the first frames; with --out 20 by default."""
+    """Number of first frames; 20 with --out when left out."""
     every: int = 1
-    """Only every n-th frame."""
+    """Step from one frame to the next."""
     frame: int = 0
-    """Frame of a picture, of those that --every and --frames leave, counted from 0."""
+    """Frame of a picture, counted from 0 among those that --every and --frames leave."""
     colour: Literal["sensor", "height", "intensity", "age"] = "sensor"
     """Colour of a picture's points."""
+    level: Level | None = None
+    """Ground below points, as in coview detect; map for clouds, none at a known site when left out."""
+    area: Corners | None = None
+    """Area of the detector, as in coview detect, and of a picture."""
 
 
 def view(
@@ -49,12 +53,9 @@ def view(
     out: Path | None = None,
     still: Path | None = None,
     port: int = 8080,
-    overwrite: bool = False,
-    json: bool = False,
-    opening: Opening = Opening(),
-    level: Level | None = None,
-    area: Corners | None = None,
     shown: Shown = Shown(),
+    opening: Opening = Opening(),
+    writing: Writing = Writing(),
 ) -> int:
     """Look at a recording: points, sensors, what is labelled and what is detected, in a browser of this machine.
 
@@ -69,16 +70,10 @@ def view(
     Example: coview view tjunction.hdf5 --still frame.png --frame 3 --colour height
 
     Args:
-        recording: As in coview detect.
-        out: Page of HTML to write in place of serving: all its frames are in it, of at most 600,000 points together.
-        still: Picture of one frame from above to write in place of serving, .png or .svg.
-        port: Of the address in the browser; the next one that is free where it is taken.
-        overwrite: Replace a page that is there.
-        json: Print as JSON.
-        opening: How the recording is opened.
-        level: As in coview detect; by default map for clouds, none at a known site.
-        area: The detector's, as in coview detect, and of a picture.
-        shown: Contents of the view.
+        recording: Recording in any layout.
+        out: HTML page to write instead of serving, with at most 600,000 points.
+        still: Picture (.png or .svg) of one frame from above to write instead of serving.
+        port: Port of the address in the browser; the next free one where it is taken.
     """
     from toolkit.datasets.recordings import Part
     from toolkit.plots.canvas import check_picture
@@ -95,12 +90,12 @@ def view(
         raise ValueError("--out writes a page, --still a picture: give one of them")
     if still is not None:
         check_picture(still)
-    check_file(still or out, inputs=[recording, *opening.files], overwrite=overwrite)
+    check_file(still or out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
     if still is None:
         check_viser()
     with opening.open(recording) as opened:
         samples = Part(opened, shown.frames if out is None else shown.frames or PAGE_FRAMES, shown.every)
-        place = Place(level or ("map" if opened.site is None else "none"), area=area)
+        place = Place(shown.level or ("map" if opened.site is None else "none"), area=shown.area)
         network = None if shown.detector is None else place_detector(shown.detector, place)
         sensors = None if shown.sensors is None else sensor_set(shown.sensors)
         drawing = Drawing(network, place, shown.score, shown.classes, sensors)
@@ -109,19 +104,19 @@ def view(
                 raise ValueError(f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0")
             sample = samples[shown.frame]
             drawn = drawing.draw(sample, drawing.origin(sample))
-            half = None if area is None else place.half
+            half = None if shown.area is None else place.half
             write_still(drawn, still, title=f"{recording.name}, {drawn.name}", colouring=shown.colour, half=half)
             said = drawn.describe()
-            print_result({"still": str(still), "said": said}, f"{still}: {said}", as_json=json)
+            print_result({"still": str(still), "said": said}, f"{still}: {said}", as_json=writing.json)
         elif out is None:
-            view_live(samples, drawing, port=port, ready=partial(_say_where, as_json=json))
+            view_live(samples, drawing, port=port, ready=partial(_say_where, as_json=writing.json))
         else:
-            with progress_bar("frame", len(samples), hidden=json) as bar:
+            with progress_bar("frame", len(samples), hidden=writing.json) as bar:
                 every = drawing.draw_all(samples, progress=bar.to)
                 page = write_page(every, recording.name or str(recording), out)
             figures = {"out": str(out), "frames": len(page.frames), "points": page.points, "drawn": page.drawn}
             text = f"{out}: {len(page.frames)} of {len(opened)} frames, {page.drawn} of {page.points} points drawn"
-            print_result(figures | {"of_frames": len(opened), "said": list(page.names)}, text, as_json=json)
+            print_result(figures | {"of_frames": len(opened), "said": list(page.names)}, text, as_json=writing.json)
     return OK
 
 
