@@ -59,7 +59,7 @@ def calibrate(
     """Find again where the sensors of a recording are, by what stands still there. Exit code 1 if one cannot be found.
 
     Each sensor learns its empty scene from its own frames and is registered against the reference, from up to 5° and
-    half a metre off. What the scene cannot say, such as moves along a bare plane, is named and stays as believed. Lidars
+    half a metre off. What the scene cannot say, such as moves along a bare plane, is named and kept. Lidars
     known by their clouds are found by range images of these, on a vehicle or in fewer than five frames by one sweep.
 
     Example: coview calibrate monday.hdf5 --reference tjunction --out corrected.hdf5 --poses poses.json
