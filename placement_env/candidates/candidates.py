@@ -1,12 +1,8 @@
-"""Candidates: the sensors that a search may choose from.
-
-They are a product of mount, height, heading, tilt and sensor model.
+"""Candidates: the sensors that a search may choose from, a product of mount, height, heading, tilt and sensor model.
 
 Heading is counter-clockwise from +x, tilt below the horizon (rad), height above the mount's foot (m). The five indices
-of a candidate are its `factors`; not every combination of them is a candidate.
-
-A mount carries up to `Mount.max_sensors` sensors; everything they send shares its one link, and the mount itself is
-paid once.
+of a candidate are its `factors`; not every combination of them is a candidate. A mount carries up to
+`Mount.max_sensors` sensors; everything they send shares its one link, and the mount itself is paid once.
 """
 
 from __future__ import annotations
@@ -29,9 +25,7 @@ ROUNDED = 1e-9  # share of a link's capacity by which rounding may exceed it
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Values of the factors after the mount.
-
-    Heights are in m, headings and tilts in rad.
+    """Values of the factors after the mount: heights (m), headings and tilts (rad), models.
 
     prices: of each model, in the unit of the mounts' prices; empty where sensors cost nothing beside their mounts.
     Raises ValueError unless there is one, finite and not negative, for each model.
@@ -61,33 +55,26 @@ class Axes:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """C sensors to choose from, on M mounts.
+    """C sensors of different names to choose from, on M mounts.
 
-    sensors: with different names; mount: index of each sensor's mount; factors: the mount and the place on each of the
-    `axes` (a mount's own range may have moved its height). Raises ValueError where the fields do not fit together.
+    factors: index of each sensor's mount, and its place on each of the `axes` (a mount's own range may have moved its
+    height). Raises ValueError where the fields do not fit together.
     """
 
     sensors: tuple[Sensor, ...]
-    mount: Int64[np.ndarray, " C"]
     mounts: tuple[Mount, ...]
     factors: Int64[np.ndarray, "C 5"]
     axes: Axes
 
     def __post_init__(self) -> None:
         count = len(self.sensors)
-        if len(self.mount) != count or len(self.factors) != count:
-            raise ValueError(
-                f"need one mount and one row of factors per sensor, got {count} sensors, {len(self.mount)} mounts and "
-                f"{len(self.factors)} rows"
-            )
+        if len(self.factors) != count:
+            raise ValueError(f"need one row of factors per sensor, got {count} sensors and {len(self.factors)} rows")
         if len({sensor.name for sensor in self.sensors}) < count:
-            raise ValueError(
-                f"names of candidates must differ, got {find_repeat(s.name for s in self.sensors)!r} twice"
-            )
+            repeat = find_repeat(s.name for s in self.sensors)
+            raise ValueError(f"names of candidates must differ, got {repeat!r} twice")
         if count and not ((self.factors >= 0) & (self.factors < self.shape)).all():
             raise ValueError(f"factors must lie in 0..{self.shape}, got up to {self.factors.max(axis=0).tolist()}")
-        if not np.array_equal(self.mount, self.factors[:, 0]):
-            raise ValueError("the first factor of each candidate must be its mount")
 
     def __len__(self) -> int:
         return len(self.sensors)
@@ -96,6 +83,11 @@ class Candidates:
     def shape(self) -> tuple[int, int, int, int, int]:
         """Number of mounts, heights, headings, tilts and models."""
         return len(self.mounts), *self.axes.shape
+
+    @cached_property
+    def mount(self) -> Int64[np.ndarray, " C"]:
+        """Index of each candidate's mount."""
+        return self.factors[:, 0].copy()
 
     @cached_property
     def mount_prices(self) -> Float64[np.ndarray, " M"]:
@@ -124,14 +116,9 @@ class Candidates:
         return bool((self.places > 1).any())
 
     @cached_property
-    def links(self) -> Float64[np.ndarray, " M"]:
-        """Capacity of each mount's link (kbit per frame)."""
-        return np.array([mount.capacity for mount in self.mounts], np.float64)
-
-    @cached_property
     def capacity(self) -> Float64[np.ndarray, " C"]:
         """Capacity of the link of each candidate's mount (kbit per frame)."""
-        return self.links[self.mount]
+        return np.array([self.mounts[mount].capacity for mount in self.mount], np.float64)
 
     def per_mount(self, subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, "n M"]:
         """Count the sensors of each set on each mount."""
@@ -156,7 +143,7 @@ class Candidates:
         """Return some of the candidates, in the given order. Mounts and axes stay, so factors keep their meaning."""
         chosen = np.asarray(indices, np.int64)
         sensors = tuple(self.sensors[i] for i in chosen)
-        return Candidates(sensors, self.mount[chosen], self.mounts, self.factors[chosen], self.axes)
+        return Candidates(sensors, self.mounts, self.factors[chosen], self.axes)
 
     def digest(self) -> str:
         """SHA-256 over sensors, mounts and factors; the same on every machine."""
@@ -201,19 +188,15 @@ def aim_sensor(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: floa
 def fit_together(
     candidates: Candidates, subsets: Bool[np.ndarray, "n C"], sent: Float64[np.ndarray, " C"] | None = None
 ) -> Bool[np.ndarray, " n"]:
-    """Tell which sets fit on their mounts and links.
-
-    sent: kbit per frame of each candidate, None where links always suffice; a link used by one sensor alone is not
-    checked here.
-    """
+    """Tell which sets fit on their mounts and shared links. sent: kbit per frame, None where links always suffice."""
     per_mount = candidates.per_mount(subsets)
     fits = np.asarray((per_mount <= candidates.places).all(axis=1))
     if sent is None or not candidates.several:
         return fits
-    loads = np.zeros(per_mount.shape)
+    loads, links = np.zeros(per_mount.shape), np.array([mount.capacity for mount in candidates.mounts])
     row, candidate = subsets.nonzero()
     np.add.at(loads, (row, candidates.mount[candidate]), sent[candidate])
-    return np.asarray(fits & ((loads <= candidates.links * (1 + ROUNDED)) | (per_mount <= 1)).all(axis=1))
+    return np.asarray(fits & ((loads <= links * (1 + ROUNDED)) | (per_mount <= 1)).all(axis=1))
 
 
 def room_beside(

@@ -73,12 +73,22 @@ def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
         raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point or MultiPoint features")
     coordinates = np.array([_coordinates(f["geometry"], f"{where}: features[{i}]") for i, f in points])
     places = _in_site(coordinates[:, :2], collection, site, where)
+    given = np.isfinite(coordinates[:, 2]) & ("coview_site" in collection)
+    feet = np.column_stack([places, np.where(given, coordinates[:, 2], site.ground(places))])
     mounts = [
         _mount(f["properties"], _name(i, f), foot, f"{where}: features[{i}]")
-        for (i, f), foot in zip(points, _feet(places, coordinates[:, 2], collection, site), strict=True)
+        for (i, f), foot in zip(points, feet, strict=True)
     ]
     _check(mounts, site, where)
-    return _without(mounts, _keep_out(collection, site, where), site, where)
+    spots, free = shapely.points(feet[:, :2]), np.ones(len(mounts), bool)
+    keep_out, lanes = _keep_out(collection, site, where), [shapely.Polygon(lane) for lane in site.lanes]
+    for areas, place in ((list(keep_out), "in a keep-out area"), (lanes, "on the carriageway")):
+        barred = free & shapely.intersects(shapely.union_all(areas), spots)
+        free &= ~barred
+        if barred.any():
+            names = ", ".join(mount.name for mount, is_barred in zip(mounts, barred, strict=True) if is_barred)
+            warnings.warn(f"{where}: left out, since they stand {place}: {names}", stacklevel=2)
+    return tuple(mount for mount, is_free in zip(mounts, free, strict=True) if is_free)
 
 
 def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
@@ -87,9 +97,7 @@ def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
 
 
 def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
-    """List unknown properties, each once, with what they may mean.
-
-    areas: the features are polygons, which have many properties of their own: only those that may mean keep_out count.
+    """List unknown properties, each once, with what they may mean; of polygons (`areas`) only those of keep_out.
 
     >>> list_unknown([{"name": "L1", "Height": 9}, {"cost_eur": 900, "owner": "tram"}])
     'Height: height (m above the foot)?, cost_eur: price (1: that of an ordinary pole)?, owner'
@@ -102,20 +110,15 @@ def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
 
 
 def guess_property(key: str) -> str | None:
-    """Return the property that a name may mean, or None.
-
-    The name may have other letters, words or units.
+    """Return the property that a name of other letters, words or units may mean, or None.
 
     >>> [guess_property(key) for key in ("MAX HEIGHT", "heigth", "Höhe_m", "KeepOut", "linkMbit", "material")]
     ['max_height', 'height', 'height', 'keep_out', 'capacity_kbit', None]
     """
     parts = [part.lower() for part in re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", "_", key))]
     joined = {*parts, "".join(parts)}
-    for meant, words in WORDS.items():
-        if joined & set(words):
-            return meant
-    close = get_close_matches("_".join(parts), UNDERSTOOD, 1, 0.75)
-    return close[0] if close else None
+    meant = [name for name, words in WORDS.items() if joined & set(words)]
+    return next(iter(meant or get_close_matches("_".join(parts), UNDERSTOOD, 1, 0.75)), None)
 
 
 def _read(path: Path) -> Json:
@@ -131,27 +134,25 @@ def _read(path: Path) -> Json:
 
 
 def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Yield number and feature, with geometry and properties checked. The sensors and bays of a site are left out."""
+    """Yield number and feature, with geometry and properties checked, but for the sensors and bays of a site."""
     for i, feature in enumerate(collection["features"]):
+        place = f"{where}: features[{i}]"
         if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
-            raise ValueError(
-                f"{where}: features[{i}].geometry must be an object {{...}}: remove features without a place"
-            )
+            raise ValueError(f"{place}.geometry must be an object {{...}}: remove features without a place")
         properties = feature.get("properties") or {}
         if not isinstance(properties, dict):
-            raise ValueError(f"{where}: features[{i}].properties must be an object {{...}}, got {str(properties)[:60]}")
+            raise ValueError(f"{place}.properties must be an object {{...}}, got {str(properties)[:60]}")
         if properties.get("layer") not in ("sensor", "parking"):
             yield i, {**feature, "properties": {k: v for k, v in properties.items() if v is not None}}
 
 
 def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]]:
     """Yield number and feature of each pole. A Point is one pole, a MultiPoint one for each of its points."""
-    geometry = feature["geometry"]
-    if geometry.get("type") == "Point":
+    kind, places = feature["geometry"].get("type"), feature["geometry"].get("coordinates")
+    if kind == "Point":
         yield number, feature
-    if geometry.get("type") != "MultiPoint":
+    if kind != "MultiPoint":
         return
-    places = geometry.get("coordinates")
     if not isinstance(places, list):
         raise ValueError(f"{where}.geometry.coordinates of a MultiPoint must be a list, got {str(places)[:60]}")
     name = _name(number, feature)
@@ -162,19 +163,13 @@ def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]
 
 def _warn_unknown(features: Sequence[tuple[int, Json]], where: str) -> None:
     """Warn of ignored properties and geometries that seem to be meant."""
-    kinds = [feature["geometry"].get("type") for _, feature in features]
-    poles = [f["properties"] for (_, f), kind in zip(features, kinds, strict=True) if kind in ("Point", "MultiPoint")]
-    areas = [f["properties"] for (_, f), kind in zip(features, kinds, strict=True) if "Polygon" in str(kind)]
+    kinds = [(str(feature["geometry"].get("type")), feature["properties"], number) for number, feature in features]
+    poles, areas = ([own for kind, own, _ in kinds if word in kind] for word in ("Point", "Polygon"))
     for unknown in (list_unknown(poles), list_unknown(areas, areas=True)):
         if unknown:
             warnings.warn(f"{where}: properties that are not understood, so not used: {unknown}", stacklevel=3)
-    if "GeometryCollection" in kinds:
-        number = features[kinds.index("GeometryCollection")][0]
+    for number in [number for kind, _, number in kinds if kind == "GeometryCollection"][:1]:
         warnings.warn(f"{where}: features[{number}] is a GeometryCollection, not used: export its points", stacklevel=3)
-
-
-def _is_local(collection: Json) -> bool:
-    return "coview_site" in collection
 
 
 def _coordinates(geometry: Json, where: str) -> list[float]:
@@ -193,7 +188,7 @@ def _in_site(
     coordinates: Float64[np.ndarray, "n 2"], collection: Json, site: Site, where: str
 ) -> Float64[np.ndarray, "n 2"]:
     """Coordinates of the collection in the site's metres."""
-    if _is_local(collection):
+    if "coview_site" in collection:
         return coordinates
     wrong = np.flatnonzero((np.abs(coordinates) > [180.0, 90.0]).any(axis=1))
     if len(wrong):
@@ -207,11 +202,6 @@ def _in_site(
             ' site\'s metres and add "coview_site": 1 beside "features"'
         )
     return site_metres(site, coordinates)
-
-
-def _feet(places: np.ndarray, z: np.ndarray, collection: Json, site: Site) -> Float64[np.ndarray, "n 3"]:
-    given = np.isfinite(z) & _is_local(collection)
-    return np.column_stack([places, np.where(given, z, site.ground(places))])
 
 
 def _name(number: int, feature: Json) -> str:
@@ -268,37 +258,22 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
 def _keep_out(collection: Json, site: Site, where: str) -> tuple[shapely.Geometry, ...]:
     areas = []
     for i, feature in _features(collection, where):
-        properties = feature["properties"]
+        properties, place = feature["properties"], f"{where}: features[{i}]"
         if not isinstance(marked := properties.get("keep_out", False), bool):
-            raise ValueError(f"{where}: features[{i}].properties.keep_out must be true or false, got {marked!r:.60}")
-        if marked or properties.get("kind") == "keep_out":
-            areas.append(_area(feature["geometry"], collection, site, f"{where}: features[{i}].geometry"))
+            raise ValueError(f"{place}.properties.keep_out must be true or false, got {marked!r:.60}")
+        if not (marked or properties.get("kind") == "keep_out"):
+            continue
+        geometry, place = feature["geometry"], f"{place}.geometry"
+        if (kind := geometry.get("type")) not in ("Polygon", "MultiPolygon"):
+            raise ValueError(f"{place}.type of a keep-out area must be Polygon or MultiPolygon, got {kind}")
+        try:
+            drawn = shapely.force_2d(shape(geometry))
+        except (ValueError, TypeError, LookupError, AttributeError, shapely.errors.ShapelyError):
+            raise ValueError(f"{place}.coordinates must be closed rings of [x, y] pairs: draw the area again") from None
+        if drawn.is_empty or not np.isfinite(shapely.get_coordinates(drawn)).all():
+            raise ValueError(f"{place}.coordinates are empty or hold NaN: draw the area again")
+        if not drawn.is_valid:
+            why = shapely.is_valid_reason(drawn)
+            raise ValueError(f"{place} must be a simple polygon ({why}): draw the area again")
+        areas.append(shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where)))
     return tuple(areas)
-
-
-def _area(geometry: Json, collection: Json, site: Site, where: str) -> shapely.Geometry:
-    if geometry.get("type") not in ("Polygon", "MultiPolygon"):
-        raise ValueError(f"{where}.type of a keep-out area must be Polygon or MultiPolygon, got {geometry.get('type')}")
-    try:
-        drawn = shapely.force_2d(shape(geometry))
-    except (ValueError, TypeError, LookupError, AttributeError, shapely.errors.ShapelyError):
-        raise ValueError(f"{where}.coordinates must be closed rings of [x, y] pairs: draw the area again") from None
-    if drawn.is_empty or not np.isfinite(shapely.get_coordinates(drawn)).all():
-        raise ValueError(f"{where}.coordinates are empty or hold NaN: draw the area again")
-    if not drawn.is_valid:
-        raise ValueError(f"{where} must be a simple polygon ({shapely.is_valid_reason(drawn)}): draw the area again")
-    return shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where))
-
-
-def _without(mounts: list[Mount], keep_out: Sequence[shapely.Geometry], site: Site, where: str) -> tuple[Mount, ...]:
-    """Drop mounts in a keep-out area or on the carriageway. A warning names them."""
-    spots = shapely.points([mount.position[:2] for mount in mounts])
-    lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
-    free = np.ones(len(mounts), bool)
-    for area, place in ((shapely.union_all(list(keep_out)), "in a keep-out area"), (lanes, "on the carriageway")):
-        barred = free & shapely.intersects(area, spots)
-        free &= ~barred
-        if barred.any():
-            names = ", ".join(mount.name for mount, is_barred in zip(mounts, barred, strict=True) if is_barred)
-            warnings.warn(f"{where}: left out, since they stand {place}: {names}", stacklevel=3)
-    return tuple(mount for mount, is_free in zip(mounts, free, strict=True) if is_free)

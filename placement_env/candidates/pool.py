@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -32,24 +33,31 @@ class NoCandidates(ValueError):
 
 
 def paper_candidates(site: Site) -> Candidates:
-    """Return the present sensors of `site`, each on its own mount.
+    """Return the present sensors of `site`, each on its own mount. Raises ValueError if the site has none.
 
     That is the nearest mount of the site, if within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where
-    the sensor is. Raises ValueError if the site has no sensors.
+    the sensor is.
     """
     if not site.sensors:
         raise ValueError(f"site {site.name!r} has no sensors of its own: take candidates from pool(site)")
     mounts: list[Mount] = []
     for sensor in site.sensors:
-        mounts.append(_find_mount(sensor, site, {mount.name for mount in mounts}))
+        x, y, z = sensor.position.tolist()
+        near = min(site.mounts, key=lambda m: float(np.hypot(*(m.position[:2] - (x, y)))), default=None)
+        if near is None or np.hypot(*(near.position[:2] - (x, y))) > ON_ITS_MOUNT:
+            foot = min(z, float(site.ground(np.array([x, y]))))
+            low, high = min(3.0, z - foot), max(8.0, z - foot)
+            near = Mount(f"{sensor.name}_mount", np.array([x, y, foot]), low, high)
+        elif near.name in {mount.name for mount in mounts}:
+            near = replace(near, name=f"{near.name}_{sensor.name}")
+        mounts.append(near)
     heights = [s.position[2] - m.position[2] for s, m in zip(site.sensors, mounts, strict=True)]
     headings, tilts = aims(site.sensors)
     up, around, down = (np.unique(np.round(v, 6), return_inverse=True) for v in (heights, headings, tilts))
     models = tuple(dict.fromkeys(sensor.model for sensor in site.sensors))
     model = np.array([models.index(sensor.model) for sensor in site.sensors])
-    mount = np.arange(len(mounts))
-    factors = np.column_stack([mount, up[1], around[1], down[1], model])
-    return Candidates(site.sensors, mount, tuple(mounts), factors, Axes(up[0], around[0], down[0], models))
+    factors = np.column_stack([np.arange(len(mounts)), up[1], around[1], down[1], model])
+    return Candidates(site.sensors, tuple(mounts), factors, Axes(up[0], around[0], down[0], models))
 
 
 def pool(
@@ -79,7 +87,8 @@ def pool(
     shape = (len(chosen), *axes.shape)
     factors = np.argwhere(np.broadcast_to(np.isfinite(mounted)[:, :, None, None, None], shape)).astype(np.int64)
     position = feet[factors[:, 0]] + mounted[factors[:, 0], factors[:, 1], None] * [0.0, 0.0, 1.0]
-    rotations = _rotations(axes)
+    bodies = np.array([[pose(yaw=float(y), pitch=float(t))[:3, :3] for t in axes.tilts] for y in axes.headings])
+    rotations = np.stack([bodies @ model.body_SE3_sensor[:3, :3] for model in axes.models], axis=2)
     if not blind:
         kept = _sees_area(site, position, factors, rotations, axes.models)
         factors, position = factors[kept], position[kept]
@@ -90,11 +99,9 @@ def pool(
     poses = np.tile(np.eye(4), (len(factors), 1, 1))
     poses[:, :3, :3] = rotations[tuple(factors[:, 2:].T)]
     poses[:, :3, 3] = position
-    names = _names(chosen, mounted, axes, factors)
-    sensors = tuple(
-        Sensor(name, axes.models[model], at) for name, model, at in zip(names, factors[:, 4], poses, strict=True)
-    )
-    return Candidates(sensors, factors[:, 0].copy(), chosen, factors, axes)
+    rows = zip(_names(chosen, mounted, axes, factors), factors[:, 4], poses, strict=True)
+    sensors = tuple(Sensor(name, axes.models[model], at) for name, model, at in rows)
+    return Candidates(sensors, chosen, factors, axes)
 
 
 def choose_candidates(
@@ -116,27 +123,23 @@ def choose_candidates(
         if models:
             raise ValueError("the site's own sensors have their models: give models with 'pool' or a file of poles")
         return paper_candidates(site)
-    offer = _price_models(models, prices) if prices else models or PAPER
+    offer: Models = models or PAPER
+    if prices:
+        if len(prices) != len(models):
+            raise ValueError(f"need a price for each of {len(models)} models, got {len(prices)}")
+        if len(set(models)) < len(models):
+            raise ValueError("two of the priced models are equal: leave one of them out")
+        offer = dict(zip(models, prices, strict=True))
     if which == "pool":
         return pool(site, models=offer, keep_out=keep_out)
     areas = (*keep_out, *load_keep_out(which, site))
     return pool(site, mounts=load_poles(which, site), keep_out=areas, models=offer)
 
 
-def _price_models(models: Sequence[SensorModel], prices: Sequence[float]) -> Models:
-    if len(prices) != len(models):
-        raise ValueError(f"need a price for each of {len(models)} models, got {len(prices)}")
-    if len(set(models)) < len(models):
-        raise ValueError("two of the priced models are equal: leave one of them out")
-    return dict(zip(models, prices, strict=True))
-
-
 def own_and_random(
     site: Site, poses: int, rng: np.random.Generator, *, models: Sequence[SensorModel] = ()
 ) -> Candidates:
-    """Return the site's own sensors, then random poses of its pool.
-
-    Each own sensor is on a mount of its own.
+    """Return the site's own sensors, each on a mount of its own, then random poses of its pool.
 
     models: to draw from, none for the paper's camera. Raises ValueError where the pool has fewer poses, or there would
     be no sensor.
@@ -149,19 +152,12 @@ def own_and_random(
         return more
     own = paper_candidates(site)
     mount = np.concatenate([own.mount, len(own.mounts) + more.mount])
-    return replace(
-        own,
-        sensors=(*own.sensors, *more.sensors),
-        mounts=(*own.mounts, *more.mounts),
-        mount=mount,
-        factors=np.column_stack([mount, np.zeros((len(mount), 4), np.int64)]),
-    )
+    factors = np.column_stack([mount, np.zeros((len(mount), 4), np.int64)])
+    return replace(own, sensors=own.sensors + more.sensors, mounts=own.mounts + more.mounts, factors=factors)
 
 
 def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Generator) -> Bool[np.ndarray, "n C"]:
-    """Draw up to `count` different sets.
-
-    Half of them are from the first `own` candidates, if there are any.
+    """Draw up to `count` different sets, half of them from the first `own` candidates, if there are any.
 
     The others have 1 to `MOST_POSES` of the other candidates, at most one on a mount.
     """
@@ -175,24 +171,14 @@ def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Gen
     return np.unique(sets, axis=0)
 
 
-def _find_mount(sensor: Sensor, site: Site, taken: set[str]) -> Mount:
-    x, y, z = sensor.position.tolist()
-    near = min(site.mounts, key=lambda m: float(np.hypot(*(m.position[:2] - (x, y)))), default=None)
-    if near is not None and np.hypot(*(near.position[:2] - (x, y))) <= ON_ITS_MOUNT:
-        return near if near.name not in taken else replace(near, name=f"{near.name}_{sensor.name}")
-    foot = min(z, float(site.ground(np.array([x, y]))))
-    height = z - foot
-    return Mount(f"{sensor.name}_mount", np.array([x, y, foot]), min(3.0, height), max(8.0, height))
-
-
 def _usable(mounts: Sequence[Mount], keep_out: Sequence[shapely.Geometry], site: str) -> tuple[Mount, ...]:
     if len({mount.name for mount in mounts}) < len(mounts):
         raise ValueError(f"mounts[].name must differ, got {find_repeat(m.name for m in mounts)!r} twice: rename one")
-    spots = shapely.points([mount.position[:2] for mount in mounts]) if len(mounts) else np.zeros(0, object)
-    free = ~shapely.intersects(shapely.union_all(list(keep_out)), spots)
-    if not np.any(free):
+    feet = np.array([mount.position[:2] for mount in mounts]).reshape(-1, 2)
+    free = tuple(compress(mounts, ~shapely.intersects_xy(shapely.union_all(list(keep_out)), *feet.T)))
+    if not free:
         raise NoCandidates(f"site {site!r} has no mount outside the keep-out areas (of {len(mounts)}): give some poles")
-    return tuple(mount for mount, is_free in zip(mounts, free, strict=True) if is_free)
+    return free
 
 
 def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], models: Models) -> Axes:
@@ -220,12 +206,6 @@ def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray
     return mounted
 
 
-def _rotations(axes: Axes) -> Float64[np.ndarray, "Y T models 3 3"]:
-    """World axes from sensor axes, by heading, tilt and model."""
-    bodies = np.array([[pose(yaw=float(y), pitch=float(t))[:3, :3] for t in axes.tilts] for y in axes.headings])
-    return np.stack([bodies @ model.body_SE3_sensor[:3, :3] for model in axes.models], axis=2)
-
-
 def _sees_area(
     site: Site, position: np.ndarray, factors: np.ndarray, rotations: np.ndarray, models: Sequence[SensorModel]
 ) -> Bool[np.ndarray, " C"]:
@@ -246,11 +226,7 @@ def _sees_area(
 def _names(mounts: Sequence[Mount], mounted: np.ndarray, axes: Axes, factors: np.ndarray) -> list[str]:
     """Names such as post07_6.0m_h90_t15_camera: mount, height, heading and tilt (degrees), model."""
     heights, place = np.unique(mounted[factors[:, 0], factors[:, 1]], return_inverse=True)
-    height, heading, tilt = (
-        _format(heights, 1),
-        _format(np.rad2deg(axes.headings), 0),
-        _format(np.rad2deg(axes.tilts), 0),
-    )
+    height, heading, tilt = _format(heights, 1), *(_format(np.rad2deg(x), 0) for x in (axes.headings, axes.tilts))
     kinds = [model.kind for model in axes.models]
     model = [kind if kinds.count(kind) == 1 else f"{kind}{kinds[:i].count(kind)}" for i, kind in enumerate(kinds)]
     return [

@@ -38,10 +38,9 @@ class PricedModel:
 
 @dataclass(frozen=True)
 class SensorCatalogue:
-    """Models that may be bought, and prices.
+    """Models that may be bought. currency: of all prices; pole_price: of one ordinary mount; digest: SHA-256.
 
-    currency: of all prices; pole_price: of one ordinary mount, None if prices of mounts are in the currency already;
-    digest: SHA-256 of the document.
+    Without a pole price, prices of mounts are in the currency already.
     """
 
     models: tuple[PricedModel, ...]
@@ -58,10 +57,7 @@ class SensorCatalogue:
 
 
 def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
-    """Load the catalogue in a TOML file.
-
-    Raises OSError, and ValueError in one line that says where the file is wrong.
-    """
+    """Load the catalogue in a TOML file. Raises OSError, and ValueError in one line that says where it is wrong."""
     content = Path(path).read_bytes()
     try:
         document = tomllib.loads(content.decode("utf-8-sig"))
@@ -75,14 +71,17 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
     currency = document.get("currency", "")
     if not isinstance(currency, str):
         raise ValueError(f"{path}: currency must be a text, got {currency!r:.60}")
-    pole_price = None
-    if "pole_price" in document:
-        pole_price = _price(document["pole_price"], f"{path}: pole_price")
+    pole_price = _price(document["pole_price"], f"{path}: pole_price") if "pole_price" in document else None
     rows = document.get("sensor")
     if not isinstance(rows, list) or not rows:
         raise ValueError(f"{path}: sensor must be a list of at least one sensor: begin each with [[sensor]]")
     models = tuple(_read_sensor(row, f"{path}: sensor[{i}]") for i, row in enumerate(rows))
-    _check_different(models, str(path))
+    for i, each in enumerate(models):
+        for j, other in enumerate(models[:i]):
+            if each.name == other.name:
+                raise ValueError(f"{path}: sensor[{i}].name {each.name!r} is taken by sensor[{j}]: rename one")
+            if each.model == other.model:
+                raise ValueError(f"{path}: sensor[{i}] is the same model as sensor[{j}]: leave one of them out")
     return SensorCatalogue(models, currency, pole_price, sha256(content).hexdigest())
 
 
@@ -125,12 +124,3 @@ def _price(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
         raise ValueError(f"{where} must be a number from 0 up, got {value!r:.60}")
     return float(value)
-
-
-def _check_different(models: tuple[PricedModel, ...], where: str) -> None:
-    for i, each in enumerate(models):
-        for j, other in enumerate(models[:i]):
-            if each.name == other.name:
-                raise ValueError(f"{where}: sensor[{i}].name {each.name!r} is taken by sensor[{j}]: rename one")
-            if each.model == other.model:
-                raise ValueError(f"{where}: sensor[{i}] is the same model as sensor[{j}]: leave one of them out")

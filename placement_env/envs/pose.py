@@ -57,7 +57,7 @@ class Rig:
         )
         factors = np.stack([old.mount, count, count, count, model], axis=1)
         axes = Axes(height, heading, tilt, models, old.axes.select_prices(models))
-        return Candidates(sensors, old.mount, old.mounts, factors, axes)
+        return Candidates(sensors, old.mounts, factors, axes)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -216,7 +216,7 @@ def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: 
     factors = np.column_stack([mount, count, count, count, model]).astype(np.int64)
     numbered = tuple(replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors))
     axes = Axes(heights, headings, tilts, models, () if priced is None else priced.select_prices(models))
-    return Candidates(numbered, factors[:, 0].copy(), mounts, factors, axes)
+    return Candidates(numbered, mounts, factors, axes)
 
 
 def angles(sensor: Sensor) -> tuple[float, float, float]:

@@ -83,7 +83,7 @@ def candidates_on(mounts, poses, *, capacity=2000.0, seed=0):
         for m, _, h, _, _ in factors
     )
     axes = Axes(np.array([5.0]), headings, np.array([0.0]), (DepthCamera(),))
-    return Candidates(sensors, factors[:, 0].copy(), posts, factors, axes)
+    return Candidates(sensors, posts, factors, axes)
 
 
 @dataclass
@@ -181,7 +181,7 @@ def street():
     )
     factors = np.array([[m, 0, 0, 0, int(m == 3)] for m in range(4)])
     axes = Axes(np.array([5.0]), np.zeros(1), np.zeros(1), (NARROW, WIDE), (10.0, 20.0))
-    candidates = Candidates(sensors, np.arange(4), mounts, factors, axes)
+    candidates = Candidates(sensors, mounts, factors, axes)
     site = Site("street", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=mounts)
     objective = Objective(Setting(candidates=candidates, fidelity=Known(), scheme="late"))
     detected = Detected(Street(site, sensors), Reader(), "early")

@@ -79,7 +79,7 @@ def candidates_of(site):
     number = np.arange(len(site.sensors))
     factors = np.column_stack([number, np.zeros((len(number), 4), np.int64)])
     models = tuple(dict.fromkeys(sensor.model for sensor in site.sensors))
-    return Candidates(site.sensors, number, site.mounts, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
+    return Candidates(site.sensors, site.mounts, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
 
 
 MODELS = {  # made up

@@ -128,7 +128,7 @@ def test_objectives_say_where_scores_come_from_and_take_parts_by_hand():
     some = candidates()
     axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
     factors = np.array([[1, 0, 0, 0, 0]])
-    one = Candidates(some.sensors[2:3], factors[:, 0].copy(), some.mounts, factors, axes)
+    one = Candidates(some.sensors[2:3], some.mounts, factors, axes)
     assert Objective(Setting(candidates=one, fidelity=Counting(1))).score([0]).price == 2.0
     early, foreground = objective(), objective(scheme="foreground")
     assert early.provenance["codec"] == "PaperCodec(bits_per_point=96, bits_per_box=256)"

@@ -50,7 +50,7 @@ def test_candidates_are_counted_selected_and_taken_by_arrays():
 def test_fields_and_names_that_do_not_fit_are_refused():
     good = pool(square())
     twice = (good.sensors[0], *good.sensors[:-1])
-    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"mount": good.mount + 1}, {"mounts": ()}):
+    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"factors": good.factors + 1}, {"mounts": ()}):
         with pytest.raises(ValueError):
             replace(good, **broken)
     assert find_repeat(["a", "b", "c", "b", "a"]) == "b"

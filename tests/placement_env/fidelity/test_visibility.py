@@ -134,7 +134,7 @@ def test_panoramas_are_taken_where_poses_share_places_in_range(small_traffic, sm
     at = (-22.0, -16.0, 6.0)
     sensors = tuple(Sensor(str(k), few.sensors[0].model, look(at, 0.4 + 0.2 * k, 0.3)) for k in range(4))
     zeros = np.zeros((4, 5), np.int64)
-    shared = replace(few, sensors=sensors, mount=zeros[:, 0], factors=zeros)
+    shared = replace(few, sensors=sensors, factors=zeros)
     exact, quick = (see(small_traffic, shared, rendering=each) for each in ("full", "panorama"))
     assert equal(see(small_traffic, shared), quick)
     assert not equal(exact, quick)

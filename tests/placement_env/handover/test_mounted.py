@@ -105,7 +105,7 @@ def test_mounts_of_sites_come_once_and_of_no_set_none():
     assert mounted_site(site, paper_candidates(site), range(6)).sensors == site.sensors
     assert {m.name for m in mounted_site(site, paper_candidates(site), [0, 3]).mounts} >= {m.name for m in site.mounts}
     none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
-    empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
+    empty = Candidates((), (NORTH,), np.zeros((0, 5), np.int64), none)
     assert format_sensors(SITE, empty, [], kbit=np.zeros((0, 1))) == ()
 
 

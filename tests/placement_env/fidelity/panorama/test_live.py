@@ -30,7 +30,7 @@ def hung(*aims, models=(CAMERA,)):
         sensors.append(Sensor(str(k), models[model], at @ models[model].body_SE3_sensor))
     mount = np.array([each[0] for each in aims])
     factors = np.column_stack([mount, *[np.zeros(len(aims), np.int64)] * 3, [each[4] for each in aims]])
-    return Candidates(tuple(sensors), mount, MOUNTS, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
+    return Candidates(tuple(sensors), MOUNTS, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
 
 
 @pytest.fixture(scope="module")
