@@ -38,7 +38,7 @@ from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import average_precision, matches, precision_recall
 from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import find_scheme
-from toolkit.detection.view import Captured, Cloud, View, together
+from toolkit.detection.view import Captured, Cloud, Images, View, together
 from toolkit.objects import LABELS, Detections, Detector, Objects, UnionDetector, check_known
 from toolkit.points import detect_on_ground, detect_unions_on_ground
 from toolkit.runtime.cache import Arrays, Cache, make_key
@@ -338,8 +338,7 @@ class _FrameDetections:
             measure=partial(renders.clouds, k),
             run=self._detections,
             codec=rules.codec,
-            capture=None if images is None else partial(images.captured, k),
-            scene=None if images is None else images.scene,
+            images=None if images is None else Images(partial(images.captured, k), images.scene),
         )
 
     def fused(self, chosen: tuple[int, ...]) -> Fused:

@@ -114,13 +114,21 @@ class SentBoxes(NamedTuple):
     bits: int
 
 
+@dataclass(frozen=True, eq=False)
+class Images:
+    """Images behind the points of sensors (index), and their empty scenes, where there are any."""
+
+    capture: Callable[[int], Captured] | None = None
+    scene: Callable[[int], EmptyScene] | None = None
+
+
 class View:
     """View of one frame.
 
     site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
     clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes of one label is
-    dropped; capture: gives the image behind the points of a sensor, None if it has none; scene: gives the empty scene
-    of a sensor, None if unknown; memory: passed from one frame's view to the next where frames are read in order.
+    dropped; images: behind the points, None without; memory: passed from one frame's view to the next where frames are
+    read in order.
     """
 
     def __init__(
@@ -132,13 +140,12 @@ class View:
         run: Callable[[Sequence[Cloud]], Detections],
         codec: Codec = PAPER,
         nms_iou: float = NMS_IOU,
-        capture: Callable[[int], Captured] | None = None,
-        scene: Callable[[int], EmptyScene] | None = None,
+        images: Images | None = None,
         memory: LinkMemory | None = None,
     ) -> None:
         self._memory: LinkMemory = {} if memory is None else memory
         self.site, self.sensors, self.codec, self.nms_iou = site, sensors, codec, nms_iou
-        self._measure, self._run, self._capture, self._scene = measure, run, capture, scene
+        self._measure, self._run, self._images = measure, run, images or Images()
         self._captured: dict[int, Captured] = {}
         self._clouds: dict[tuple[int, tuple[str, ...]], Cloud] = {}
         self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
@@ -164,17 +171,17 @@ class View:
 
     def captured(self, sensor: int) -> Captured:
         """Image behind the points of a sensor. Raises ValueError where only points are known."""
-        if self._capture is None:
+        if self._images.capture is None:
             raise ValueError("this view has points alone, no images: choose a scheme and codec that work with points")
         if sensor not in self._captured:
-            self._captured[sensor] = self._capture(sensor)
+            self._captured[sensor] = self._images.capture(sensor)
         return self._captured[sensor]
 
     def scene(self, sensor: int) -> EmptyScene:
         """Empty scene of a sensor. Raises ValueError where none is known."""
-        if self._scene is None:
+        if self._images.scene is None:
             raise ValueError("this view knows no empty scenes: pass some of toolkit.calibration.empty_scene")
-        return self._scene(sensor)
+        return self._images.scene(sensor)
 
     def remember(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
         """State that a sensor's link keeps between frames. `begin` makes it in the first frame. name: of the link."""
@@ -211,7 +218,7 @@ class View:
         """Send a cloud through the codec."""
         if cloud not in self._sent_clouds:
             start = perf_counter()
-            if isinstance(self.codec, ImageCodec) and self._capture is not None:
+            if isinstance(self.codec, ImageCodec) and self._images.capture is not None:
                 captured = self.captured(cloud.sensor)
                 pixels = captured.pixels if cloud.rows is None else captured.pixels[cloud.rows]
                 message = self.codec.encode_image(captured.sending(pixels))
@@ -272,8 +279,7 @@ def frame_view(
         run=lambda clouds: detect(together(clouds)),
         codec=codec,
         nms_iou=nms_iou,
-        capture=lambda sensor: Captured(frame, sensor, site, height),
-        scene=scene,
+        images=Images(lambda sensor: Captured(frame, sensor, site, height), scene),
         memory=memory,
     )
 
@@ -351,6 +357,9 @@ def stand_view(
         )
         for cloud, sensor in zip(frame.clouds, frame.sensors, strict=True)
     )
+    images = None
+    if scenes is not None:
+        images = Images(lambda k: show(k, scenes)[1], lambda k: scenes[frame.sensors[k].name].scene)
     return View(
         stand.area,
         sensors,
@@ -358,7 +367,6 @@ def stand_view(
         run=run,
         codec=codec,
         nms_iou=nms_iou,
-        capture=None if scenes is None else lambda k: show(k, scenes)[1],
-        scene=None if scenes is None else lambda k: scenes[frame.sensors[k].name].scene,
+        images=images,
         memory=memory,
     )
