@@ -104,7 +104,7 @@ def format_sensors(
     degrees = longitude_latitude(site, np.array([sensor.position for sensor in sensors]).reshape(-1, 3)[:, :2])
     places = [(None, None)] * len(sensors) if degrees is None else degrees.tolist()
     headings, tilts = aims(sensors)
-    prices = candidates.model_prices[np.asarray(chosen, np.int64)]
+    prices, mean_kbit = candidates.model_prices[np.asarray(chosen, np.int64)], kbit.mean(axis=1)
     return tuple(
         PlannedSensor(
             name=sensor.name,
@@ -118,7 +118,7 @@ def format_sensors(
             model=name_in_words(type(sensor.model).__name__) if catalogue is None else catalogue.get_name(sensor.model),
             model_price=float(prices[i]),
             pole_price=0.0 if mount.name in {before.name for before in mounts[:i]} else float(mount.price),
-            kbit=float(kbit[i].mean()),
+            kbit=float(mean_kbit[i]),
             peak_kbit=float(kbit[i].max()),
             capacity_kbit=float(mount.capacity),
         )

@@ -1,10 +1,9 @@
-"""Comparison of one paper experiment with ours.
+"""Comparison of one paper experiment with ours: figures side by side, with reasons for large differences.
 
-Rows put our figures beside the paper's, with reasons for large differences. A reason is put together from measurements
-of its own row: the share of vehicles on which the sensors have a point, which no detector can exceed, the share of
-these that is found, how well the boxes fit, and the AP of the same detections by the published code's counting. The
-letters stand for the causes listed on the page; each is measured in `docs/figures.md` or `docs/model-card.md`, or
-stated by the paper.
+A reason is put together from measurements of its own row: the share of vehicles on which the sensors have a point,
+which no detector can exceed, the share of these that is found, how well the boxes fit, and the AP of the same
+detections by the published code's counting. The letters stand for the causes listed on the page; each is measured in
+`docs/figures.md` or `docs/model-card.md`, or stated by the paper.
 """
 
 from __future__ import annotations
@@ -53,8 +52,8 @@ class Compared:
         if self.ours is None or self.paper is None or isnan(self.ours):
             return None
         difference = self.ours - self.paper
-        kept = {"is": False, "more than": difference > 0, "less than": difference < 0}
-        return 0.0 if kept[self.relation] else difference
+        kept = difference > 0 if self.relation == "more than" else difference < 0
+        return 0.0 if kept and self.relation != "is" else difference
 
     @property
     def large(self) -> bool:
@@ -63,12 +62,12 @@ class Compared:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Return the row as text. Labels, unit, ours, interval, paper's, difference, reason."""
-        digits, blank = DIGITS[self.unit], "–"
-        ours = blank if self.ours is None or isnan(self.ours) else f"{self.ours:.{digits}f}"
-        interval = blank if self.interval is None else "–".join(f"{end:.{digits}f}" for end in self.interval)
-        paper = blank if self.paper is None else f"{BOUND[self.relation]}{self.paper:.{digits}f}"
-        difference = blank if self.difference is None else f"{self.difference:+.{digits}f}"
+        """Return the row as text: labels, unit, ours, interval, paper's, difference, reason."""
+        digits = DIGITS[self.unit]
+        ours = "–" if self.ours is None or isnan(self.ours) else f"{self.ours:.{digits}f}"
+        interval = "–" if self.interval is None else "–".join(f"{end:.{digits}f}" for end in self.interval)
+        paper = "–" if self.paper is None else f"{BOUND[self.relation]}{self.paper:.{digits}f}"
+        difference = "–" if self.difference is None else f"{self.difference:+.{digits}f}"
         return (*self.labels, self.unit, ours, interval, paper, difference, self.reason)
 
 
@@ -102,14 +101,13 @@ class Experiment:
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for JSON."""
+        names = ("unit", "ours", "interval", "paper", "relation", "difference", "reason")
         rows = [
-            dict(zip(self.heads, row.labels, strict=True))
-            | {"unit": row.unit, "ours": row.ours, "interval": row.interval, "paper": row.paper}
-            | {"relation": row.relation, "difference": row.difference, "reason": row.reason}
+            dict(zip(self.heads, row.labels, strict=True)) | {name: getattr(row, name) for name in names}
             for row in self.rows
         ]
-        about = {"name": self.name, "title": self.title, "source": self.source, "basis": self.basis}
-        return about | {"conclusion": self.conclusion, "rows": rows}
+        about = {name: getattr(self, name) for name in ("name", "title", "source", "basis", "conclusion")}
+        return about | {"rows": rows}
 
 
 def to_csv(rows: Sequence[TableRow]) -> str:
@@ -126,8 +124,7 @@ def to_csv(rows: Sequence[TableRow]) -> str:
 class RowEvidence(NamedTuple):
     """Measurements with the row's sensors; NaN if not measured.
 
-    visible: share of the vehicles with a point; recall: of the detections; hit_iou: mean IoU of the hits; published: AP
-    by the published protocol.
+    visible: share of the vehicles with a point; hit_iou: mean IoU of the hits; published: AP by the published protocol.
     """
 
     visible: float
@@ -167,9 +164,7 @@ GIVEN = "The detector is not the shipped one: what the causes say about the ship
 
 
 def explain_difference(ours: float, paper: float, evidence: RowEvidence, *, iou: float = 0.7) -> str:
-    """Explain in one line a difference from the paper's AP.
-
-    "" if it is no more than `LARGE`.
+    """Explain in one line a difference from the paper's AP, "" if it is no more than `LARGE`.
 
     >>> explain_difference(0.24, 0.29, RowEvidence(0.25, 0.25))
     ''

@@ -1,6 +1,6 @@
 """Detections of the paper's experiments, and their AP.
 
-They cover every scheme and sensor set and are kept on disk per frame. Two kinds of value are kept for each frame:
+Two kinds of value are kept on disk for each frame:
 
     truth    scored vehicles, and the points of each sensor on each of them
     run      detections of one sensor set in one scheme: boxes and scores after fusion, their hits at each IoU of `IOUS`
@@ -21,10 +21,11 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from placement_env.analysis.intervals import Interval, ap_interval
+from coview.studies.paper.comparison import Compared, RowEvidence, explain_difference
+from placement_env.analysis.intervals import Interval, Tally
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS, Measured
 from placement_env.fidelity.traffic import scored
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import iou_3d
 from toolkit.detection.metrics import Curve, average_precision, match, precision_recall
 from toolkit.detection.scheme import Fused
@@ -41,7 +42,7 @@ from toolkit.sites.site import Site
 
 
 class SchemeRun(NamedTuple):
-    """Name of a scheme, and its sensors. Sensors are ascending numbers."""
+    """Name of a scheme, and its sensors as ascending numbers."""
 
     scheme: str
     sensors: tuple[int, ...]
@@ -104,7 +105,7 @@ class StoredDetections:
         return sum(self.to_find)
 
     def points(self, sensors: tuple[int, ...]) -> Int64[np.ndarray, " vehicles"]:
-        """Points on each vehicle in a fused cloud. The cloud is that of a sensor set; frame after frame."""
+        """Points on each vehicle in the fused cloud of a sensor set, frame after frame."""
         counts = [truth.points[:, list(sensors)].sum(axis=1) for truth in self.truths]
         return np.concatenate([np.zeros(0, np.int64), *counts])
 
@@ -132,31 +133,23 @@ def detect_runs(
     if not 1 <= frames <= renders.frames:
         raise ValueError(f"frames must be from 1 to the {renders.frames} recorded, got {frames}")
     runs = tuple(dict.fromkeys(runs))
-    wanted: tuple[SchemeRun | None, ...] = (None, *runs)  # None: the truth
     depends_on = make_key(renders.digest, digest, code_digest(__name__, type(detector).__module__)).hex()
-    keys = {(k, run): make_key("paper", depends_on, k, run) for k in range(frames) for run in wanted}
+    wanted = [(k, run) for k in range(frames) for run in (None, *runs)]  # None: the truth
+    keys = {each: make_key("paper", depends_on, *each) for each in wanted}
     kept = dict(zip(keys, memo.get(list(keys.values())), strict=True))
-    tasks = []
-    for k in range(frames):
-        missing = tuple(run for run in runs if kept[k, run] is None)
-        if missing or kept[k, None] is None:
-            tasks.append((k, missing))
+    missing = [tuple(run for run in runs if kept[k, run] is None) for k in range(frames)]
+    tasks = [(k, some) for k, some in enumerate(missing) if some or kept[k, None] is None]
     job = _FrameJob(renders, detector, alone=processes.alone)
     results = processes.map(job, tasks, progress=processes.stage(stage, len(tasks)))
-    for (k, missing), (truth, found) in zip(tasks, results, strict=True):
+    for (k, some), (truth, found) in zip(tasks, results, strict=True):
         new: dict[tuple[int, SchemeRun | None], Arrays] = {(k, None): truth}
-        new |= {(k, run): values for run, values in zip(missing, found, strict=True)}
+        new |= {(k, run): values for run, values in zip(some, found, strict=True)}
         memo.put({keys[each]: values for each, values in new.items()})
         kept |= new
     whole = cast("dict[tuple[int, SchemeRun | None], Arrays]", kept)
-    return StoredDetections(
-        renders.site,
-        tuple(renders.sensors),
-        tuple(FrameTruth(*whole[k, None]) for k in range(frames)),
-        {run: tuple(FrameRun(*whole[k, run]) for k in range(frames)) for run in runs},
-        digest,
-        renders.digest,
-    )
+    truths = tuple(FrameTruth(*whole[k, None]) for k in range(frames))
+    by_run = {run: tuple(FrameRun(*whole[k, run]) for k in range(frames)) for run in runs}
+    return StoredDetections(renders.site, tuple(renders.sensors), truths, by_run, digest, renders.digest)
 
 
 @dataclass(frozen=True)
@@ -183,14 +176,13 @@ class _FrameJob:
         boxes = objects.boxes[counted]
         clouds = [view.cloud(c).points for c in range(len(renders.sensors))]
         points = [count_on_ground(cloud, boxes, renders.site) for cloud in clouds]
-        sent = [self._count_points(cloud, sensor) for cloud, sensor in zip(clouds, renders.sensors, strict=True)]
+        sent = []
+        for cloud, sensor in zip(clouds, renders.sensors, strict=True):
+            radius = renders.site.hybrid_radius
+            far = [is_beyond(cloud, sensor, radius, metric).sum() for metric in ("horizontal", "published")]
+            sent.append([len(cloud), *far])
         truth = FrameTruth(boxes, np.stack(points, axis=1).astype(np.int64), np.transpose(sent).astype(np.int64))
         return truth, [self._run(run, view, objects, counted) for run in runs]
-
-    def _count_points(self, cloud: Float32[np.ndarray, "n 3"], sensor: Sensor) -> list[int]:
-        radius = self.renders.site.hybrid_radius
-        far = [int(is_beyond(cloud, sensor, radius, metric).sum()) for metric in ("horizontal", "published")]
-        return [len(cloud), *far]
 
     def _run(self, run: SchemeRun, view: View, objects: Objects, counted: Bool[np.ndarray, " n"]) -> Arrays:
         fused: Fused = find_scheme(run.scheme).fuse(view, run.sensors)
@@ -208,29 +200,11 @@ class _FrameJob:
         return FrameRun(found.boxes, found.scores, truth, published, best, fused.bits, np.array([fused.ms]))
 
 
-class RunHits(NamedTuple):
-    """Hits of a run, per frame.
-
-    scores, hits: of each detection that is not ignored; to_find: number of vehicles; hit_iou: mean IoU, over all
-    frames, of the vehicles that were hit with the detection that overlaps them most.
-    """
-
-    scores: list[Float64[np.ndarray, " _"]]
-    hits: list[Bool[np.ndarray, " _"]]
-    to_find: list[int]
-    hit_iou: float
-
-    @property
-    def curve(self) -> Curve:
-        """Precision over recall."""
-        scores, hits = (np.concatenate([np.zeros(0), *each]) for each in (self.scores, self.hits))
-        return precision_recall(scores, hits.astype(bool), sum(self.to_find))
-
-
 class ApScore(NamedTuple):
-    """AP at one IoU, with its interval and companions.
+    """AP of a run at one IoU, with its interval and companions. NaN where a figure is undefined.
 
-    Recall of all detections, vehicles to find, mean IoU of the hits. NaN where a figure is undefined.
+    recall: of all detections; vehicles: to find; hit_iou: mean IoU, over all frames, of the vehicles that were hit with
+    the detection that overlaps them most; tally: of the detections that are not ignored.
     """
 
     ap: float
@@ -238,19 +212,25 @@ class ApScore(NamedTuple):
     recall: float
     vehicles: int
     hit_iou: float
+    tally: Tally
+
+    @property
+    def curve(self) -> Curve:
+        """Precision over recall."""
+        return precision_recall(self.tally.scores, self.tally.hit, self.vehicles)
 
 
 def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
-    """Select boxes that every sensor has in view.
+    """Select boxes whose centre every sensor has in its field of view, occluded or not.
 
-    Their centre is in its field of view, occluded or not. This is the region of the paper's table 3.
+    This is the region of the paper's table 3.
     """
     views = [s.model.in_view(transform(invert(s.pose), boxes[:, :3])) for s in sensors]
     return np.logical_and.reduce([np.ones(len(boxes), bool), *views])
 
 
-def count_hits(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()) -> RunHits:
-    """Collect the hits and false alarms of a run.
+def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()) -> ApScore:
+    """Compute the AP of a run by the exact protocol. See `toolkit.detection.metrics.evaluate`.
 
     region: in view of all these sensors, () for the whole area. Vehicles there are to be found, a hit counts if it hits
     one of them, and a false alarm if its centre lies there.
@@ -259,39 +239,47 @@ def count_hits(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, regio
     scores, hits, to_find, ious = [], [], [], [np.zeros(0)]
     for truth, found in zip(stored.truths, stored.runs[run], strict=True):
         hit_of = found.truth[row]
-        there = in_view_of_all(sensors, truth.boxes)
-        alarm_there = in_view_of_all(sensors, found.boxes)
-        hit = hit_of >= 0
-        in_region = np.where(hit, np.append(there, False)[np.where(hit, hit_of, -1)], alarm_there)
+        there, hit = in_view_of_all(sensors, truth.boxes), hit_of >= 0
+        in_region = np.where(
+            hit, np.append(there, False)[np.where(hit, hit_of, -1)], in_view_of_all(sensors, found.boxes)
+        )
         counts = in_region & (hit_of != IGNORED)
         scores.append(found.scores[counts])
         hits.append(hit[counts])
         to_find.append(int(there.sum()))
         ious.append(found.best[hit_of[counts & hit]])
-    all_ious = np.concatenate(ious)
-    return RunHits(scores, hits, to_find, float(all_ious.mean()) if len(all_ious) else float("nan"))
-
-
-def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()) -> ApScore:
-    """Compute the AP of a run by the exact protocol. See `toolkit.detection.metrics.evaluate`."""
-    counted = count_hits(stored, run, iou, region)
-    vehicles, hits = sum(counted.to_find), sum(int(hit.sum()) for hit in counted.hits)
-    ap = average_precision(counted.curve) if vehicles else float("nan")
-    recall = hits / vehicles if vehicles else float("nan")
-    interval = ap_interval(counted.scores, counted.hits, counted.to_find)
-    return ApScore(ap, interval, recall, vehicles, counted.hit_iou)
+    tally, all_ious = Tally.of_frames(scores, hits, to_find), np.concatenate(ious)
+    hit_iou = float(all_ious.mean()) if len(all_ious) else float("nan")
+    return ApScore(tally.ap, tally.interval(), tally.recall, sum(to_find), hit_iou, tally)
 
 
 def compute_published_ap(stored: StoredDetections, run: SchemeRun, iou: float = 0.7) -> float:
     """Compute the AP of a run by protocol `published`. See `toolkit.detection.metrics`. NaN without vehicles."""
-    row = IOUS.index(iou)
     frames = [f for truth, f in zip(stored.truths, stored.runs[run], strict=True) if len(truth.boxes)]
     if not frames:
         return float("nan")
     scores = np.concatenate([f.scores for f in frames])
-    outcome = np.concatenate([f.published[row] for f in frames])
+    outcome = np.concatenate([f.published[IOUS.index(iou)] for f in frames])
     counts = outcome != IGNORED
     return average_precision(precision_recall(scores[counts], outcome[counts] >= 0, stored.vehicles))
+
+
+def compare_run(
+    stored: StoredDetections,
+    run: SchemeRun,
+    labels: tuple[str, ...],
+    paper: float,
+    *,
+    iou: float = 0.7,
+    region: tuple[int, ...] = (),
+) -> Compared:
+    """Compare the AP of a run with the paper's. labels: of the row; {} in the first stands for the vehicles to find."""
+    ours = score_run(stored, run, iou, region)
+    published = float("nan") if region else compute_published_ap(stored, run, iou)
+    evidence = RowEvidence(visible_share(stored, run.sensors, region), ours.recall, ours.hit_iou, published)
+    reason = explain_difference(ours.ap, paper, evidence, iou=iou)
+    labels = (labels[0].format(ours.vehicles), *labels[1:])
+    return Compared(labels, "AP", ours.ap, paper, ours.interval, reason=reason)
 
 
 def kbit_per_sensor(stored: StoredDetections, run: SchemeRun) -> float:
@@ -300,12 +288,12 @@ def kbit_per_sensor(stored: StoredDetections, run: SchemeRun) -> float:
 
 
 def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
-    """Median time from measurement to fused boxes. Sensors work in parallel."""
+    """Median time from measurement to fused boxes, with sensors in parallel."""
     return float(np.median([f.ms[0] for f in stored.runs[run]]))
 
 
 def visible_share(stored: StoredDetections, sensors: tuple[int, ...], region: tuple[int, ...] = ()) -> float:
-    """Share of vehicles on which a set has a point. Vehicles are those of a region, if given. NaN without vehicles."""
+    """Share of vehicles on which a set has a point, of those of a region if given. NaN without vehicles."""
     boxes = np.concatenate([np.zeros((0, 7)), *(truth.boxes for truth in stored.truths)])
     there = in_view_of_all([stored.sensors[c] for c in region], boxes)
     points = stored.points(sensors)[there]

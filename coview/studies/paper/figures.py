@@ -1,6 +1,4 @@
-"""Figures of the paper, drawn from our detections.
-
-PR curves, point density of the best sensor sets, and IoU against point density.
+"""Figures of the paper from our detections: PR curves, point density, and IoU against point density.
 
 IoU against density is binned and fitted as in the paper. Every scored vehicle counts once for each of the best sensor
 sets (early fusion): its point density in the fused cloud, and the IoU of the detection that overlaps it most, 0 without
@@ -13,20 +11,14 @@ the density (isotonic regression).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from coview.studies.paper.comparison import Compared, Experiment, RowEvidence, TableRow, explain_difference, percent
-from coview.studies.paper.detections import (
-    SchemeRun,
-    StoredDetections,
-    compute_published_ap,
-    count_hits,
-    score_run,
-    visible_share,
-)
+from coview.studies.paper.comparison import Compared, Experiment, TableRow, percent
+from coview.studies.paper.detections import SchemeRun, StoredDetections, compare_run, score_run, visible_share
 from coview.studies.paper.page import draw_log_fit
 from coview.studies.paper.published import (
     CURVE_STATEMENTS,
@@ -43,7 +35,7 @@ from coview.studies.paper.published import (
     sensor_sets,
     set_name,
 )
-from placement_env.analysis.intervals import Interval, ratio_interval
+from placement_env.analysis.intervals import ratio_interval
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.metrics import Curve
 
@@ -55,25 +47,37 @@ WANTED_IOU = (0.5, 0.6, 0.7, 0.8, 0.9)
 
 def curve_runs(site: str) -> list[SchemeRun]:
     """Runs that the figures need."""
-    return [SchemeRun("early", sensors) for sensors in sensor_sets(site).best_early]
+    return [SchemeRun("early", sensors) for sensors in sensor_sets(site).best["early"]]
 
 
 def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Compare PR curves at IoU 0.7. Early fusion with the best set of each size."""
-    curves = {run.sensors: count_hits(stored, run).curve for run in curve_runs(site)}
-    rows = [_ap_row(stored, site, sensors) for sensors in curves]
-    rows += [_statement_row(stored, each, curves[each.sensors]) for each in CURVE_STATEMENTS[site]]
-    everyone = next(iter(curves.values()))
-    fewest = list(curves)[-1]
+    curves = {run.sensors: score_run(stored, run).curve for run in curve_runs(site)}
+    paper = {row.sensors: row.early for row in sensor_sets(site).rows}
+    rows = [
+        compare_run(stored, SchemeRun("early", sensors), ("AP@0.7", set_name(sensors)), paper[sensors])
+        for sensors in curves
+    ]
+    captions = [f"{row.labels[1]}: AP {row.ours:.3f} (paper {row.paper:.3f})" for row in rows]
+    for says in CURVE_STATEMENTS[site]:
+        curve, seen = curves[says.sensors], visible_share(stored, says.sensors)
+        ours = max_recall(curve) if says.of == "greatest recall" else interpolate_precision(curve, 0.95)
+        reason = f"{percent(seen)} of the vehicles have a point here" if seen < says.value else ""
+        labels = says.of, set_name(says.sensors)
+        rows.append(Compared(labels, "share", ours, says.value, relation=says.relation, reason=reason))
+    everyone, *_, fewest = curves
+    points: list[TableRow] = [("sensors", "score", "precision", "recall")]
+    for sensors, curve in curves.items():
+        kept = steps(curve)
+        figures = zip(curve.score[kept], curve.precision[kept], curve.recall[kept], strict=True)
+        points += [(set_name(sensors), *(round(float(each), 6) for each in row)) for row in figures]
 
     def draw(out: Path) -> None:
         from toolkit.plots.curves import draw_pr_curves
 
-        named = {
-            f"{set_name(sensors)}: AP {row.ours:.3f} (paper {row.paper:.3f})": (curve.recall, curve.precision)
-            for (sensors, curve), row in zip(curves.items(), rows, strict=False)
-        }
-        draw_pr_curves(named, out, title=f"Early fusion, {PLACE_NAMES[site]}, IoU 0.7, {stored.frames} frames")
+        drawn = [(curve.recall, curve.precision) for curve in curves.values()]
+        title = f"Early fusion, {PLACE_NAMES[site]}, IoU 0.7, {stored.frames} frames"
+        draw_pr_curves(dict(zip(captions, drawn, strict=True)), out, title=title)
 
     return Experiment(
         "pr_curves",
@@ -82,10 +86,10 @@ def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experim
         ("figure", "sensors"),
         tuple(rows),
         basis,
-        f"All sensors find {percent(max_recall(everyone))} of the vehicles, sensor {set_name(fewest)} alone "
+        f"All sensors find {percent(max_recall(curves[everyone]))} of the vehicles, sensor {set_name(fewest)} alone "
         f"{percent(max_recall(curves[fewest]))}: more sensors raise the maximum recall, as in the paper.",
         draw,
-        (("pr_curves_points", tuple(_curve_points(curves))),),
+        (("pr_curves_points", tuple(points)),),
     )
 
 
@@ -95,9 +99,7 @@ def max_recall(curve: Curve) -> float:
 
 
 def interpolate_precision(curve: Curve, recall: float) -> float:
-    """Best precision at this recall or above.
-
-    0 if it is not reached.
+    """Best precision at this recall or above, 0 if it is not reached.
 
     >>> interpolate_precision(Curve(np.array([1.0, 0.5]), np.array([0.5, 0.9]), np.array([0.9, 0.1])), 0.8)
     0.5
@@ -112,49 +114,25 @@ def steps(curve: Curve) -> Bool[np.ndarray, " k"]:
     return np.append(number[1:] != number[:-1], True)[: len(number)]
 
 
-def _ap_row(stored: StoredDetections, site: str, sensors: SensorSet) -> Compared:
-    paper = {row.sensors: row.early for row in sensor_sets(site).rows}[sensors]
-    run = SchemeRun("early", sensors)
-    ours = score_run(stored, run)
-    evidence = RowEvidence(visible_share(stored, sensors), ours.recall, published=compute_published_ap(stored, run))
-    reason = explain_difference(ours.ap, paper, evidence)
-    return Compared(("AP@0.7", set_name(sensors)), "AP", ours.ap, paper, ours.interval, reason=reason)
-
-
-def _statement_row(stored: StoredDetections, says: Statement, curve: Curve) -> Compared:
-    ours = max_recall(curve) if says.of == "greatest recall" else interpolate_precision(curve, 0.95)
-    seen = visible_share(stored, says.sensors)
-    reason = f"{percent(seen)} of the vehicles have a point here" if seen < says.value else ""
-    labels = says.of, set_name(says.sensors)
-    return Compared(labels, "share", ours, says.value, relation=says.relation, reason=reason)
-
-
-def _curve_points(curves: dict[SensorSet, Curve]) -> list[TableRow]:
-    rows: list[TableRow] = [("sensors", "score", "precision", "recall")]
-    for sensors, curve in curves.items():
-        kept = steps(curve)
-        figures = zip(curve.score[kept], curve.precision[kept], curve.recall[kept], strict=True)
-        rows += [(set_name(sensors), *(round(float(each), 6) for each in row)) for row in figures]
-    return rows
-
-
 def density_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Compare point densities of the best sensor sets. Points on a vehicle, as cumulative shares."""
-    sets = sensor_sets(site).best_early
-    paper = {(says.of, says.sensors): says for says in DENSITY_STATEMENTS[site]}
+    sets = sensor_sets(site).best["early"]
+    paper: dict[tuple[str, SensorSet], Statement] = {(says.of, says.sensors): says for says in DENSITY_STATEMENTS[site]}
     rows = []
     for of, below in (("no points", 1), (f"below {FEW} points", FEW)):
         for sensors in sets:
-            share, interval = _share_below(stored, sensors, below)
-            says = next((each for (what, chosen), each in paper.items() if (what, chosen) == (of, sensors)), None)
-            relation = "is" if says is None else says.relation
-            value = None if says is None else says.value
-            rows.append(Compared((of, set_name(sensors)), "share", share, value, interval, relation=relation))
+            few = [int((truth.points[:, list(sensors)].sum(axis=1) < below).sum()) for truth in stored.truths]
+            share = sum(few) / stored.vehicles if stored.vehicles else float("nan")
+            figure, interval = (of, set_name(sensors)), ratio_interval(few, list(stored.to_find))
+            says = paper.get((of, sensors))
+            row = Compared(figure, "share", share, None, interval)
+            rows.append(row if says is None else replace(row, paper=says.value, relation=says.relation))
     for sensors in sets:
-        points = stored.points(sensors)
-        median = float(np.median(points)) if len(points) else float("nan")
+        median = float(np.median(stored.points(sensors))) if stored.vehicles else float("nan")
         rows.append(Compared(("median of the points", set_name(sensors)), "points", median, None))
     everyone, fewest = rows[0].ours, rows[len(sets) - 1].ours
+    points = [stored.points(sensors) for sensors in sets]
+    shares = [(at, *(round(float((each <= at).mean()), 6) if len(each) else "" for each in points)) for at in AT]
 
     def draw(out: Path) -> None:
         from toolkit.plots.curves import draw_density_cdf
@@ -172,26 +150,12 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
         f"{percent(everyone)} none from all sensors."
         + ("" if DENSITY_STATEMENTS[site] else f" The paper shows this for the {PLACE_NAMES['tjunction']} alone."),
         draw,
-        (("point_density_curves", tuple(_density_curves(stored, sets))),),
+        (("point_density_curves", (("points, at most", *map(set_name, sets)), *shares)),),
     )
 
 
-def _share_below(stored: StoredDetections, sensors: SensorSet, below: int) -> tuple[float, Interval]:
-    """Share of vehicles with fewer points than `below`. Its interval is returned too."""
-    few = [int((truth.points[:, list(sensors)].sum(axis=1) < below).sum()) for truth in stored.truths]
-    share = sum(few) / stored.vehicles if stored.vehicles else float("nan")
-    return share, ratio_interval(few, list(stored.to_find))
-
-
-def _density_curves(stored: StoredDetections, sets: tuple[SensorSet, ...]) -> list[TableRow]:
-    points = [stored.points(sensors) for sensors in sets]
-    rows: list[TableRow] = [("points, at most", *map(set_name, sets))]
-    rows += [(at, *(round(float((each <= at).mean()), 6) if len(each) else "" for each in points)) for at in AT]
-    return rows
-
-
 class BinnedIou(NamedTuple):
-    """Bins with vehicles. Mean density, mean IoU and number of the vehicles in each."""
+    """Bins with vehicles: mean density, mean IoU and number of the vehicles in each."""
 
     density: Float64[np.ndarray, " bins"]
     iou: Float64[np.ndarray, " bins"]
@@ -205,9 +169,7 @@ class LogFit(NamedTuple):
     slope: float
 
     def density_needed(self, iou: float) -> float:
-        """Points from which the fit reaches an IoU.
-
-        Infinite if it never does.
+        """Points from which the fit reaches an IoU, infinite if it never does.
 
         >>> round(LogFit(0.2, 0.1).density_needed(0.7), 1)
         148.4
@@ -225,17 +187,24 @@ def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experimen
     most = float(density.max(initial=0))
     rows = []
     for name, low, high in (
-        (f"mean, below {POOR_BELOW} points", 0.0, float(POOR_BELOW)),
-        (f"mean, {POOR_BELOW} to {GOOD_ABOVE} points", float(POOR_BELOW), GOOD_ABOVE + 1.0),
-        (f"mean, above {GOOD_ABOVE} points", GOOD_ABOVE + 1.0, float("inf")),
+        (f"mean, below {POOR_BELOW} points", 0, POOR_BELOW),
+        (f"mean, {POOR_BELOW} to {GOOD_ABOVE} points", POOR_BELOW, GOOD_ABOVE + 1),
+        (f"mean, above {GOOD_ABOVE} points", GOOD_ABOVE + 1, np.inf),
     ):
-        rows.append(_mean_row(stored, site, name, low, high))
+        sums, counts = np.zeros(stored.frames), np.zeros(stored.frames)
+        for run in curve_runs(site):
+            for k, (truth, found) in enumerate(zip(stored.truths, stored.runs[run], strict=True)):
+                points = truth.points[:, list(run.sensors)].sum(axis=1)
+                within = (points >= low) & (points < high)
+                sums[k] += found.best[within].sum()
+                counts[k] += within.sum()
+        mean = float(sums.sum() / counts.sum()) if counts.sum() else None
+        rows.append(Compared((name,), "IoU", mean, None, None if mean is None else ratio_interval(sums, counts)))
     for wanted in WANTED_IOU:
         by_fit = fit.density_needed(wanted)
         ours = max(by_fit, 1.0) if by_fit <= most else None
-        measured = density_needed(density, iou, wanted)
-        rows.append(Compared((f"density for IoU {wanted:g}, by the fit",), "points", ours, None))
-        rows.append(Compared((f"density for IoU {wanted:g}, measured",), "points", measured, None))
+        for how, needed in (("by the fit", ours), ("measured", density_needed(density, iou, wanted))):
+            rows.append(Compared((f"density for IoU {wanted:g}, {how}",), "points", needed, None))
     poor, good = ("–" if row.ours is None else f"{row.ours:.2f}" for row in (rows[0], rows[2]))
 
     def draw(out: Path) -> None:
@@ -262,7 +231,7 @@ def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experimen
 def densities_and_ious(
     stored: StoredDetections, site: str
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Point density and IoU of every vehicle. They are given with each of the best sets."""
+    """Point density and IoU of every vehicle with each of the best sets."""
     density, iou = [np.zeros(0)], [np.zeros(0)]
     for run in curve_runs(site):
         density.append(stored.points(run.sensors).astype(np.float64))
@@ -271,9 +240,7 @@ def densities_and_ious(
 
 
 def bin_iou(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], bins: int = IOU_BINS) -> BinnedIou:
-    """Average IoU over bins of equal width.
-
-    Bins run from 0 to the maximum density.
+    """Average IoU over bins of equal width from 0 to the maximum density.
 
     >>> bin_iou(np.array([0.0, 1.0, 9.0, 10.0]), np.array([0.0, 0.2, 0.8, 1.0]), bins=2).iou
     array([0.1, 0.9])
@@ -287,7 +254,7 @@ def bin_iou(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], 
 
 
 def fit_log(bins: BinnedIou) -> LogFit:
-    """Fit IoU to log density by weighted least squares. Bins whose density is above 0 take part."""
+    """Fit IoU to log density by weighted least squares over the bins whose density is above 0."""
     above = bins.density > 0
     if above.sum() < 2:
         return LogFit(float("nan"), float("nan"))
@@ -296,9 +263,7 @@ def fit_log(bins: BinnedIou) -> LogFit:
 
 
 def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], wanted: float) -> float | None:
-    """Least density for a wanted mean IoU.
-
-    The mean IoU is made monotone. None if it never reaches the wanted one.
+    """Least density for a wanted mean IoU, made monotone. None if it never reaches the wanted one.
 
     >>> density_needed(np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.6, 0.4, 0.9]), 0.5)
     2.0
@@ -311,16 +276,3 @@ def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, 
             (low, a, m), (_, b, n) = pooled[-2:]
             pooled[-2:] = [[low, (a * m + b * n) / (m + n), m + n]]
     return next((first for first, mean, _ in pooled if mean >= wanted - 1e-12), None)
-
-
-def _mean_row(stored: StoredDetections, site: str, name: str, low: float, high: float) -> Compared:
-    """Mean IoU of vehicles with `low` to `high` points. `low` is included, `high` is not."""
-    sums, counts = np.zeros(stored.frames), np.zeros(stored.frames)
-    for run in curve_runs(site):
-        for k, (truth, found) in enumerate(zip(stored.truths, stored.runs[run], strict=True)):
-            points = truth.points[:, list(run.sensors)].sum(axis=1)
-            within = (points >= low) & (points < high)
-            sums[k] += found.best[within].sum()
-            counts[k] += within.sum()
-    mean = float(sums.sum() / counts.sum()) if counts.sum() else None
-    return Compared((name,), "IoU", mean, None, None if mean is None else ratio_interval(sums, counts))

@@ -1,8 +1,7 @@
 """Page of the paper's experiments, and its charts.
 
-Every experiment has its picture and a table of our figures, the paper's and the differences, in one file that opens
-from disk, requests nothing and prints. In charts ours is filled and the paper's hatched or hollow, so that the two are
-told apart in grey print too.
+The page is one file that opens from disk, requests nothing and prints. In charts ours is filled and the paper's hatched
+or hollow, so that the two are told apart in grey print too.
 """
 
 from __future__ import annotations
@@ -16,9 +15,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from coview.studies.paper.comparison import HEADS, LARGE, Compared, Experiment
+from coview.studies.paper.comparison import HEADS, LARGE, Experiment
 from placement_env.analysis.intervals import Interval
 from toolkit.arrays import Float64
+from toolkit.plots.canvas import blank_figure
 from toolkit.runtime.files import writing
 
 if TYPE_CHECKING:
@@ -53,14 +53,15 @@ def paper_page(
 
     pictures: SVG by name of the experiment; conditions: how the figures were computed; causes: by letter.
     """
-    large = [(each, row) for each in experiments for row in each.rows if row.large]
-    compared = sum(row.unit == "AP" and row.difference is not None for each in experiments for row in each.rows)
+    rows = [row for each in experiments for row in each.rows]
+    compared = sum(row.unit == "AP" and row.difference is not None for row in rows)
+    about = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in conditions.items())
     parts = [
         f"<h1>{escape(title)}</h1>",
-        f"<p>{len(large)} of {compared} AP values differ from the paper's by more than {LARGE:g}; the reason "
-        "stands in the row. Intervals are 95 % intervals of a bootstrap over blocks of four frames.</p>",
+        f"<p>{sum(row.large for row in rows)} of {compared} AP values differ from the paper's by more than {LARGE:g}; "
+        "the reason stands in the row. Intervals are 95 % intervals of a bootstrap over blocks of four frames.</p>",
         "<nav>" + "".join(f'<a href="#{each.name}">{escape(each.title)}</a>' for each in experiments) + "</nav>",
-        _conditions(conditions),
+        f"<table><caption>How the figures were computed</caption><tbody>{about}</tbody></table>",
         *(_section(each, pictures[each.name]) for each in experiments),
         '<section id="causes"><h2>Causes of differences</h2><dl>',
         *(f"<dt>{escape(letter)}</dt><dd>{escape(text)}</dd>" for letter, text in causes.items()),
@@ -70,41 +71,24 @@ def paper_page(
     return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>\n' + "\n".join(parts) + "\n</body></html>\n"
 
 
-def _conditions(conditions: Mapping[str, str]) -> str:
-    rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in conditions.items())
-    return f"<table><caption>How the figures were computed</caption><tbody>{rows}</tbody></table>"
-
-
 def _section(experiment: Experiment, picture: bytes) -> str:
-    image = f"data:image/svg+xml;base64,{b64encode(picture).decode()}"
+    def cells(tag: str, texts: Sequence[str]) -> str:
+        places = range(-len(experiment.heads), len(HEADS))  # unit and reason are words, what is between is numbers
+        number = [' class="number"' if 1 <= place <= 4 else "" for place in places]
+        return "".join(f"<{tag}{kind}>{escape(text)}</{tag}>" for kind, text in zip(number, texts, strict=False))
+
+    heads = cells("th", (*experiment.heads, "unit", "ours", "interval", "paper", "difference", HEADS[-1]))
+    large = [' class="large"' if row.large else "" for row in experiment.rows]
+    rows = [f"<tr{kind}>{cells('td', row.cells)}</tr>" for kind, row in zip(large, experiment.rows, strict=True)]
     lines = [
         f'<section id="{experiment.name}"><h2>{escape(experiment.title)}</h2>',
         f'<p class="basis">Paper: {escape(experiment.source)}. Ours: {escape(experiment.basis)}.</p>',
         f"<p>{escape(experiment.conclusion)}</p>",
-        f'<img alt="{escape(experiment.title)}" src="{image}">',
-        _table(experiment),
+        f'<img alt="{escape(experiment.title)}" src="data:image/svg+xml;base64,{b64encode(picture).decode()}">',
+        f"<table><thead><tr>{heads}</tr></thead><tbody>\n" + "\n".join(rows) + "\n</tbody></table>",
         "</section>",
     ]
     return "\n".join(lines)
-
-
-def _table(experiment: Experiment) -> str:
-    labels, figures = len(experiment.heads), ("unit", "ours", "interval", "paper", "difference", HEADS[-1])
-    heads = [f"<th>{escape(head)}</th>" for head in experiment.heads]
-    heads += [f"<th{_kind(place)}>{escape(head)}</th>" for place, head in enumerate(figures)]
-    rows = [_row(row, labels) for row in experiment.rows]
-    return f"<table><thead><tr>{''.join(heads)}</tr></thead><tbody>\n" + "\n".join(rows) + "\n</tbody></table>"
-
-
-def _row(row: Compared, labels: int) -> str:
-    cells = [f"<td{_kind(place - labels)}>{escape(cell)}</td>" for place, cell in enumerate(row.cells)]
-    large = ' class="large"' if row.large else ""
-    return f"<tr{large}>{''.join(cells)}</tr>"
-
-
-def _kind(place: int) -> str:
-    """Class of a cell after the labels. Unit and reason are words, the others numbers."""
-    return ' class="number"' if 1 <= place <= 4 else ""
 
 
 class Pair(NamedTuple):
@@ -136,15 +120,11 @@ def draw_pairs(pairs: Sequence[Pair], out: Path, *, title: str) -> None:
 
 
 def draw_agreement(groups: Mapping[str, Sequence[tuple[str, float, float]]], out: Path, *, title: str) -> None:
-    """Draw our figures over the paper's.
-
-    Each (name, paper, ours) of each group has a marker; the diagonal is drawn too.
-    """
+    """Draw our figures over the paper's: a marker for each (name, paper, ours) of each group, and the diagonal."""
     with _chart(out, 6.0, 5.2) as axes:
         axes.plot([0, 1], [0, 1], color="#888888", linewidth=0.8, linestyle="dashed")
-        for (group, rows), (colour, marker) in zip(
-            groups.items(), ((OUR_COLOUR, "o"), (PAPER_COLOUR, "^")), strict=False
-        ):
+        styles = ((OUR_COLOUR, "o"), (PAPER_COLOUR, "^"))
+        for (group, rows), (colour, marker) in zip(groups.items(), styles, strict=False):
             paper, ours = [row[1] for row in rows], [row[2] for row in rows]
             axes.scatter(paper, ours, s=26, color=colour, marker=marker, label=f"{group} fusion", zorder=3)
             for name, x, y in rows:
@@ -164,10 +144,7 @@ def draw_log_fit(
     *,
     title: str,
 ) -> None:
-    """Draw mean IoU over point density, and its fit.
-
-    Each bin has a marker. The fit is intercept + slope · ln(density).
-    """
+    """Draw mean IoU over point density, and its fit: intercept + slope · ln(density)."""
     with _chart(out, 6.0, 4.2) as axes:
         axes.scatter(density, iou, s=12, color=OUR_COLOUR, label="mean of a bin", zorder=3)
         intercept, slope = coefficients
@@ -184,12 +161,9 @@ def draw_log_fit(
 def _chart(out: Path, width: float, height: float) -> Iterator[Axes]:
     """Axes to draw on, written at the end. The same figures give the same bytes."""
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     with rc_context({"svg.hashsalt": "coview", "hatch.linewidth": 0.6}):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = blank_figure(width, height, constrained=True)
         yield figure.subplots()
         with writing(out) as unfinished:
             figure.savefig(unfinished, dpi=150, metadata={"Date": None} if out.suffix == ".svg" else None)

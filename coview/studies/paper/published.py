@@ -1,6 +1,4 @@
-"""Figures that the paper reports in its evaluation.
-
-Each is given with its table, figure or section.
+"""Figures that the paper reports in its evaluation, each with its table, figure or section.
 
 Arnold, Dianati, de Temple and Fallah: Cooperative Perception for 3D Object Detection in Driving Scenarios Using
 Infrastructure Sensors, IEEE T-ITS 2020, arXiv 1912.12147. Sensors go by the paper's numbers, which are those of the
@@ -10,17 +8,17 @@ built-in sites. AP at IoU 0.7 unless stated otherwise; shares of vehicles betwee
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+from operator import itemgetter
 from typing import Literal, NamedTuple
 
 PAPER_SITES = ("tjunction", "roundabout")
 TEST_FRAMES = 1000  # of each test collection, section III
 DEPTH_NOISE = 0.015  # m, section III
 TABLE_1, TABLE_2, TABLE_3, TABLE_4 = "table 1", "table 2", "table 3", "table 4"
-FIGURE_PR, FIGURE_DENSITY, FIGURE_IOU = (
-    "figure of PR curves",
-    "figure of point density (a)",
-    "figure of point density (b)",
-)
+FIGURE_PR = "figure of PR curves"
+FIGURE_DENSITY, FIGURE_IOU = "figure of point density (a)", "figure of point density (b)"
 PLACE_NAMES = {"tjunction": "T-junction", "roundabout": "roundabout"}
 
 SensorSet = tuple[int, ...]
@@ -28,10 +26,7 @@ Relation = Literal["is", "more than", "less than"]
 
 
 class SchemeRow(NamedTuple):
-    """Row of table 1: a fusion scheme.
-
-    AP at IoU 0.7, 0.8 and 0.9, kbit per sensor and frame, ms per frame on the authors' GPU.
-    """
+    """Fusion scheme of table 1: AP at IoU 0.7, 0.8 and 0.9, kbit per sensor and frame, ms on the authors' GPU."""
 
     ap: tuple[float, float, float]
     kbit: float
@@ -39,7 +34,7 @@ class SchemeRow(NamedTuple):
 
 
 class SetRow(NamedTuple):
-    """Row of table 2: a sensor set. AP with early and late fusion."""
+    """Sensor set of table 2: AP with early and late fusion."""
 
     sensors: SensorSet
     early: float
@@ -47,10 +42,7 @@ class SetRow(NamedTuple):
 
 
 class RegionRow(NamedTuple):
-    """Row of table 3: a region shared by two sensors.
-
-    AP of early fusion with these sensors, in the region that both sensors of a pair have in view.
-    """
+    """AP of table 3: early fusion with these sensors in the region that both sensors of a pair have in view."""
 
     region: SensorSet
     sensors: SensorSet
@@ -58,10 +50,7 @@ class RegionRow(NamedTuple):
 
 
 class Statement(NamedTuple):
-    """Figure that the paper's text gives or bounds.
-
-    of: the measurement it is about; value: a share of vehicles or a precision.
-    """
+    """Figure that the paper's text gives or bounds. value: a share of vehicles or a precision."""
 
     of: Literal["no points", "below 300 points", "greatest recall", "precision at recall 0.95"]
     sensors: SensorSet
@@ -70,7 +59,7 @@ class Statement(NamedTuple):
 
 
 class BenchmarkRow(NamedTuple):
-    """Row of table 4: a method. Its reported AP with one sensor and with two."""
+    """Method of table 4: its reported AP with one sensor and with two."""
 
     method: str
     single: tuple[float, ...]
@@ -171,29 +160,21 @@ class Listed:
 
     rows: tuple[SetRow, ...]
 
-    @property
-    def best_early(self) -> tuple[SensorSet, ...]:
-        """Best set of each size with early fusion.
+    @cached_property
+    def best(self) -> dict[str, tuple[SensorSet, ...]]:
+        """Best set of each size with early and with late fusion, most sensors first.
 
-        Most sensors first. These are the rows in bold; the paper draws PR curves and density curves of them.
+        With early fusion these are the rows in bold; the paper draws PR curves and density curves of them.
         """
-        return self._best(1)
-
-    @property
-    def best_late(self) -> tuple[SensorSet, ...]:
-        """Best set of each size with late fusion."""
-        return self._best(2)
-
-    def _best(self, column: int) -> tuple[SensorSet, ...]:
-        sizes = dict.fromkeys(len(row.sensors) for row in self.rows)
-        best = (max((r for r in self.rows if len(r.sensors) == size), key=lambda row: row[column]) for size in sizes)
-        return tuple(row.sensors for row in best)
+        sizes = [list(rows) for _, rows in groupby(self.rows, key=lambda row: len(row.sensors))]
+        early, late = (tuple(max(rows, key=itemgetter(at)).sensors for rows in sizes) for at in (1, 2))
+        return {"early": early, "late": late}
 
 
 def sensor_sets(site: str) -> Listed:
     """Table 2 of a site.
 
-    >>> sensor_sets("tjunction").best_early[-2:]
+    >>> sensor_sets("tjunction").best["early"][-2:]
     ((3, 4), (4,))
     """
     words = _SETS[site].split()

@@ -1,6 +1,4 @@
-"""`run_reproduction`: the paper's experiments at one of its sites.
-
-It goes from simulating the test recording to the page.
+"""`run_reproduction`: the paper's experiments at one of its sites, from simulating the test recording to the page.
 
 Everything that takes long is kept in the folder, so that an interrupted run resumes: the recording
 (`recording_1000.hdf5`, its blocks beside it), detections (`detections.sqlite`), and a table of all sensor sets if the
@@ -11,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -30,7 +28,7 @@ from coview.studies.paper.tables import (
     set_experiment,
 )
 from placement_env.checks import check_whole
-from placement_env.fidelity.renders import Recorded, Renders
+from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.table import Table, hash_site, load_table, make_table
 from toolkit.bodies.fleet import fleet_named
 from toolkit.datasets.dataset import CoopDataset
@@ -59,12 +57,12 @@ class Reproduction:
 
     @property
     def large(self) -> tuple[tuple[str, Compared], ...]:
-        """AP values that differ much from the paper's. Each has the name of its experiment."""
+        """AP values that differ much from the paper's, with the names of their experiments."""
         return tuple((each.name, row) for each in self.experiments for row in each.rows if row.large)
 
     @property
     def summary(self) -> str:
-        """Table of AP differences for terminals. It shows how far the AP of each experiment is from the paper's."""
+        """Table of how far the AP of each experiment is from the paper's, for terminals."""
         table = [["experiment", "AP compared", f"beyond {LARGE:g}", "mean difference", "greatest"]]
         for each in self.experiments:
             differences = [row.difference for row in each.rows if row.unit == "AP" and row.difference is not None]
@@ -90,9 +88,7 @@ def run_reproduction(
     recorded: int = TEST_FRAMES,
     processes: Processes = Processes(),
 ) -> Reproduction:
-    """Run the paper's experiments and write them.
-
-    They run at one of its sites and are written into a folder.
+    """Run the paper's experiments at one of its sites and write them into a folder.
 
     frames: of the test recording that are evaluated; detector: makes one for the recording, None for the site's shipped
     network; table: file of `coview table` with the AP of all sensor sets, None for the shipped table, or for a new one
@@ -105,30 +101,38 @@ def run_reproduction(
     given = None if table is None else load_table(table)
     out, recorded = Path(out), max(frames, recorded)
     with open_test_recording(site, out, recorded, processes) as recording:
-        detect = _shipped_detector(site, recording) if detector is None else detector(recording)
-        if given is not None:
-            _check_table(given, recording, detect)
+        if detector is None:
+            from models.detector import load_site_detector
+
+            detect: Detector = load_site_detector(site, recording.site.area)
+        else:
+            detect = detector(recording)
+        digest, shipped = getattr(detect, "digest", None), load_table(site)
+        place = hash_site(recording.site, recording.sensors)
+        sets = shipped if given is None else given
+        if given is not None and given.origin.place != place:
+            raise ValueError(f"the table is of {given.origin.site!r} with other sensors: make one with coview table")
+        if given is not None and given.origin.detector != digest:
+            raise ValueError("the table was measured with another detector: make one with coview table")
         renders, memo = Renders.of(recording, NOISE_SEED), Cache(out / "detections.sqlite")
         runs = [*scheme_runs(len(recording.sensors)), *curve_runs(site), *region_runs(site)]
         detect_in = partial(detect_runs, renders, detect, memo=memo, processes=processes)
         stored = detect_in(runs, frames=frames)
-        sets = given or _shipped_table(site, recording, detect)
-        if sets is None:
-            path = out / f"table_{frames}_{getattr(detect, 'digest', '')[:12]}_{renders.digest[:12]}.npz"
-            sets = _own_table(renders, detect, path, frames, processes)
-        shipped = detector is None or stored.detector == load_table(site).origin.detector
+        if (sets.origin.place, sets.origin.detector) != (place, digest):
+            path = out / f"table_{frames}_{str(digest)[:12]}_{renders.digest[:12]}.npz"
+            try:
+                sets = load_table(path)
+            except (ValueError, FileNotFoundError):  # damaged, or not made yet
+                sets = make_table(renders, detect, path, frames=frames, seed=NOISE_SEED, processes=processes)
         seen = detect_in((), frames=min(sets.origin.frames, renders.frames), stage="frames looked at")
     experiments = all_experiments(stored, seen, sets, site)
-    conditions = _conditions(stored, sets, site)
-    write_experiments(out, experiments, site=site, conditions=conditions, causes=CAUSES if shipped else _OTHER_CAUSES)
+    causes = CAUSES if detector is None or stored.detector == shipped.origin.detector else CAUSES | {"!": GIVEN}
+    write_experiments(out, experiments, site=site, conditions=_conditions(stored, sets, site), causes=causes)
     return Reproduction(site, stored.frames, stored.vehicles, experiments, out / PAGE)
 
 
-_OTHER_CAUSES = CAUSES | {"!": GIVEN}
-
-
 def check_paper_site(site: str) -> None:
-    """Check that the paper has figures for a site. Raises ValueError if it has none."""
+    """Raise ValueError where the paper has no figures for a site."""
     if site not in PAPER_SITES:
         raise ValueError(f"the paper has figures for {' and '.join(PAPER_SITES)}, not for {site!r}: choose one of them")
 
@@ -172,10 +176,7 @@ def write_experiments(
     conditions: dict[str, str],
     causes: dict[str, str],
 ) -> None:
-    """Write all experiments and the page.
-
-    CSV and SVG of each experiment, all figures as JSON, and the page: all of them or none.
-    """
+    """Write CSV and SVG of each experiment, all figures as JSON, and the page: all of them or none."""
     with writing_together(out) as folder:
         pictures = {}
         for each in experiments:
@@ -203,37 +204,3 @@ def _conditions(stored: StoredDetections, table: Table, site: str) -> dict[str, 
         "coview": coview_version(),
         "made by": f"coview reproduce {site} --frames {stored.frames}",
     }
-
-
-def _shipped_detector(site: str, recording: CoopDataset) -> Detector:
-    from models.detector import load_site_detector
-
-    return load_site_detector(site, recording.site.area)
-
-
-def _shipped_table(site: str, recording: CoopDataset, detector: Detector) -> Table | None:
-    """Shipped table, if it fits. It must be measured at this site with this detector."""
-    table = load_table(site)
-    place = hash_site(recording.site, recording.sensors)
-    fits = table.origin.place == place and table.origin.detector == getattr(detector, "digest", None)
-    return table if fits else None
-
-
-def _check_table(table: Table, recording: CoopDataset, detector: Detector) -> None:
-    if table.origin.place != hash_site(recording.site, recording.sensors):
-        raise ValueError(f"the table is of {table.origin.site!r} with other sensors: make one with coview table")
-    if table.origin.detector != getattr(detector, "digest", None):
-        raise ValueError("the table was measured with another detector: make one with coview table")
-
-
-def _own_table(
-    renders: Recorded,
-    detector: Detector,
-    path: Path,
-    frames: int,
-    processes: Processes,
-) -> Table:
-    """Table of all sensor sets over these frames. Made if it is missing."""
-    with suppress(ValueError, FileNotFoundError):  # damaged, or not made yet
-        return load_table(path)
-    return make_table(renders, detector, path, frames=frames, seed=NOISE_SEED, processes=processes)

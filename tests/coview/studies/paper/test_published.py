@@ -26,11 +26,11 @@ def test_tables_1_and_2_have_the_published_sets():
     assert SCHEME_TABLE["roundabout"]["early"].ap == (0.9670, 0.8816, 0.04638)
     junction, roundabout = sensor_sets("tjunction"), sensor_sets("roundabout")
     assert [len(each.rows) for each in (junction, roundabout)] == [16, 22]
-    assert list(map(set_name, junction.best_early)) == ["0,1,2,3,4,5", "0,1,3,4,5", "1,3,4,5", "0,2,5", "3,4", "4"]
-    assert list(map(set_name, junction.best_late)) == ["0,1,2,3,4,5", "1,2,3,4,5", "1,3,4,5", "3,4,5", "3,4", "4"]
-    assert roundabout.best_early[2:6] == ((1, 2, 3, 5, 6, 7), (1, 2, 3, 5, 7), (1, 3, 5, 7), (1, 3, 7))
-    assert roundabout.best_late[2] == (0, 1, 2, 3, 5, 7)
-    assert roundabout.best_late[6] == (1, 3)
+    assert list(map(set_name, junction.best["early"])) == ["0,1,2,3,4,5", "0,1,3,4,5", "1,3,4,5", "0,2,5", "3,4", "4"]
+    assert list(map(set_name, junction.best["late"])) == ["0,1,2,3,4,5", "1,2,3,4,5", "1,3,4,5", "3,4,5", "3,4", "4"]
+    assert roundabout.best["early"][2:6] == ((1, 2, 3, 5, 6, 7), (1, 2, 3, 5, 7), (1, 3, 5, 7), (1, 3, 7))
+    assert roundabout.best["late"][2] == (0, 1, 2, 3, 5, 7)
+    assert roundabout.best["late"][6] == (1, 3)
 
 
 @pytest.mark.parametrize("site", PAPER_SITES)
@@ -55,5 +55,5 @@ def test_tables_3_and_4_and_statements():
     assert BENCHMARK_TABLE[0].single == (0.8197, 0.6546, 0.6285)
     for site in PAPER_SITES:
         for says in (*CURVE_STATEMENTS[site], *DENSITY_STATEMENTS[site]):
-            assert says.sensors in sensor_sets(site).best_early
+            assert says.sensors in sensor_sets(site).best["early"]
             assert 0 <= says.value <= 1
