@@ -172,18 +172,20 @@ def _class_entries(truth: Objects) -> list[Entry]:
 
 def _outcome_entries(outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome | None) -> list[Entry]:
     """Legend entries of the outcomes, with their numbers. "not scored" is there only if there are any."""
-    from matplotlib.lines import Line2D
 
     names = {name: f"{name} ({len(boxes)})" for name, boxes in outlines.items() if len(boxes) or name != "not scored"}
     if outcome is not None:
         names["hit"] = f"hit, IoU ≥ {outcome.iou:g} ({len(outlines['hit'])})"
-    entries: list[Entry] = []
-    for name, label in names.items():
-        style = OUTCOME[name]
-        mark: PlotStyle = {"marker": style.marker, "markersize": 0.8 * style.size, "markeredgecolor": "white"}
-        line = Line2D([], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark)
-        entries.append((line, label))
-    return entries
+    return [outcome_entry(name, label) for name, label in names.items()]
+
+
+def outcome_entry(outcome: Outcome, label: str) -> Entry:
+    """Legend entry of the boxes of one outcome."""
+    from matplotlib.lines import Line2D
+
+    style = OUTCOME[outcome]
+    mark: PlotStyle = {"marker": style.marker, "markersize": 0.8 * style.size, "markeredgecolor": "white"}
+    return Line2D([], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark), label
 
 
 def sensor_places(sensors: Sequence[Sensor]) -> Float64[np.ndarray, "n 2"]:

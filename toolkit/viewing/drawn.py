@@ -1,8 +1,7 @@
-"""Frames as drawn: clouds, boxes and outcomes.
+"""Frames as drawn: clouds, boxes and outcomes, counted from one origin, on level ground if wanted.
 
-They are counted from one origin, on level ground if wanted. Outcomes are by the rule `measured` of
-`toolkit.detection.evaluation`. A detection is true if its IoU by volume with a label of its class, which no surer
-detection took, is at least `toolkit.detection.metrics.TRUE_IOU`.
+Outcomes are by the rule `measured` of `toolkit.detection.evaluation`: a detection is true if its IoU by volume with a
+label of its class, which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, UInt8
+from toolkit.arrays import Float32, Float64, UInt8
 from toolkit.detection.breakdown import select_truth
 from toolkit.detection.detect import Detected, detect_frames
 from toolkit.detection.metrics import TRUE_IOU, match
@@ -74,23 +73,19 @@ class DrawnSample:
     name: str
     time: float
     clouds: tuple[DrawnCloud, ...]
-    truth: dict[str, Float64[np.ndarray, "_ 7"]]
-    detections: dict[str, Float64[np.ndarray, "_ 7"]]
+    truth: BoxesByKind
+    detections: BoxesByKind
     warning: str | None = None
     outcomes: dict[Marked, BoxesByKind] = field(default_factory=dict)
 
     def describe(self) -> str:
         """Describe its contents in one line."""
-        points = sum(len(cloud.points) for cloud in self.clouds)
-        counts: dict[str, int] = {"points": points, "labelled": _count(self.truth), "detected": _count(self.detections)}
+        counts = {"points": sum(len(cloud.points) for cloud in self.clouds)}
+        counts |= {"labelled": sum(map(len, self.truth.values())), "detected": sum(map(len, self.detections.values()))}
         for name, boxes in self.outcomes.items():
-            number = _count(boxes)
+            number = sum(map(len, boxes.values()))
             counts[MARKED[name] if number == 1 else name] = number
         return f"{self.name}: " + ", ".join(f"{number} {what}" for what, number in counts.items())
-
-
-def _count(boxes: dict[str, np.ndarray]) -> int:
-    return sum(map(len, boxes.values()))
 
 
 @dataclass(frozen=True)
@@ -116,10 +111,15 @@ class Drawing:
     def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
         """Draw a frame. Raises ValueError for an unknown levelling."""
         sample = sample if self.sensors is None else sample.seen_by(self.sensors)
-        detector = self.detector or _detects_nothing
+        detector = self.detector or (lambda points: Detections.empty())
         (each,) = detect_frames([sample], detector, self.place)
-        each = self._chosen(each)
-        sample = each.frame
+        each = replace(each, detections=each.detections[each.detections.scores >= self.least_score])
+        if self.classes is not None:
+            wanted = [label_index(label) for label in self.classes]
+            frame = replace(each.frame.of(np.isin(each.frame.objects.labels, wanted)), others=OtherObjects())
+            kept = each.detections[np.isin(each.detections.labels, wanted)]
+            each = replace(each, frame=frame, detections=kept)
+        sample, found = each.frame, each.detections
         ground, to_middle = each.stand.ground, np.array([*each.stand.middle, 0.0])
         back = to_middle - origin
 
@@ -131,28 +131,17 @@ class Drawing:
             near = rows - np.array([*to_middle, 0, 0, 0, 0])
             return (near if ground is None or not len(near) else ground.boxes(near)) + np.array([*back, 0, 0, 0, 0])
 
-        clouds = tuple(
-            DrawnCloud(
-                cloud.name, placed(cloud.in_world()).astype(np.float32),
-                placed(cloud.world_SE3_sensor[None, :3, 3])[0], cloud.time, cloud.intensity,
-            )
-            for cloud in sample.clouds
-        )  # fmt: skip
+        clouds = []
+        for cloud in sample.clouds:
+            points, place = placed(cloud.in_world()).astype(np.float32), placed(cloud.world_SE3_sensor[None, :3, 3])[0]
+            clouds.append(DrawnCloud(cloud.name, points, place, cloud.time, cloud.intensity))
         truth = _by_kind(boxes(sample.objects.boxes), sample.objects.labels)
         truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
-        found = _by_kind(boxes(each.detections.boxes), each.detections.labels)
+        detections = _by_kind(boxes(found.boxes), found.labels)
         known = {} if self.detector is None else sort_outcomes(each)
         outcomes = {name: {kind: boxes(rows) for kind, rows in by.items()} for name, by in known.items()}
-        return DrawnSample(sample.name, sample.time, clouds, truth, found, each.stand.warning, outcomes)
-
-    def _chosen(self, each: Detected) -> Detected:
-        """Select the labels and detections to be drawn."""
-        found = each.detections[each.detections.scores >= self.least_score]
-        if self.classes is None:
-            return replace(each, detections=found)
-        wanted = [label_index(label) for label in self.classes]
-        sample = replace(each.frame.of(np.isin(each.frame.objects.labels, wanted)), others=OtherObjects())
-        return replace(each, frame=sample, detections=found[np.isin(found.labels, wanted)])
+        warning = each.stand.warning
+        return DrawnSample(sample.name, sample.time, tuple(clouds), truth, detections, warning, outcomes)
 
     def draw_all(
         self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
@@ -167,32 +156,24 @@ class Drawing:
         return drawn
 
 
-def _detects_nothing(points: Float32[np.ndarray, "n 3"]) -> Detections:
-    return Detections.empty()
-
-
-def _by_kind(boxes: np.ndarray, labels: np.ndarray) -> dict[str, np.ndarray]:
+def _by_kind(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
     return {LABELS[label]: boxes[labels == label] for label in np.unique(labels).tolist()}
 
 
 def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
-    """Thin a cloud to at most `most` points. They are taken evenly, with their times and intensities."""
+    """Thin a cloud to at most `most` points, evenly, with their times and intensities."""
     if len(cloud.points) <= most:
         return cloud
     rows = np.linspace(0, len(cloud.points), most, endpoint=False).astype(np.int64)
-    time = None if cloud.time is None else cloud.time[rows]
-    intensity = None if cloud.intensity is None else cloud.intensity[rows]
+    time, intensity = (None if column is None else column[rows] for column in (cloud.time, cloud.intensity))
     return replace(cloud, points=cloud.points[rows], time=time, intensity=intensity)
 
 
 def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
     """Colourings that the points of some frames allow."""
     clouds = [cloud for sample in samples for cloud in sample.clouds]
-    known = {
-        "intensity": any(cloud.intensity is not None for cloud in clouds),
-        "age": any(cloud.time is not None for cloud in clouds),
-    }
-    return tuple(each for each in COLOURINGS if known.get(each, True))
+    timed, bright = (any(getattr(cloud, name) is not None for cloud in clouds) for name in ("time", "intensity"))
+    return tuple(each for each in COLOURINGS if {"intensity": bright, "age": timed}.get(each, True))
 
 
 UNKNOWN_SHADE = (150, 150, 150)  # of points without the coloured attribute
@@ -213,13 +194,14 @@ class Scales:
     @staticmethod
     def of(sample: DrawnSample) -> Scales:
         """Choose ranges that cover nearly all points of a frame."""
-        clouds = sample.clouds
-        newest = find_newest(sample)
-        return Scales(
-            _span([cloud.points[:, 2] for cloud in clouds]),
-            _span([cloud.intensity for cloud in clouds if cloud.intensity is not None]),
-            _span([newest - cloud.time for cloud in clouds if cloud.time is not None]),
-        )
+        spans, newest = {}, find_newest(sample)
+        for colouring in COLOURINGS[1:]:
+            columns = [_values(cloud, colouring, newest) for cloud in sample.clouds]
+            values = np.concatenate([np.zeros(0), *(column for column in columns if column is not None)])
+            values = values[np.isfinite(values)]
+            if len(values):
+                spans[colouring] = tuple(np.percentile(values, _SPREAD).tolist())
+        return Scales(**spans)
 
     def describe(self, colouring: Colouring) -> str:
         """Describe the range of a colouring.
@@ -229,49 +211,34 @@ class Scales:
         """
         if colouring == "sensor":
             return "sensor"
-        low, high = {"height": self.height, "intensity": self.intensity, "age": self.age}[colouring]
-        unit = {"height": " m", "intensity": "", "age": " s"}[colouring]
-        return f"{colouring}, {low:.3g} to {high:.3g}{unit}"
+        low, high = getattr(self, colouring)
+        return f"{colouring}, {low:.3g} to {high:.3g}{ {'height': ' m', 'age': ' s'}.get(colouring, '') }"
 
 
 def find_newest(sample: DrawnSample) -> float:
-    """Time of a frame's newest point. It is in seconds from the frame's time; 0 if no time is known."""
+    """Time of a frame's newest point, in seconds from the frame's time; 0 if no time is known."""
     times = [float(cloud.time.max()) for cloud in sample.clouds if cloud.time is not None and len(cloud.time)]
     return max(times, default=0.0)
+
+
+def _values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarray | None:
+    """Coloured attribute of each point, None where it is not known."""
+    if colouring == "age":
+        return None if cloud.time is None else newest - cloud.time
+    return cloud.points[:, 2] if colouring == "height" else cloud.intensity
 
 
 def shades(
     cloud: DrawnCloud, colouring: Colouring, scales: Scales, *, index: int, newest: float
 ) -> UInt8[np.ndarray, "n 3"]:
-    """Red, green and blue of the points of a sensor. The sensor has number `index`. Dark is low, or new; newest: as
-    `find_newest`."""
-    if colouring == "sensor":
-        return _uniform(tuple(bytes.fromhex(sensor_colour(index)[1:])), len(cloud.points))
-    age = None if cloud.time is None else newest - cloud.time
-    values = {"height": cloud.points[:, 2], "intensity": cloud.intensity, "age": age}[colouring]
-    if values is None:
-        return _uniform(UNKNOWN_SHADE, len(cloud.points))
-    low, high = {"height": scales.height, "intensity": scales.intensity, "age": scales.age}[colouring]
-    share = np.clip((values.astype(np.float64) - low) / max(high - low, 1e-9), 0.0, 1.0)
-    return _scale()[(share * (_STEPS - 1)).astype(np.int64)]
-
-
-def _uniform(colour: tuple[int, ...], count: int) -> np.ndarray:
-    return np.tile(np.array(colour, np.uint8), (count, 1))
-
-
-def _scale() -> UInt8[np.ndarray, "_ 3"]:
-    """Viridis without its lightest end, which is lost on white."""
+    """Red, green and blue of the points of sensor `index`. Dark is low, or new. newest: as `find_newest`."""
     from matplotlib import colormaps
 
-    rgba = np.asarray(colormaps["viridis"](np.linspace(0.0, 0.92, _STEPS)))
-    return np.round(255 * rgba[:, :3]).astype(np.uint8)
-
-
-def _span(columns: list[Float[np.ndarray, " _"]]) -> Span:
-    values = np.concatenate([np.zeros(0), *columns])
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return 0.0, 1.0
-    low, high = np.percentile(values, _SPREAD).tolist()
-    return low, high
+    values = None if colouring == "sensor" else _values(cloud, colouring, newest)
+    if values is None:
+        colour = tuple(bytes.fromhex(sensor_colour(index)[1:])) if colouring == "sensor" else UNKNOWN_SHADE
+        return np.tile(np.array(colour, np.uint8), (len(cloud.points), 1))
+    low, high = getattr(scales, colouring)
+    share = np.clip((values.astype(np.float64) - low) / max(high - low, 1e-9), 0.0, 1.0)
+    viridis = np.asarray(colormaps["viridis"](np.linspace(0.0, 0.92, _STEPS)))  # without its end that is lost on white
+    return np.round(255 * viridis[:, :3]).astype(np.uint8)[(share * (_STEPS - 1)).astype(np.int64)]

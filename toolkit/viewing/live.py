@@ -1,7 +1,4 @@
-"""Live view of a recording in the browser.
-
-It is read while it is shown. A slider chooses frames, switches choose what is shown.
-"""
+"""Live view of a recording in the browser: read while it is shown, with a slider for frames and switches."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from toolkit.datasets.recordings import Part
 from toolkit.viewing.drawn import BOX_KINDS, COLOURINGS, Colouring, Drawing, DrawnSample, Scales
@@ -27,7 +24,7 @@ from toolkit.viewing.recording_scene import (
     list_sensors,
     nodes_of_kind,
 )
-from toolkit.viewing.scene import overview, set_view, viser_server
+from toolkit.viewing.scene import Handle, overview, set_view, viser_server
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -51,15 +48,18 @@ class LiveView:
         self.style = SceneStyle(list_sensors([drawn]), COLOURINGS, Scales.of(drawn), LIVE_POINTS)
         area = find_view_area(drawn)
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
-        self.groups: dict[str, Any] = {handle.name: handle for handle in groups}
-        self.shown: list[Any] = []
-        self.switches: dict[str, Any] = {}  # of the page, by the part they show
+        self.groups: dict[str, Handle] = {handle.name: handle for handle in groups}
+        self.shown: list[Handle] = []
+        self.switches: dict[str, Handle] = {}  # of the page, by the part they show
         self._wanted = 0
         set_view(server, *overview(area))
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         self._line = server.gui.add_markdown("")
-        self._add_frames()
-        self._add_colourings()
+        if len(samples) > 1:
+            self._add_slider()
+        names = {self.style.scales.describe(each): each for each in self.style.colourings}
+        choice = server.gui.add_dropdown("Points coloured by", tuple(names))
+        choice.on_update(lambda _: self.colour_by(names[choice.value]))
         self.sensor_switches = server.gui.add_folder("Sensors")
         for number, name in enumerate(self.style.sensors):
             self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
@@ -80,12 +80,16 @@ class LiveView:
             if number != self._wanted:  # the slider has gone on meanwhile
                 return
             try:
-                self._drawn = self.drawing.draw(self.samples[number], self.origin)
-                self.said = _line_of(self._drawn)
+                drawn = self.drawing.draw(self.samples[number], self.origin)
+                parts = [drawn.describe()]
+                if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
+                    parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
+                self._drawn, self.said = drawn, ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
             except (ValueError, OSError) as error:
                 self._drawn, self.said = None, f"sample {number} cannot be shown: {error}"
             self._redraw()
-            self._line.content = _as_text(self.said)
+            letters = (f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter for letter in self.said)
+            self._line.content = "".join(letters)  # Markdown that shows names of any characters literally
 
     def colour_by(self, colouring: Colouring) -> None:
         """Show points in these colours."""
@@ -99,63 +103,41 @@ class LiveView:
             handle.remove()
         self.shown = []
         if self._drawn is not None:
-            self._add_new_sensors(list_sensors([self._drawn]))
+            for name in list_sensors([self._drawn]):
+                if name not in self.style.sensors:
+                    self._add_sensor(name)
             self.shown = add_sample(self.server.scene, self._drawn, replace(self.style, colourings=(self.colouring,)))
         for number in range(len(self.style.sensors)):
             for each in self.style.colourings:
                 self.groups[f"/sensors/{number}/{each}"].visible = each == self.colouring
 
-    def _add_new_sensors(self, names: tuple[str, ...]) -> None:
-        """Add sensors that earlier frames did not have."""
-        for name in names:
-            if name not in self.style.sensors:
-                self.style = replace(self.style, sensors=(*self.style.sensors, name))
-                number = len(self.style.sensors) - 1
-                made = add_sensor(self.server.scene, self.style, number)
-                self.groups |= {handle.name: handle for handle in made}
-                self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
+    def _add_sensor(self, name: str) -> None:
+        """Add a sensor that earlier frames did not have."""
+        number = len(self.style.sensors)
+        self.style = replace(self.style, sensors=(*self.style.sensors, name))
+        self.groups |= {handle.name: handle for handle in add_sensor(self.server.scene, self.style, number)}
+        self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
 
-    def _add_frames(self) -> None:
-        if len(self.samples) < 2:
-            return
-        slider: Any = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
+    def _add_slider(self) -> None:
+        slider: Handle = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
         self.switches["frame"] = slider
         slider.on_update(lambda _: self.show(int(slider.value)))
-        after = self.server.gui.add_button("Next frame")
 
-        def go_on(_: Any) -> None:
+        def go_on(_: Handle) -> None:
             slider.value = (int(slider.value) + 1) % len(self.samples)
 
-        after.on_click(go_on)
+        self.server.gui.add_button("Next frame").on_click(go_on)
 
-    def _add_colourings(self) -> None:
-        names = {self.style.scales.describe(each): each for each in self.style.colourings}
-        choice = self.server.gui.add_dropdown("Points coloured by", tuple(names))
-        choice.on_update(lambda _: self.colour_by(names[choice.value]))
-
-    def _add_switch(self, folder: Any, name: str, nodes: list[str]) -> None:
+    def _add_switch(self, folder: Handle, name: str, nodes: list[str]) -> None:
         with folder:
             switch = self.server.gui.add_checkbox(name, True)
         self.switches[name] = switch
 
-        def apply(_: Any) -> None:
+        def apply(_: Handle) -> None:
             for node in nodes:
                 self.groups[node].visible = bool(switch.value)
 
         switch.on_update(apply)
-
-
-def _line_of(drawn: DrawnSample) -> str:
-    """Line that describes a frame and its warning."""
-    parts = [drawn.describe()]
-    if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
-        parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
-    return ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
-
-
-def _as_text(line: str) -> str:
-    """Format a line as Markdown that shows it literally. Names of files and frames may hold any characters."""
-    return "".join(f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter for letter in line)
 
 
 def view_live(samples: Part, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print) -> None:

@@ -1,6 +1,4 @@
-"""Nodes of a scene that shows a recording.
-
-Any part of it can be hidden.
+"""Nodes of a scene that shows a recording. Any part of it can be hidden.
 
     /sensors/K                      a sensor, by its number among all names
     /sensors/K/COLOURING/FRAME      its points in one frame, in the colours of one colouring
@@ -16,18 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.mesh import box
 from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
+from toolkit.viewing import scene
 from toolkit.viewing.drawn import (
     BOX_KINDS,
     MARKED,
     Colouring,
-    DrawnCloud,
     DrawnSample,
     Marked,
     Scales,
@@ -35,23 +33,12 @@ from toolkit.viewing.drawn import (
     shades,
     thinned,
 )
-from toolkit.viewing.scene import (
-    add_lines,
-    add_mesh,
-    add_points,
-    box_edges,
-    dashes,
-    headings,
-    rgb,
-    roof_crosses,
-    spikes,
-)
+from toolkit.viewing.scene import Handle, Look, Segments, box_edges, headings
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
-TRUTH, DETECTION = FAINT, OUTCOME["detection"].colour
-BOXES = {"truth": TRUTH, "detections": DETECTION}  # by node
+BOXES = {"truth": FAINT, "detections": OUTCOME["detection"].colour}  # colour by node
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
 SHOWN_AS: dict[Marked, str] = {"hits": "green", "missed": "red with a cross", "false alarms": "violet with a mark"}
 SHOWN_POINT_SIZE = 0.07  # m
@@ -59,8 +46,13 @@ GRID_NODE = "/grid"
 _LEAST_AREA = 20.0  # m: least extent of a scene
 _MOST = (10.0, 90.0)  # percentiles of the points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
-_MARK_WIDTH = 3.0  # of the lines of outcomes, pixels
-_WIDTH = {"truth": 1.5, "detections": 2.5}  # of lines, pixels
+_LINES: dict[str, tuple[float, Callable[[Float64[np.ndarray, "_ 7"]], list[Segments]]]] = {  # width (pixels), by node
+    "truth": (1.5, lambda boxes: [box_edges(boxes), headings(boxes)]),
+    "detections": (2.5, lambda boxes: [scene.dashes(box_edges(boxes), dash=0.4, gap=0.2), headings(boxes)]),
+    "hits": (3.0, lambda boxes: [box_edges(boxes)]),
+    "missed": (3.0, lambda boxes: [box_edges(boxes), scene.roof_crosses(boxes)]),
+    "false_alarms": (3.0, lambda boxes: [box_edges(boxes), scene.spikes(boxes)]),
+}
 
 
 @dataclass(frozen=True)
@@ -76,100 +68,69 @@ class SceneStyle:
 
 
 def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
-    """Names of all sensors of some frames. They are in order of appearance."""
+    """Names of all sensors of some frames, in order of appearance."""
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
 
-def add_groups(api: SceneApi, style: SceneStyle) -> list[Any]:
+def add_groups(api: SceneApi, style: SceneStyle) -> list[Handle]:
     """Add the nodes above all others; return their handles. The first colouring is visible."""
-    boxes = (*BOXES, *OUTCOME_NODES.values())
-    names = [*(f"/{group}" for group in ("sensors", *boxes))]
-    names += [f"/{group}/{kind}" for group in boxes for kind in BOX_KINDS]
+    names = ["/sensors", *(f"/{group}" for group in _LINES)]
+    names += [f"/{group}/{kind}" for group in _LINES for kind in BOX_KINDS]
     made = [api.add_frame(name, show_axes=False) for name in names]
     return made + [handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)]
 
 
-def add_sensor(api: SceneApi, style: SceneStyle, number: int) -> list[Any]:
+def add_sensor(api: SceneApi, style: SceneStyle, number: int) -> list[Handle]:
     """Add the nodes above all nodes of one sensor."""
-    made: list[Any] = [api.add_frame(f"/sensors/{number}", show_axes=False)]
-    made.append(api.add_frame(f"/sensors/{number}/place", show_axes=False))
-    for colouring in style.colourings:
-        visible = colouring == style.colourings[0]
-        made.append(api.add_frame(f"/sensors/{number}/{colouring}", show_axes=False, visible=visible))
-    return made
+    nodes = {f"/sensors/{number}": True, f"/sensors/{number}/place": True}
+    nodes |= {f"/sensors/{number}/{each}": each == style.colourings[0] for each in style.colourings}
+    return [api.add_frame(node, show_axes=False, visible=visible) for node, visible in nodes.items()]
 
 
 def add_sample(
     api: SceneApi, sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
-) -> list[Any]:
+) -> list[Handle]:
     """Add one frame below `add_groups`; return the handles."""
     newest = find_newest(sample)
-    made: list[Any] = []
+    made: list[Handle] = []
     for each in sample.clouds:
         cloud, number = thinned(each, style.most), style.sensors.index(each.name)
-        made.append(_add_place(api, cloud, number, frame, visible))
-        made += [
-            add_points(
-                api,
-                f"/sensors/{number}/{colouring}/{frame}",
-                cloud.points,
-                shades(cloud, colouring, style.scales, index=number, newest=newest),
-                size=SHOWN_POINT_SIZE,
-                visible=visible,
-                precision=style.precision,
-            )
-            for colouring in (style.colourings if len(cloud.points) else ())
-        ]
-    for group, rows, lines in (("truth", sample.truth, _outline), ("detections", sample.detections, _dashes)):
-        for kind, boxes in rows.items():
-            node = f"/{group}/{kind}/{frame}"
-            handle = add_lines(api, node, lines(boxes), BOXES[group], width=_WIDTH[group], visible=visible)
-            made += [] if handle is None else [handle]
-    for name, by_kind in sample.outcomes.items():
+        place, (x, y, z) = f"/sensors/{number}/place/{frame}", cloud.place.tolist()
+        made.append(api.add_frame(place, show_axes=False, visible=visible))
+        scene.add_mesh(api, f"{place}/housing", box((0.4, 0.4, 0.4), (x, y, z)), sensor_colour(number))
+        api.add_label(f"{place}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
+        for colouring in style.colourings if len(cloud.points) else ():
+            colours = shades(cloud, colouring, style.scales, index=number, newest=newest)
+            node, drawn = f"/sensors/{number}/{colouring}/{frame}", Look(visible=visible, precision=style.precision)
+            made.append(scene.add_points(api, node, cloud.points, colours, size=SHOWN_POINT_SIZE, **drawn))
+    groups = [("truth", BOXES["truth"], sample.truth), ("detections", BOXES["detections"], sample.detections)]
+    groups += [(OUTCOME_NODES[name], OUTCOME[MARKED[name]].colour, boxes) for name, boxes in sample.outcomes.items()]
+    for group, colour, by_kind in groups:
+        width, lines = _LINES[group]
         for kind, boxes in by_kind.items():
-            node, colour = f"/{OUTCOME_NODES[name]}/{kind}/{frame}", OUTCOME[MARKED[name]].colour
-            handle = add_lines(api, node, _MARKS[name](boxes), colour, width=_MARK_WIDTH, visible=visible)
+            segments = np.concatenate(lines(boxes))
+            node = f"/{group}/{kind}/{frame}"
+            handle = scene.add_lines(api, node, segments, colour, width=width, visible=visible)
             made += [] if handle is None else [handle]
     return made
 
 
 def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
     """Nodes above all boxes of one kind."""
-    return [f"/{group}/{kind}" for group in (*BOXES, *(OUTCOME_NODES.values() if outcomes else ()))]
+    return [f"/{group}/{kind}" for group in (_LINES if outcomes else BOXES)]
 
 
-def _add_place(api: SceneApi, cloud: DrawnCloud, number: int, frame: int, visible: bool) -> Any:
-    """Add a housing where the sensor was, and its name."""
-    node = f"/sensors/{number}/place/{frame}"
-    x, y, z = cloud.place.tolist()
-    made = api.add_frame(node, show_axes=False, visible=visible)
-    add_mesh(api, f"{node}/housing", box((0.4, 0.4, 0.4), (x, y, z)), sensor_colour(number))
-    api.add_label(f"{node}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
-    return made
-
-
-def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Any:
-    """Add a grid of 10 m squares on the ground. It gives the scale."""
+def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Handle:
+    """Add a grid of 10 m squares on the ground, for scale."""
     xmin, ymin, xmax, ymax = area
-    middle = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02)
-    width, height = xmax - xmin, ymax - ymin
-    return api.add_grid(
-        GRID_NODE,
-        width=width,
-        height=height,
-        plane="xy",
-        cell_size=10.0,
-        section_size=10.0,
-        position=middle,
-        fade_distance=10.0 * max(width, height),
-        cell_color=rgb(_GRID_COLOUR),
-        section_color=rgb(_GRID_COLOUR),
-    )
+    colours = Look(cell_color=scene.rgb(_GRID_COLOUR), section_color=scene.rgb(_GRID_COLOUR))
+    sizes = Look(width=xmax - xmin, height=ymax - ymin, cell_size=10.0, section_size=10.0)
+    middle, far = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02), 10.0 * max(xmax - xmin, ymax - ymin)
+    return api.add_grid(GRID_NODE, plane="xy", position=middle, fade_distance=far, **sizes, **colours)
 
 
 def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
-    """Area that the first view shows. It is xmin, ymin, xmax, ymax in m, rounded to 10 m. It holds most points of a
-    frame and its sensors, or else its boxes."""
+    """Area (xmin, ymin, xmax, ymax, rounded to 10 m) of most points of a frame and its sensors, or else its boxes."""
     clouds = [cloud.points[:, :2].astype(np.float64) for cloud in sample.clouds if len(cloud.points)]
     near = [np.percentile(xy, percent, axis=0)[None] for xy in clouds for percent in _MOST]
     places = [cloud.place[None, :2] for cloud in sample.clouds] if clouds else []
@@ -180,18 +141,3 @@ def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
     xmin, ymin = (10 * np.floor((low - more) / 10)).tolist()
     xmax, ymax = (10 * np.ceil((high + more) / 10)).tolist()
     return xmin, ymin, xmax, ymax
-
-
-def _outline(boxes: Float64[np.ndarray, "_ 7"]) -> Float64[np.ndarray, "_ 2 3"]:
-    return np.concatenate([box_edges(boxes), headings(boxes)])
-
-
-def _dashes(boxes: Float64[np.ndarray, "_ 7"]) -> Float64[np.ndarray, "_ 2 3"]:
-    return np.concatenate([dashes(box_edges(boxes), dash=0.4, gap=0.2), headings(boxes)])
-
-
-_MARKS: dict[Marked, Callable[[Float64[np.ndarray, "_ 7"]], Float64[np.ndarray, "_ 2 3"]]] = {
-    "hits": box_edges,
-    "missed": lambda boxes: np.concatenate([box_edges(boxes), roof_crosses(boxes)]),
-    "false alarms": lambda boxes: np.concatenate([box_edges(boxes), spikes(boxes)]),
-}

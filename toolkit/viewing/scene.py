@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from viser import LineSegmentsHandle, PointCloudHandle, SceneApi, ViserServer
 
 Spot = tuple[float, float, float]
+Handle = Any  # of a node or control of viser
+Look = dict[str, Any]  # keyword arguments of viser
 
 _CONTROL = """<style>.mantine-Notification-root{display:none!important}</style><script>
 addEventListener("message", function (event) {
@@ -117,17 +119,9 @@ def scene_html(server: ViserServer) -> str:
 def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
     """Add a mesh of one colour, if it has triangles."""
     if len(mesh.triangles):
-        api.add_mesh_simple(
-            name,
-            mesh.vertices.astype(np.float32),
-            mesh.triangles.astype(np.uint32),
-            color=rgb(colour),
-            opacity=opacity,
-            flat_shading=True,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+        parts, shadows = (mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32)), ("cast", "receive")
+        plain: Look = {f"{kind}_shadow": False for kind in shadows} | {"side": "double"}
+        api.add_mesh_simple(name, *parts, color=rgb(colour), opacity=opacity, flat_shading=True, **plain)
 
 
 def add_lines(
