@@ -27,7 +27,7 @@ from placement_env.search.description import (
     describe_score,
     describe_sensors,
 )
-from placement_env.search.exact.demand import Demand
+from placement_env.search.exact.cheapest import Demand
 from placement_env.search.methods import METHODS, check_search, load_search
 from placement_env.search.portfolio.curve import CurvePoint, budget_curve, list_amounts
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES, Judging

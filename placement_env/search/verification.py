@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,9 @@ from placement_env.fidelity.over_cases import CasesFidelity
 from placement_env.objective import Objective, Score
 from placement_env.protocol import ByFrames
 from placement_env.racing import Verified, verify
-from placement_env.search.progress import as_rows
+from placement_env.search.progress import Progress, as_rows
 from placement_env.search.result import Result
-from toolkit.arrays import Bool, Int64
+from toolkit.arrays import Bool, Int64, Shaped
 from toolkit.sensors.sensor import Sensor
 
 
@@ -93,3 +93,28 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndar
     sets[swaps, np.repeat(subset, len(others))] = False
     sets[swaps, np.tile(others, len(subset))] = True
     return sets
+
+
+def best_of_equals(
+    progress: Progress,
+    chosen: Sequence[int],
+    count: Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]],
+) -> list[int]:
+    """Best set by the objective that changes of one sensor reach within the limits while they keep the count.
+
+    Coverage has many optima (one set of coverage 1.000 has AP 0.918, its neighbour 0.98): a solver answers with any.
+    """
+    best = sorted(int(c) for c in chosen)
+    if not best:
+        return best
+    row = as_rows([best], progress.size)
+    least, reward = count(row)[0], float(progress.rewards(row)[0])
+    while not progress.spent:
+        sets = neighbours(np.array(best), progress.size)[1:]
+        sets = sets[progress.objective.feasible(sets)]
+        sets = sets[count(sets) >= least]
+        rewards = progress.rewards(sets)
+        if not len(sets) or not rewards.max() > reward:
+            break
+        best, reward = np.flatnonzero(sets[rewards.argmax()]).tolist(), float(rewards.max())
+    return best

@@ -22,7 +22,7 @@ from placement_env.protocol import ByClass
 from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
 from placement_env.search.exact.cpsat import compute_worth
-from placement_env.search.submodular import is_submodular
+from placement_env.search.greedy import is_submodular
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate

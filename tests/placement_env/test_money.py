@@ -10,8 +10,8 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.greedy import online_bound
 from placement_env.search.progress import Progress
-from placement_env.search.submodular import online_bound
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.sensors.models import DepthCamera

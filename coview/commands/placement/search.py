@@ -18,7 +18,7 @@ from placement_env.cases import USUAL_CASES
 from toolkit.runtime.run import Run
 
 if TYPE_CHECKING:
-    from placement_env.search.exact.demand import Demand
+    from placement_env.search.exact.cheapest import Demand
 
 Method = Literal["portfolio", "exhaustive", "greedy", "raced", "swap", "cpsat", "hits", "cheapest", "cmaes", "ppo"]
 
@@ -146,7 +146,7 @@ def _check(how: SearchOptions, setting: SettingOptions) -> str:
 
 def _demand(how: SearchOptions, setting: SettingOptions) -> tuple[Demand | None, SettingOptions]:
     """Demand on the cheapest set, which takes failures and levels out of the setting; None where a budget is given."""
-    from placement_env.search.exact.demand import Demand
+    from placement_env.search.exact.cheapest import Demand
 
     if how.at_least is None:
         return None, setting

@@ -22,11 +22,10 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import ByFrames
-from placement_env.search.exact.poles import Poles, Prices
-from placement_env.search.exact.solver import SECONDS, USUAL_LIMITS, SolverLimits, cp_model
-from placement_env.search.exact.ties import best_of_equals
+from placement_env.search.exact.programme import SECONDS, USUAL_LIMITS, Poles, Prices, SolverLimits, cp_model
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
+from placement_env.search.verification import best_of_equals
 from toolkit.arrays import Bool, Int64
 
 if TYPE_CHECKING:

@@ -13,11 +13,10 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.search import greedy
 from placement_env.search.exact.cheapest import build_levels
-from placement_env.search.exact.programme import GAINS, Programme, solve
-from placement_env.search.exact.solver import SECONDS, SolverLimits
-from placement_env.search.exact.ties import best_of_equals
+from placement_env.search.exact.programme import GAINS, SECONDS, Programme, SolverLimits, solve
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
+from placement_env.search.verification import best_of_equals
 from toolkit.arrays import Bool, Int64
 
 

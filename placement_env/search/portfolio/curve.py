@@ -19,7 +19,7 @@ from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.portfolio.entrants import Effort, Entrants
-from placement_env.search.portfolio.evaluators import race_order
+from placement_env.search.portfolio.evaluators import Schedule, race_order
 from placement_env.search.portfolio.portfolio import (
     INTERVAL_SHARE,
     SEARCHES,
@@ -29,7 +29,6 @@ from placement_env.search.portfolio.portfolio import (
     contest,
     find_entrants,
 )
-from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
 

@@ -4,12 +4,16 @@ Resamples of blocks of frames are the same for all sets. `DetectorEvaluator` det
 `FastEvaluator` lets another fidelity, such as the surrogate, score batches of the frames. Both know one error profile
 and give figures at every IoU threshold; `CasesEvaluator` combines them into one figure. Frames of one block of
 `BLOCK_FRAMES` show the same objects, so blocks are drawn whole.
+
+`Schedule` divides the time of a portfolio: what a stage does not use goes to the next. Races and judgement check the
+clock every few frames and stop when time is up, so the whole hardly exceeds its limit.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -22,7 +26,11 @@ from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import Estimate, FidelityName
 from toolkit.arrays import Bool, Float64, Int64
+from toolkit.runtime.run import Processes
 
+SEARCHING = 0.3  # share of a portfolio's time that its searches may take; races and judgement share the rest
+LONG_ENOUGH = 120.0  # s above which all frames are simulated; with less, a proportional part
+FEWEST = 2 * BLOCK_FRAMES  # frames of a part of traffic
 BATCHES = 12  # largest number of batches that a fast fidelity scores separately
 Sets = Bool[np.ndarray, "n C"]
 Frames = Int64[np.ndarray, " k"]
@@ -245,3 +253,78 @@ class FastEvaluator:
             run, labels = replace(made.run, progress=None), made.setting.counted.labels
             self._seen[key] = see(made.traffic, made.setting.pool.select(used), labels=labels, run=run)
         return self._seen[key]
+
+
+@dataclass(eq=False)
+class TimedEvaluator:
+    """Evaluate frame by frame until time is up, by the monotonic clock (s), and report the number of frames done.
+
+    It is called with the same frames in the same order every time, some of them already done, for fewer and fewer sets.
+    at_once: frames between two looks at the clock; least: frames done regardless of time.
+    """
+
+    evaluator: Evaluator
+    until: float
+    at_once: int = 1
+    least: int = 1
+    done: int = field(default=0, init=False)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.evaluator.frames
+
+    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
+        """Evaluate the sets on as many frames as time allows."""
+        while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
+            part = frames[self.done : self.done + self.at_once]
+            self.evaluator.evaluate(sets, part)
+            self.done += len(part)
+            if progress is not None:
+                progress(self.done)
+        counted = min(self.done, len(frames))
+        found = self.evaluator.evaluate(sets, frames[:counted])
+        return found._replace(frames=None if counted == len(frames) else counted)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Seconds for everything from now on, None for no limit. at_once: frames between two looks at the clock."""
+
+    seconds: float | None = None
+    at_once: int = 1
+    began: float = field(default_factory=time.monotonic)
+
+    @staticmethod
+    def of(seconds: float | None, processes: Processes) -> Schedule:
+        """Schedule with batches that keep the processes busy."""
+        return Schedule(seconds, 16 if processes.ray else 1 if processes.alone else 2 * processes.count)
+
+    @property
+    def left(self) -> float:
+        """Seconds that are left, infinite without a limit."""
+        return np.inf if self.seconds is None else self.began + self.seconds - time.monotonic()
+
+    def searching(self, searches: int) -> float | None:
+        """Seconds of each search, for a number of searches."""
+        return None if self.seconds is None else self.seconds * SEARCHING / searches
+
+    def frames(self, frames: int) -> int:
+        """Number of frames of one part of traffic that fit, in whole blocks."""
+        if self.seconds is None or self.seconds >= LONG_ENOUGH:
+            return frames
+        blocks = int(frames * self.seconds / LONG_ENOUGH) // BLOCK_FRAMES
+        return min(frames, max(FEWEST, blocks * BLOCK_FRAMES))
+
+    def racing(self, evaluator: Evaluator, races: int = 1) -> Evaluator | TimedEvaluator:
+        """Evaluator of a race that begins now. The number of races still to come includes this one."""
+        return self._limit(evaluator, self.left / (races + 1), 1)
+
+    def judging(self, evaluator: Evaluator) -> Evaluator | TimedEvaluator:
+        """Evaluator of sets that are judged from now on. It uses at least `FEWEST` frames: fewer say nothing."""
+        return self._limit(evaluator, self.left, FEWEST)
+
+    def _limit(self, evaluator: Evaluator, seconds: float, least: int) -> Evaluator | TimedEvaluator:
+        if self.seconds is None:
+            return evaluator
+        return TimedEvaluator(evaluator, time.monotonic() + seconds, self.at_once, least)

@@ -28,11 +28,12 @@ from placement_env.search.portfolio.evaluators import (
     Evaluator,
     Frames,
     Report,
+    Schedule,
     Sets,
+    TimedEvaluator,
     build_evaluator,
     race_order,
 )
-from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
 from placement_env.setting import Setting
@@ -100,7 +101,7 @@ def search(
     """Winner of the race: its score by the objective, and the judge's assessment on the third part of traffic.
 
     The assessment also covers each search's own answer. seconds: of searches, race and assessment together, divided by
-    `placement_env.search.portfolio.schedule`. With less time there are fewer frames, and some searches' answers are not
+    `Schedule`. With less time there are fewer frames, and some searches' answers are not
     assessed. evaluations: of each search; checkpoint: keeps the progress of the searches (race and assessment
     detections are in the cache). Raises ValueError where these do not fit.
     """

@@ -111,7 +111,7 @@ def test_searches_reach_the_best_of_all_sets(make, capacity, most):
 @pytest.mark.parametrize("most", [np.inf, 2.2])
 def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     pytest.importorskip("ortools")
-    from placement_env.search.exact.poles import Poles, Prices
+    from placement_env.search.exact.programme import Poles, Prices
 
     objective = carrying(make(3, 4, objects=40, seed=5, most=0.4), (2, 1, 3), capacity)
     objective = objective.weighed(objective.weights, most_price=most)
@@ -128,8 +128,7 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
 @pytest.mark.parametrize("capacity", [2000.0, 1200.0])
 def test_the_cheapest_set_pays_a_shared_mount_once(make, capacity):
     pytest.importorskip("ortools")
-    from placement_env.search.exact.poles import Prices
-    from placement_env.search.exact.programme import Levels, Programme, solve
+    from placement_env.search.exact.programme import Levels, Prices, Programme, solve
 
     objective = carrying(make(3, 4, objects=40, seed=5, most=0.4), (2, 1, 3), capacity)
     seen, sets = objective.scored_by.seen, exhaustive.every_set(12, 4)

@@ -11,7 +11,7 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.objective import Objective
 from placement_env.search.exact import cheapest
-from placement_env.search.exact.demand import Demand
+from placement_env.search.exact.cheapest import Demand
 from placement_env.search.exact.programme import GAINS
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets

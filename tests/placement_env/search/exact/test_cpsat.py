@@ -10,8 +10,7 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search import greedy
 from placement_env.search.exact import cpsat
-from placement_env.search.exact.poles import Poles
-from placement_env.search.exact.solver import SolverLimits
+from placement_env.search.exact.programme import Poles, SolverLimits
 from placement_env.setting import Setting
 
 pytest.importorskip("ortools")

@@ -5,7 +5,7 @@ import pytest
 
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import Estimate
-from placement_env.search.exact.demand import Demand, DemandFidelity
+from placement_env.search.exact.cheapest import Demand, DemandFidelity
 
 
 class Sees:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from placement_env.search.exact.poles import LINK, Poles, Prices
+from placement_env.search.exact.programme import LINK, Poles, Prices
 
 PRICES = Prices(np.array([5, 7, 20]), np.array([10, 10, 0]), np.array([0, 0, 1]), 40)
 POLES = Poles(np.array([0, 0, 0, 1]), np.array([2, 2, 2, 1]), np.array([LINK // 2, LINK // 2, LINK // 2 + 1, 0]))

@@ -8,9 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from placement_env.fidelity.hits.hit_model import HitModel
-from placement_env.search.exact.poles import Poles, Prices
-from placement_env.search.exact.programme import GAINS, Levels, Programme, levels_of_hits, solve
-from placement_env.search.exact.solver import SolverLimits
+from placement_env.search.exact.programme import (
+    GAINS,
+    Levels,
+    Poles,
+    Prices,
+    Programme,
+    SolverLimits,
+    levels_of_hits,
+    solve,
+)
 
 pytest.importorskip("ortools")
 

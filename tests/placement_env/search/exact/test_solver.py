@@ -3,7 +3,7 @@
 import pytest
 
 pytest.importorskip("ortools")
-from placement_env.search.exact.solver import SolverLimits, cp_model
+from placement_env.search.exact.programme import SolverLimits, cp_model
 
 
 def test_limits_and_seed_are_those_asked_for():

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from placement_env.search.exact.ties import best_of_equals
 from placement_env.search.progress import Progress
+from placement_env.search.verification import best_of_equals
 
 
 def test_changes_keep_the_count_and_raise_the_reward_of_what_may_be_built(make):

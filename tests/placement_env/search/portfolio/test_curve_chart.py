@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import placement_env.search.portfolio.curve_chart as drawing
+import placement_env.search.answer as drawing
 from placement_env.search.portfolio.curve import CurvePoint
 
 POINTS = [

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from placement_env.search.portfolio.evaluators import Evaluated
-from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
+from placement_env.search.portfolio.evaluators import Evaluated, Schedule, TimedEvaluator
 from toolkit.runtime.run import Run
 
 SETS = np.eye(3, dtype=bool)
