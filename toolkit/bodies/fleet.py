@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import cycle, islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from toolkit.bodies.body import Body, include_mirrors, make_body, make_boxed_bod
 from toolkit.bodies.people import pedestrians, two_wheelers
 from toolkit.bodies.vehicles import CAR_NAMES, cars, trucks
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
+
+if TYPE_CHECKING:
+    from toolkit.bodies.meshes import TakenMesh
 
 HELD_OUT = CAR_NAMES[-5:]  # cars that no shipped detector has been trained on
 FLEETS = ("catalogue", "own", "meshes", "both")
@@ -45,9 +49,9 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
 class Fleet:
     """Bodies of traffic: fixed ones, drawn ones, or both.
 
-    fixed: bodies that stay; drawn: classes whose bodies are drawn for each spawned object, mixed half and half with the
-    fixed ones of a class; mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the
-    body otherwise; notes: a line on how each mesh of a folder was taken.
+    drawn: classes whose bodies are drawn for each spawned object, mixed half and half with the fixed ones of a class;
+    mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the body otherwise; notes: a
+    line on how each mesh of a folder was taken.
     """
 
     fixed: tuple[Body, ...] = ()
@@ -63,10 +67,7 @@ class Fleet:
         return tuple(body.name for body in self.fixed) + (possible_names() if self.drawn else ())
 
     def bodies(self, frames: int, rng: np.random.Generator) -> tuple[Body, ...]:
-        """Bodies for `frames` frames of traffic.
-
-        Drawn ones are enough for all objects spawned in up to `LARGEST_DRAW` frames, if `simulate` takes each `once`.
-        """
+        """Bodies for `frames` frames of traffic; drawn ones suffice for `LARGEST_DRAW`, each used once."""
         if not self.drawn:
             return self.fixed
         from toolkit.bodies.drawn_bodies import draw_body
@@ -104,34 +105,23 @@ def fleet_named(
         raise ValueError(f"fleet must be one of {', '.join(FLEETS)}, got {name!r}")
     if held_out and name != "catalogue":
         raise ValueError(f"held-out cars are of the catalogue, got fleet {name!r}: choose one or the other")
-    if name == "catalogue":
-        return _catalogue_fleet(meshes, held_out, mirrors)
     if name == "own":
         if meshes is not None:
             raise ValueError(f"fleet 'own' takes no meshes, got {meshes}: choose the fleet 'meshes' or 'both'")
         return Fleet(drawn=tuple(range(len(LABELS))), mirrors=mirrors)
-    if meshes is None:
+    if meshes is None and name != "catalogue":
         raise ValueError(f"fleet {name!r} needs a folder of meshes, got none: give one")
-    from toolkit.bodies.meshes import take_meshes
+    taken: tuple[TakenMesh, ...] = ()
+    if meshes is not None:
+        from toolkit.bodies.meshes import take_meshes
 
-    taken = take_meshes(meshes, mirrors=mirrors)
-    given = {each.body.label for each in taken} if name == "meshes" else set()
-    drawn = tuple(label for label in range(len(LABELS)) if label not in given)
-    return Fleet(
-        tuple(each.body for each in taken), drawn, mirrors, tuple(f"{each.file}: {each.how}" for each in taken)
-    )
-
-
-def _catalogue_fleet(meshes: str | Path | None, held_out: bool, mirrors: bool) -> Fleet:
-    """Catalogue, and the meshes of a folder."""
-    ours = tuple(include_mirrors(body) if mirrors else body for body in catalogue(held_out=held_out))
-    if meshes is None:
-        return Fleet(ours, mirrors=mirrors)
-    from toolkit.bodies.meshes import take_meshes
-
-    taken = take_meshes(meshes, mirrors=mirrors)
-    notes = tuple(f"{each.file}: {each.how}" for each in taken)
-    return Fleet(ours + tuple(each.body for each in taken), mirrors=mirrors, notes=notes)
+        taken = take_meshes(meshes, mirrors=mirrors)
+    bodies, notes = tuple(each.body for each in taken), tuple(f"{each.file}: {each.how}" for each in taken)
+    if name == "catalogue":
+        ours = tuple(include_mirrors(body) if mirrors else body for body in catalogue(held_out=held_out))
+        return Fleet(ours + bodies, (), mirrors, notes)
+    given = {body.label for body in bodies} if name == "meshes" else set()
+    return Fleet(bodies, tuple(label for label in range(len(LABELS)) if label not in given), mirrors, notes)
 
 
 @lru_cache(maxsize=1)

@@ -20,7 +20,6 @@ Only `file` must be there.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,8 +33,6 @@ from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 _POINTS, _CELLS = 30_000, 32
 _COARSE = 16  # cells along an axis in which symmetry is judged
 SYMMETRIC, ASKEW = 0.06, 0.12  # share of the surface without a counterpart: up to, from
-
-
 BACKWARDS = -0.18  # `Shape.ahead` of no car: a pick-up has -0.14
 
 
@@ -69,7 +66,10 @@ def measure_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndar
     length, width = np.ptp(ground[:, :2], axis=0).tolist()
     middle = unit[(np.abs(unit[:, 0] - 0.5) < 0.1) & (np.abs(unit[:, 1] - 0.5) < 0.25), 2]
     clearance = float(middle.min() * size[2]) if len(middle) else float(size[2])
-    return Shape(size, fills, _asymmetry(unit), (length, width), clearance, _ahead(unit))
+    along = (unit[:, 0] * 24).astype(np.int64)
+    tops = np.array([unit[along == k, 2].max(initial=0.0) for k in range(24)])
+    ahead = float(tops[:8].mean() - tops[-8:].mean())
+    return Shape(size, fills, _asymmetry(unit), (length, width), clearance, ahead)
 
 
 def is_clearly(shape: Shape, label: int) -> bool:
@@ -109,7 +109,7 @@ def find_wrong_stand(shape: Shape, label: int) -> str | None:
 def surface_points(
     vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"], count: int = _POINTS
 ) -> Float64[np.ndarray, "n 3"]:
-    """Points spread evenly over the triangles, and the corners. The same ones each time."""
+    """Points spread evenly over the triangles, the same each time, and the corners."""
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if not areas.sum() > 0:
@@ -124,10 +124,9 @@ def surface_points(
 def mirror_span(
     vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]
 ) -> tuple[float, float] | None:
-    """Range of y (m) of a vehicle's body without its wing mirrors.
+    """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm or more.
 
-    None where no mirror sticks out by 3 cm or more. A mirror sticks out within 30 cm of the outermost point, above the
-    wheels, in the front six tenths.
+    A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths.
     """
     points = surface_points(vertices, triangles)
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
@@ -148,11 +147,11 @@ def _fill_outline(cells: Int64[np.ndarray, "n 2"]) -> Bool[np.ndarray, "a b"]:
     """Outline of occupied cells and everything they enclose."""
     grid = np.zeros((_CELLS, _CELLS), bool)
     grid[tuple(cells.T)] = True
-    enclosed = [
-        np.logical_or.accumulate(grid, axis) & np.flip(np.logical_or.accumulate(np.flip(grid, axis), axis), axis)
-        for axis in (0, 1)
-    ]
-    return enclosed[0] & enclosed[1]
+    inside = np.ones_like(grid)
+    for axis in (0, 1):
+        inside &= np.logical_or.accumulate(grid, axis)
+        inside &= np.flip(np.logical_or.accumulate(np.flip(grid, axis), axis), axis)
+    return inside
 
 
 def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
@@ -163,19 +162,8 @@ def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
     inner = slice(1, -1)
     for shift in np.ndindex(3, 3, 3):
         near[inner, inner, inner] |= grid[tuple(slice(s, s + _COARSE) for s in shift)]
-    lonely = []
-    for axis in range(3):
-        mirrored = unit.copy()
-        mirrored[:, axis] = 1 - 1e-9 - mirrored[:, axis]
-        lonely.append(1 - near[tuple((mirrored * _COARSE).astype(np.int64).T + 1)].mean())
-    return np.array(lonely)
-
-
-def _ahead(unit: Float64[np.ndarray, "n 3"]) -> float:
-    """Mean top of the front third minus that of the rear third."""
-    along = (unit[:, 0] * 24).astype(np.int64)
-    tops = np.array([unit[along == k, 2].max(initial=0.0) for k in range(24)])
-    return float(tops[:8].mean() - tops[-8:].mean())
+    mirrored = (np.where(np.eye(3, dtype=bool)[axis], 1 - 1e-9 - unit, unit) for axis in range(3))
+    return np.array([1 - near[tuple((each * _COARSE).astype(np.int64).T + 1)].mean() for each in mirrored])
 
 
 TABLE = "meshes.toml"
@@ -201,9 +189,6 @@ class MeshEntry:
         """Rotation from the file's axes to x forward, y left, z up."""
         forward, up = _AXES[self.forward or "x"], _AXES[self.up or "z"]
         return np.stack([forward, np.cross(up, forward), up])
-
-
-NOTHING_SAID = MeshEntry()
 
 
 def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
@@ -248,9 +233,8 @@ def _entry(row: dict[str, Any], where: str) -> MeshEntry:
     label = row.get("label")
     if label is not None and label not in LABELS:
         raise ValueError(f"{where}: label must be one of {', '.join(LABELS)}, got {label!r}")
-    return MeshEntry(
-        None if label is None else LABELS.index(label), up, forward, None if scale is None else float(scale)
-    )
+    number = None if label is None else LABELS.index(label)
+    return MeshEntry(number, up, forward, None if scale is None else float(scale))
 
 
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
@@ -265,9 +249,8 @@ PLAUSIBLE = {
 _TYPICAL = {VEHICLE: (4.5, 1.85, 1.55), CYCLIST: (1.75, 0.6, 1.7), PEDESTRIAN: (0.5, 0.5, 1.7), HEAVY: (9.0, 2.45, 3.1)}
 _FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
 _Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
-_Y_UP_X_FORWARD = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-_Y_FORWARD = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-_TURNS = {"y up and z": _Y_UP_Z_FORWARD, "y up and x": _Y_UP_X_FORWARD, "z up and y": _Y_FORWARD}
+_TURNS = {"y up and z": _Y_UP_Z_FORWARD, "y up and x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
+_TURNS["z up and y"] = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 
 
@@ -280,10 +263,7 @@ class TakenMesh(NamedTuple):
 
 
 def load_meshes(folder: str | Path) -> tuple[Body, ...]:
-    """Load a body per mesh file in `folder` and below, in order of paths.
-
-    Other files are left alone. Raises what `take_meshes` raises.
-    """
+    """Load a body per mesh file in `folder` and below, in order of paths. Raises what `take_meshes` raises."""
     return tuple(taken.body for taken in take_meshes(folder))
 
 
@@ -301,16 +281,15 @@ def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh
     if not paths:
         raise ValueError(f"{folder} holds no mesh: put files in it that end in one of {' '.join(SUFFIXES)}")
     table = read_mesh_table(folder)
-    called = [path.relative_to(folder) for path in paths]
-    return tuple(
-        _take_mesh(path, name, table.get(name, NOTHING_SAID), mirrors) for path, name in zip(paths, called, strict=True)
-    )
+    names = [path.relative_to(folder) for path in paths]
+    entries = [table.get(name, MeshEntry()) for name in names]
+    return tuple(_take_mesh(*each, mirrors) for each in zip(paths, names, entries, strict=True))
 
 
 def load_mesh(path: str | Path, called: str | Path | None = None) -> Body:
     """Load the body of one file. called: path whose folders and name give its class and name."""
     path = Path(path)
-    return _take_mesh(path, Path(called or path.name), NOTHING_SAID, mirrors=False).body
+    return _take_mesh(path, Path(called or path.name), MeshEntry(), mirrors=False).body
 
 
 def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> TakenMesh:
@@ -326,23 +305,22 @@ def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> Tak
         fitting = [label for label in labels if _plausible(np.ptp(turned, axis=0), label)]
         if not fitting:
             continue
-        shape = _shape(path, turned, triangles)
+        try:
+            shape = measure_shape(turned, triangles)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}: export it again as a closed triangle mesh") from None
         clear = [label for label in fitting if named is not None or is_clearly(shape, label)]
         doubt = find_wrong_stand(shape, clear[0]) if clear and not entry.has_frame else None
         if len(clear) == 1 and doubt is None:
             body = _body(called.with_suffix("").as_posix(), clear[0], turned, triangles, mirrors)
             return TakenMesh(called.as_posix(), body, _how(body, shape, entry, named, turn))
-        doubts.append(
-            doubt or f"by its size it may be {_list_labels(fitting)}, but its shape is not clearly that of one"
-        )
+        may_be = " or ".join(f"a {LABELS[label]}" if label != HEAVY else "a heavy vehicle" for label in fitting)
+        doubts.append(doubt or f"by its size it may be {may_be}, but its shape is not clearly that of one")
     size = " x ".join(f"{extent:.4g}" for extent in np.ptp(vertices, axis=0))
     remedy = _remedy(vertices, triangles, named)
     if doubts:
-        say = (
-            remedy
-            or f"put it into a folder {'/, '.join(LABELS)}/, or say in {TABLE} what it is, what is up and forward"
-        )
-        raise ValueError(f"{path}: {size} (x, y, z): {doubts[0]}: {say}")
+        folders = f"put it into a folder {'/, '.join(LABELS)}/, or say in {TABLE} what it is, what is up and forward"
+        raise ValueError(f"{path}: {size} (x, y, z): {doubts[0]}: {remedy or folders}")
     wanted = f"a {LABELS[named]}" if named is not None else "any road user"
     remedy = remedy or f"check its units and axes, move it to the folder of its class, or say in {TABLE} what it is"
     raise ValueError(f"{path}: {size} (x, y, z) does not fit {wanted} in metres, x forward, z up: {remedy}")
@@ -350,28 +328,19 @@ def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> Tak
 
 def _body(name: str, label: int, vertices: np.ndarray, triangles: np.ndarray, mirrors: bool) -> Body:
     whole = make_body(name, label, vertices, triangles)
-    span = (
-        None if mirrors or label not in (VEHICLE, HEAVY) else mirror_span(whole.vertices.astype(np.float64), triangles)
-    )
+    may_stick_out = not mirrors and label in (VEHICLE, HEAVY)
+    span = mirror_span(whole.vertices.astype(np.float64), triangles) if may_stick_out else None
     if span is None:
         return whole
-    aside = np.array([0, sum(span) / 2, 0], np.float32)
-    truth = whole.size[0], span[1] - span[0], whole.size[2]
-    return Body(name, label, whole.vertices - aside, whole.triangles, truth)
+    aside, (length, _, height) = np.array([0, sum(span) / 2, 0], np.float32), whole.size
+    return Body(name, label, whole.vertices - aside, whole.triangles, (length, span[1] - span[0], height))
 
 
 def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np.ndarray) -> str:
     """Describe class, size and frame of a body, and their sources."""
-    known = (
-        f"as {TABLE} says"
-        if entry.label is not None
-        else "by its folder or name"
-        if named is not None
-        else "by its shape"
-    )
-    axes = {
-        tuple(sign * row): ("-" if sign < 0 else "") + "xyz"[i] for i, row in enumerate(np.eye(3)) for sign in (1, -1)
-    }
+    known = "by its shape" if named is None else "by its folder or name"
+    known = known if entry.label is None else f"as {TABLE} says"
+    axes = {tuple(axis): name for name, axis in _AXES.items()}
     forward, _, up = (axes[tuple(row)] for row in turn)
     frame = f"{up} up, {forward} forward"
     if not entry.has_frame and body.label == VEHICLE:
@@ -382,17 +351,6 @@ def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np
     scale = "" if entry.scale is None else f", scaled by {entry.scale:g}"
     size = " x ".join(f"{extent:.2f}" for extent in body.size)
     return f"{LABELS[body.label]} ({known}), {size} m, {frame}{scale}{mirrors}"
-
-
-def _list_labels(labels: list[int]) -> str:
-    return " or ".join(f"a {LABELS[label]}" if label != HEAVY else "a heavy vehicle" for label in labels)
-
-
-def _shape(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> Shape:
-    try:
-        return measure_shape(vertices, triangles)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}: export it again as a closed triangle mesh") from None
 
 
 def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 3"]]:
@@ -417,11 +375,8 @@ def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 
 
 def _find_label(called: Path) -> int | None:
     """Class named by a folder of the path or the start of the file's name."""
-    for part in (*reversed(called.parent.parts), called.stem):
-        for label, name in enumerate(LABELS):
-            if part.lower().startswith(name):
-                return label
-    return None
+    parts = (part.lower() for part in (*reversed(called.parent.parts), called.stem))
+    return next((label for part in parts for label, name in enumerate(LABELS) if part.startswith(name)), None)
 
 
 def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
@@ -430,28 +385,21 @@ def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
 
 def _remedy(vertices: np.ndarray, triangles: np.ndarray, named: int | None) -> str:
     """Describe units or orientation that would make it plausible, if any."""
+    readings = [(f"it seems to be {axes} forward, turn it", turn, 1.0) for axes, turn in _TURNS.items()]
+    for unit, metres in _UNITS.items():
+        readings.append((f"it seems to be in {unit}, scale it by {metres}", np.eye(3), metres))
+        for axes, turn in _TURNS.items():
+            what = f"it seems to be in {unit}, {axes} forward: scale it by {metres} and turn it"
+            readings.append((what, turn, metres))
     best, remedy = (np.inf, np.inf), ""
-    for what, turn, scale in _readings():
+    for what, turn, scale in readings:
         read = vertices @ turn.T * scale
         size = np.ptp(read, axis=0)
         for label in PLAUSIBLE if named is None else (named,):
-            if not _plausible(size, label):
-                continue
             off = (float(scale != 1), float(np.abs(np.log(size / _TYPICAL[label])).max()))
-            if off >= best:
+            if not _plausible(size, label) or off >= best:
                 continue
             shape = measure_shape(read, triangles)
             if find_wrong_stand(shape, label) is None and (named is not None or is_clearly(shape, label)):
                 best, remedy = off, what
     return remedy
-
-
-def _readings() -> Iterator[tuple[str, Float64[np.ndarray, "3 3"], float]]:
-    """Alternative readings of a file: remedy, rotation, scale."""
-    for axes, turn in _TURNS.items():
-        yield f"it seems to be {axes} forward, turn it", turn, 1.0
-    for unit, metres in _UNITS.items():
-        yield f"it seems to be in {unit}, scale it by {metres}", np.eye(3), metres
-        for axes, turn in _TURNS.items():
-            what = f"it seems to be in {unit}, {axes} forward: scale it by {metres} and turn it"
-            yield what, turn, metres

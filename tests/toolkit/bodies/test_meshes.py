@@ -355,8 +355,8 @@ def table_mesh_table(folder: Path, text: str) -> dict[Path, meshes.MeshEntry]:
 
 def test_what_tables_say(tmp_path):
     assert meshes.read_mesh_table(tmp_path) == {}
-    assert not meshes.NOTHING_SAID.has_frame
-    assert np.array_equal(meshes.NOTHING_SAID.turn, np.eye(3))
+    assert not meshes.MeshEntry().has_frame
+    assert np.array_equal(meshes.MeshEntry().turn, np.eye(3))
     text = '[[mesh]]\nfile = "a.obj"\nlabel = "heavy"\nup = "y"\nforward = "-z"\nscale = 0.0254\n'
     (entry,) = table_mesh_table(tmp_path, text).values()
     assert entry == meshes.MeshEntry(HEAVY, "y", "-z", 0.0254)
