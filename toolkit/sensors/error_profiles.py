@@ -21,7 +21,7 @@ import zlib
 from collections import Counter
 from dataclasses import asdict, dataclass, is_dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -44,10 +44,7 @@ from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
 
 @dataclass(frozen=True)
 class ErrorProfile:
-    """Error terms under a name, in the order they act.
-
-    Raises ValueError for an empty name and for a term that is no `ErrorTerm`.
-    """
+    """Error terms under a name, in the order they act. Raises ValueError for a term that is no `ErrorTerm`."""
 
     name: str
     terms: tuple[ErrorTerm, ...]
@@ -62,7 +59,11 @@ class ErrorProfile:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all terms and their numbers, whatever the name."""
-        return make_key([[type(term).__module__, type(term).__qualname__, _numbers(term)] for term in self.terms]).hex()
+        described = []
+        for term in self.terms:
+            numbers = {k: v.item() if isinstance(v, np.generic) else v for k, v in asdict(cast(Any, term)).items()}
+            described.append([type(term).__module__, type(term).__qualname__, numbers])
+        return make_key(described).hex()
 
     @property
     def modules(self) -> list[str]:
@@ -80,10 +81,7 @@ class ErrorProfile:
         return {"profile": self.name, "digest": self.digest}
 
     def read(self, truth: TrueImage, *, seed: int, sensor: int, frame: int) -> Reading:
-        """Apply all terms to a true image.
-
-        seed: of the recording's errors; sensor: number that identifies the sensor; frame: its number.
-        """
+        """Apply all terms to a true image. seed: of the recording's errors; sensor, frame: their numbers."""
         reading, before = Reading.of(truth), Counter[str]()
         for term in self.terms:
             kind = type(term).__qualname__
@@ -93,55 +91,20 @@ class ErrorProfile:
         return reading
 
 
-def _numbers(term: Any) -> dict[str, Any]:
-    """Fields of a term as plain numbers and texts."""
-    return {name: value.item() if isinstance(value, np.generic) else value for name, value in asdict(term).items()}
-
-
 def _degrees(angle_deg: float) -> float:
     return float(np.deg2rad(angle_deg))
 
 
-_LIDAR = RangeNoise(proportional=0.0005, measures="range")
+_NOISE = OwnNoise(), stereo_noise(baseline=1.0, focal=2000.0), RangeNoise(proportional=0.0005, measures="range")
 
 PAPER_ERRORS = ErrorProfile("paper", (OwnNoise(),))
-SURVEYED = ErrorProfile(
-    "surveyed",
-    (
-        DropOut(share=0.005),
-        MixedPixels(share=0.05),
-        OwnNoise(),
-        Calibration(_degrees(0.05), 0.01),
-    ),
-)
-TYPICAL = ErrorProfile(
-    "typical",
-    (
-        Glass(share=0.8),
-        DropOut(share=0.02),
-        MixedPixels(share=0.2),
-        OwnNoise(),
-        stereo_noise(baseline=1.0, focal=2000.0),
-        _LIDAR,
-        Calibration(_degrees(0.2), 0.03),
-    ),
-)
-POOR = ErrorProfile(
-    "poor",
-    (
-        Glass(share=0.8),
-        Paint(share=0.2),
-        DropOut(share=0.05, half_range=200.0),
-        MixedPixels(share=0.2),
-        rain(10.0),
-        DeadRows(share=0.02),
-        OwnNoise(),
-        stereo_noise(baseline=1.0, focal=2000.0),
-        _LIDAR,
-        Calibration(_degrees(0.5), 0.05),
-        PoleSway(_degrees(0.05)),
-    ),
-)
+_NEAR_EXACT = (DropOut(share=0.005), MixedPixels(share=0.05), OwnNoise(), Calibration(_degrees(0.05), 0.01))
+SURVEYED = ErrorProfile("surveyed", _NEAR_EXACT)
+_USUAL = Glass(share=0.8), DropOut(share=0.02), MixedPixels(share=0.2), *_NOISE, Calibration(_degrees(0.2), 0.03)
+TYPICAL = ErrorProfile("typical", _USUAL)
+_BAD = Glass(share=0.8), Paint(share=0.2), DropOut(share=0.05, half_range=200.0), MixedPixels(share=0.2), rain(10.0)
+_BADLY_PLACED = Calibration(_degrees(0.5), 0.05), PoleSway(_degrees(0.05))
+POOR = ErrorProfile("poor", (*_BAD, DeadRows(share=0.02), *_NOISE, *_BADLY_PLACED))
 PROFILES = {profile.name: profile for profile in (PAPER_ERRORS, SURVEYED, TYPICAL, POOR)}
 
 

@@ -65,36 +65,48 @@ shares differ by sensor: those of `rain`, `fog` and `snow` are assumptions, to b
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float64, Int64
 from toolkit.objects import HEAVY, VEHICLE, Objects
-from toolkit.sensors.readings import Draws, Reading, TrueImage, check_least, check_share
+from toolkit.sensors.readings import Draws, Reading, TrueImage
 from toolkit.sensors.sensor import NEAR, Measure, angle
 
 MOST_APART = 0.5  # s between frames from which velocities are known
 _SAME = 1.0  # m by which a measurement may differ from the truth and still show the same object
 
 
+class _Term:
+    """Numbers of a term, none negative."""
+
+    needs_velocities: ClassVar[bool] = False
+    _shares: ClassVar[tuple[str, ...]] = ()  # fields that are at most 1
+    _positive: ClassVar[tuple[str, ...]] = ()  # fields that are at least 0.001
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        for entry in fields(cast(Any, self)):
+            value, least = getattr(self, entry.name), 1e-3 if entry.name in self._positive else 0
+            is_number = isinstance(value, int | float | np.number)
+            if entry.name in self._shares and not (is_number and 0 <= value <= 1):
+                raise ValueError(f"{entry.name} of {name} must be a share from 0 to 1, got {value!r}")
+            if isinstance(entry.default, float) and not (is_number and least <= value < np.inf):
+                raise ValueError(f"{entry.name} of {name} must be a number from {least:g} on, got {value!r}")
+
+
 @dataclass(frozen=True)
-class ClockOffset:
+class ClockOffset(_Term):
     """Offset of each sensor's clock, constant over a recording. offset: its standard deviation (s)."""
 
     needs_velocities: ClassVar[bool] = True
 
     offset: float = 0.0
 
-    def __post_init__(self) -> None:
-        check_least(self, offset=0)
-
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Move the points on objects to where they are when the sensor measures.
-
-        Raises ValueError without velocities.
-        """
+        """Move the points on objects to where they are when the sensor measures; ValueError without velocities."""
         if not self.offset:
             return reading
         truth = reading.truth
@@ -108,11 +120,10 @@ class ClockOffset:
 
 
 def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, float]]) -> Float64[np.ndarray, "n 3"]:
-    """Velocity (m/s, world frame) of each object of a frame.
+    """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before and after.
 
-    From the same tracks in the frames before and after, their mean, 0 for a track in neither. time: of the frame (s);
-    around: objects and time of its neighbours. Raises ValueError without neighbours and for one farther off than
-    `MOST_APART`.
+    It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of its neighbours.
+    Raises ValueError without neighbours and for one farther off than `MOST_APART`.
     """
     gaps = [abs(then - time) for _, then in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
@@ -130,55 +141,42 @@ def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, fl
 
 
 @dataclass(frozen=True)
-class DropOut:
+class DropOut(_Term):
     """Returns that fail, at random and by range and incidence.
 
     share: of all returns; half_range: range (m) from which half of the surfaces at right angles return, 0 for no loss
     by range and incidence; steepness: of the law above.
     """
 
-    needs_velocities: ClassVar[bool] = False
+    _shares = ("share",)
 
     share: float = 0.0
     half_range: float = 0.0
     steepness: float = 2.0
 
-    def __post_init__(self) -> None:
-        check_share(self, "share")
-        check_least(self, half_range=0, steepness=0)
-
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Drop failed returns."""
         if not (self.share or self.half_range):
             return reading
-        kept = np.full(reading.measurement.shape, 1.0 - self.share)
+        kept, truth = np.full(reading.measurement.shape, 1.0 - self.share), reading.truth
         if self.half_range:
-            truth = reading.truth
             kept *= chance_of_return(truth.ranges, truth.cosines, self.half_range, self.steepness)
         return reading.without(draws.of_frame().random(kept.shape) >= kept)
 
 
 @dataclass(frozen=True)
-class DeadRows:
-    """Rows of the image that never return anything.
+class DeadRows(_Term):
+    """Rows of the image that never return: lasers or lines of a detector that failed. share: of all rows."""
 
-    share: of the rows, drawn for each row of each sensor and constant over a recording: lasers or lines of a detector
-    that failed.
-    """
-
-    needs_velocities: ClassVar[bool] = False
+    _shares = ("share",)
 
     share: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_share(self, "share")
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Drop the dead rows."""
         if not self.share:
             return reading
-        rows = len(reading.measurement)
-        dead = draws.of_sensor().random((rows, 1)) < self.share
+        dead = draws.of_sensor().random((len(reading.measurement), 1)) < self.share
         return reading.without(np.broadcast_to(dead, reading.measurement.shape))
 
 
@@ -189,9 +187,7 @@ def chance_of_return(
     steepness: float,
     reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
 ) -> Float64[np.ndarray, "*n"]:
-    """p(return) of surfaces at some ranges (m) and cosines of incidence.
-
-    reflectivity: relative to other surfaces.
+    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative to others.
 
     >>> chance_of_return(np.array([0.0, 100.0]), np.array([1.0, 1.0]), 100.0, 2.0).tolist()
     [1.0, 0.5]
@@ -205,26 +201,19 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
 @dataclass(frozen=True)
-class MixedPixels:
+class MixedPixels(_Term):
     """Pixels beside an edge that measure something between two surfaces.
 
     share: of the pixels beside an edge; gap: least difference to a neighbour at an edge (m); reach: largest difference
-    that mixes (m): for pulsed lidars c/2 times the pulse's length, some 1.5 m, beyond which they tell two returns
-    apart.
-
-    One of the four neighbours of each pixel is drawn; across an edge the measurement lies between both, with even
-    probability. A neighbour without return mixes nothing.
+    that mixes (m), for pulsed lidars c/2 times the pulse's length, some 1.5 m, beyond which they tell two returns
+    apart. One of the four neighbours of each pixel is drawn; the measurement lies between both, with even probability.
     """
 
-    needs_velocities: ClassVar[bool] = False
+    _shares = ("share",)
 
     share: float = 0.0
     gap: float = 0.3
     reach: float = 1000.0
-
-    def __post_init__(self) -> None:
-        check_share(self, "share")
-        check_least(self, gap=0, reach=0)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Mix pixels at edges."""
@@ -233,37 +222,24 @@ class MixedPixels:
         image, rng = reading.measurement, draws.of_frame()
         side = rng.integers(len(_NEIGHBOURS), size=image.shape)
         mixed, weight = rng.random(image.shape) < self.share, rng.random(image.shape, np.float32)
-        other = np.choose(
-            side, [_shift_image(np.where(reading.valid, image, np.float32(0)), *step) for step in _NEIGHBOURS]
-        )
+        padded = np.pad(np.where(reading.valid, image, np.float32(0)), 1)
+        (rows, columns), (down, right) = image.shape, np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
+        other = padded[np.arange(rows)[:, None] + 1 + down, np.arange(columns) + 1 + right]
         apart = np.abs(other - image)
         between = reading.valid & (other > 0) & (apart > self.gap) & (apart < self.reach) & mixed
         return reading.measuring(np.where(between, image + weight * (other - image), image))
 
 
-def _shift_image(image: np.ndarray, down: int, right: int) -> np.ndarray:
-    """Shift an image; pixels beyond its edge are 0."""
-    padded = np.pad(image, 1)
-    rows, columns = image.shape
-    return padded[1 + down : 1 + down + rows, 1 + right : 1 + right + columns]
-
-
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(_Term):
     """Error of calibration, constant over a recording.
 
     rotation: root mean square of the angle (rad) about any axis through the sensor; translation: root mean square of
-    the displacement (m) in any direction. Both are normal, about and along each axis with a standard deviation smaller
-    by the square root of 3.
+    the displacement (m) in any direction. Both are normal along each axis, smaller by the square root of 3.
     """
-
-    needs_velocities: ClassVar[bool] = False
 
     rotation: float = angle(0.0)
     translation: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_least(self, rotation=0, translation=0)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Place the reading at the calibrated pose."""
@@ -277,23 +253,18 @@ class Calibration:
 
 
 @dataclass(frozen=True)
-class PoleSway:
-    """Slow sway of poles.
+class PoleSway(_Term):
+    """Slow sway of poles; all sensors of a pole sway together.
 
     amplitude: angle by which the tip of a pole turns (rad); period (s): up to a third longer or shorter from pole to
-    pole. Direction, period and phase are drawn for each pole; all its sensors sway together.
-
-    To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing is
-    rendered anew. A pole's foot is taken to be at z = 0.
+    pole. To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing
+    is rendered anew. A pole's foot is taken to be at z = 0.
     """
 
-    needs_velocities: ClassVar[bool] = False
+    _positive = ("period",)
 
     amplitude: float = angle(0.0)
     period: float = 3.0
-
-    def __post_init__(self) -> None:
-        check_least(self, amplitude=0, period=1e-3)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Place the reading at the pose of the pole at rest."""
@@ -325,10 +296,8 @@ def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"
 
 
 @dataclass(frozen=True)
-class OwnNoise:
+class OwnNoise(_Term):
     """Noise of the sensor's model: 1.5 cm for the paper's cameras. Drawn as by `toolkit.datasets.dataset.noisy`."""
-
-    needs_velocities: ClassVar[bool] = False
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Add the model's noise."""
@@ -336,14 +305,11 @@ class OwnNoise:
 
 
 @dataclass(frozen=True)
-class RangeNoise:
-    """Normal noise, drawn for every pixel and frame.
+class RangeNoise(_Term):
+    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m) of the measurement z.
 
-    sigma = constant + proportional · z + quadratic · z² (m) of the measurement z. measures: limits it to sensors that
-    measure "depth" or "range", None for all.
+    measures: limits it to sensors that measure "depth" or "range", None for all.
     """
-
-    needs_velocities: ClassVar[bool] = False
 
     constant: float = 0.0
     proportional: float = 0.0
@@ -351,7 +317,7 @@ class RangeNoise:
     measures: Measure | None = None
 
     def __post_init__(self) -> None:
-        check_least(self, constant=0, proportional=0, quadratic=0)
+        super().__post_init__()
         if self.measures not in (None, "depth", "range"):
             raise ValueError(f"measures must be depth, range or None for all sensors, got {self.measures!r}")
 
@@ -368,9 +334,7 @@ class RangeNoise:
 
 
 def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> RangeNoise:
-    """Noise of a stereo camera.
-
-    baseline: m; focal: focal length (pixels); disparity: its standard deviation (pixels).
+    """Noise of a stereo camera. baseline: m; focal: pixels; disparity: its standard deviation (pixels).
 
     >>> round(stereo_noise(baseline=1.0, focal=2000.0).quadratic, 9)
     5e-05
@@ -381,10 +345,7 @@ def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> Ra
 
 
 def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> RangeNoise:
-    """Noise of a time-of-flight camera.
-
-    at_10_m: sigma at 10 m (m); ambient: share of it due to ambient light and electronics.
-    """
+    """Noise of a time-of-flight camera: sigma at 10 m (m), and its share due to ambient light and electronics."""
     if not 0 <= ambient <= 1:
         raise ValueError(f"ambient must be a share from 0 to 1, got {ambient}")
     return RangeNoise(proportional=at_10_m * (1 - ambient) / 10, quadratic=at_10_m * ambient / 100)
@@ -396,15 +357,14 @@ def lidar_noise(*, constant: float = 0.02, proportional: float = 0.0005) -> Rang
 
 
 @dataclass(frozen=True)
-class Glass:
+class Glass(_Term):
     """Window glass of cars.
 
     share: of the window band that is glass, the rest being pillars; lower, upper: the band, as shares of a vehicle's
-    height; behind: share of the rays through glass that return from the inside, anywhere on their way through the box
-    with even probability; the others return nothing.
+    height; behind: share of the rays through glass that return from anywhere inside; the others return nothing.
     """
 
-    needs_velocities: ClassVar[bool] = False
+    _shares = ("share", "lower", "upper", "behind")
 
     share: float = 0.0
     lower: float = 0.62
@@ -412,7 +372,7 @@ class Glass:
     behind: float = 0.3
 
     def __post_init__(self) -> None:
-        check_share(self, "share", "lower", "upper", "behind")
+        super().__post_init__()
         if not self.lower < self.upper:
             raise ValueError(f"the window band must have lower < upper, got {self.lower} and {self.upper}")
 
@@ -442,17 +402,15 @@ class Glass:
 
 
 @dataclass(frozen=True)
-class Paint:
-    """Dark or wet paint of vehicles.
+class Paint(_Term):
+    """Dark or wet paint of vehicles, heavy ones included.
 
-    share: of dark vehicles, heavy ones included, by track id, the same for all sensors and frames; dark: their
-    reflectivity relative to others; wet: reflectivity of every vehicle relative to a dry one; half_range, steepness: of
-    `DropOut`, for a vehicle that is not dark.
-
-    Recordings without track ids draw anew in each frame.
+    share: of dark vehicles, by track id, the same for all sensors and frames (recordings without track ids draw anew);
+    dark: their reflectivity relative to others; wet: reflectivity of every vehicle relative to a dry one; half_range,
+    steepness: of `DropOut`, for a vehicle that is not dark.
     """
 
-    needs_velocities: ClassVar[bool] = False
+    _shares, _positive = ("share", "dark", "wet"), ("half_range",)
 
     share: float = 0.0
     dark: float = 0.1
@@ -460,16 +418,8 @@ class Paint:
     half_range: float = 150.0
     steepness: float = 2.0
 
-    def __post_init__(self) -> None:
-        check_share(self, "share", "dark", "wet")
-        check_least(self, half_range=1e-3, steepness=0)
-
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop returns lost to paint.
-
-        A return of a dark or wet vehicle is lost with 1 less the ratio of both chances, so that a dry bright one loses
-        nothing here.
-        """
+        """Drop returns of dark or wet vehicles, with 1 less the ratio of both chances: dry bright ones lose nothing."""
         truth, shape = reading.truth, reading.measurement.shape
         if not (self.share or self.wet < 1) or not len(truth.objects):
             return reading
@@ -484,41 +434,37 @@ class Paint:
 
 def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
     """Distance (m) from pixels on objects to where their rays leave the box."""
-    owners, points = truth.owners.ravel()[pixels], truth.points[pixels]
-    x, y, z, length, width, height, yaw = truth.objects.boxes[owners].T
+    boxes = truth.objects.boxes[truth.owners.ravel()[pixels]]
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    along, across = np.stack([np.cos(yaw), np.sin(yaw)]), np.stack([-np.sin(yaw), np.cos(yaw)])
-    from_middle = points - np.stack([x, y, z], axis=1)
+    cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     here, ray = (
-        np.stack([(v[:, :2].T * along).sum(axis=0), (v[:, :2].T * across).sum(axis=0), v[:, 2]], axis=1)
-        for v in (from_middle, rays)
+        np.column_stack([v[:, 0] * cos + v[:, 1] * sin, v[:, 0] * -sin + v[:, 1] * cos, v[:, 2]])
+        for v in (truth.points[pixels] - boxes[:, :3], rays)
     )
-    half = np.stack([length, width, height], axis=1) / 2
     ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-    return np.maximum(((np.copysign(half, ray) - here) / ray).min(axis=1), 0.0)
+    return np.maximum(((np.copysign(boxes[:, 3:6] / 2, ray) - here) / ray).min(axis=1), 0.0)
 
 
 PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
 
 
 @dataclass(frozen=True)
-class Weather:
+class Weather(_Term):
     """Rain, fog or snow.
 
     extinction: per metre; share: of rays into the open that return from the air, below 1; reach: distance by which the
     rate of such returns falls to 1/e (m).
     """
 
-    needs_velocities: ClassVar[bool] = False
+    _shares, _positive = ("share",), ("reach",)
 
     extinction: float = 0.0
     share: float = 0.0
     reach: float = 8.0
 
     def __post_init__(self) -> None:
-        check_share(self, "share")
-        check_least(self, extinction=0, reach=1e-3)
+        super().__post_init__()
         if self.share == 1:
             raise ValueError("share of Weather must be below 1, got 1: nothing else would ever be seen")
 
@@ -541,9 +487,7 @@ class Weather:
 
 
 def rain(rate: float) -> Weather:
-    """Rain of some mm/h: 2.5 light, 10 heavy, 50 a cloudburst.
-
-    0.3 % of rays into the open per mm/h return from a drop.
+    """Rain of some mm/h: 2.5 light, 10 heavy. 0.3 % of rays into the open per mm/h return from a drop.
 
     >>> f"{rain(10.0).extinction * 1000:.3f} {rain(10.0).share:.4f}"
     '1.159 0.0296'
@@ -559,10 +503,7 @@ def snow(rate: float, *, wet: bool = False) -> Weather:
 
 
 def fog(visibility: float) -> Weather:
-    """Fog of a visibility (m).
-
-    1 - exp(-5 m / visibility) of rays into the open return from the fog, most within a tenth of the visibility.
-    """
+    """Fog of a visibility (m). 1 - exp(-5 m / visibility) of rays into the open return from it, most near by."""
     if not visibility > 0:
         raise ValueError(f"visibility must be above 0 m, got {visibility}")
     return Weather(3.912 / visibility, 1 - np.exp(-5 / visibility), visibility / 10)

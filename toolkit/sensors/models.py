@@ -23,6 +23,7 @@ from toolkit.sensors.sensor import (
     Measure,
     SensorModel,
     angle,
+    bounding_spheres,
     check_noise,
     check_numbers,
     clip_windows,
@@ -61,7 +62,9 @@ class DepthCamera:
             raise ValueError(f"width, height and stride must be at least 1, got {self}")
         if not 0 < self.fov < np.pi:
             raise ValueError(f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)")
-        if self.centre is not None and not _is_pixel(self.centre):
+        centre = self.centre or (0.0, 0.0)
+        numbers = isinstance(centre, tuple) and all(isinstance(each, int | float | np.number) for each in centre)
+        if not (numbers and len(centre) == 2 and np.isfinite(centre).all()):
             raise ValueError(f"centre must be two numbers (u, v) in pixels, got {self.centre}")
         check_noise(self.sigma, self.max_range)
 
@@ -127,11 +130,6 @@ class DepthCamera:
         return clip_windows(bounds[near & ahead.any(axis=(1, 2))], self.shape)
 
 
-def _is_pixel(centre: Any) -> bool:
-    numbers = isinstance(centre, tuple) and all(isinstance(each, int | float | np.number) for each in centre)
-    return numbers and len(centre) == 2 and bool(np.isfinite(centre).all())
-
-
 @lru_cache(maxsize=64)
 def _camera_rays(camera: DepthCamera) -> np.ndarray:
     (focal, _, cu), (_, _, cv), _ = camera.intrinsic
@@ -152,10 +150,13 @@ class AngleGrid(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def unit_rays(grid: AngleGrid) -> Float32[np.ndarray, "rows columns 3"]:
-    """Unit ray per row and column."""
-    elevation = np.linspace(grid.up, grid.down, grid.rows)[:, None]
-    azimuth = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
+def unit_rays(
+    grid: AngleGrid, elevations: tuple[float, ...] | None = None, heading: float = 0.0
+) -> Float32[np.ndarray, "rows columns 3"]:
+    """Unit ray per row and column. elevations: of rows that are not evenly spaced; heading: of the middle column."""
+    rows = np.linspace(grid.up, grid.down, grid.rows) if elevations is None else np.array(elevations)
+    elevation = rows[:, None]
+    azimuth = heading + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
     flat = np.cos(elevation)
     return freeze(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
 
@@ -170,27 +171,21 @@ def in_grid(grid: AngleGrid, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.nda
 
 
 def grid_windows(grid: AngleGrid, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-    """Rectangles around the sphere through the corners of each box. At up to three turns of the azimuth."""
-    middle = sensor_corners.mean(axis=1)
-    radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
-    distance, across = np.linalg.norm(middle, axis=1), np.linalg.norm(middle[:, :2], axis=1)
+    """Rectangles around the sphere through the corners of each box, at up to three turns of the azimuth."""
+    middle, radius, distance = bounding_spheres(sensor_corners)
     elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
     azimuth = np.arctan2(middle[:, 1], middle[:, 0])
     per_row = (grid.up - grid.down) / max(grid.rows - 1, 1) or np.inf
     per_column = grid.width / grid.columns
     half_rows = _half_angle(radius, distance) / per_row
-    half_columns = np.minimum(_half_angle(radius, across), np.pi) / per_column
+    half_columns = np.minimum(_half_angle(radius, np.linalg.norm(middle[:, :2], axis=1)), np.pi) / per_column
     row = (grid.up - elevation) / per_row
-    turns = []
+    top, bottom, turns = np.floor(row - half_rows), np.ceil(row + half_rows) + 1, []
     for turn in (-2 * np.pi, 0.0, 2 * np.pi):
         column = (azimuth + turn) / per_column + (grid.columns - 1) / 2
-        bounds = (
-            np.floor(row - half_rows),
-            np.ceil(row + half_rows) + 1,
-            np.floor(column - half_columns),
-            np.ceil(column + half_columns) + 1,
-        )
-        turns.append(np.column_stack([np.arange(len(middle)), *bounds])[distance - radius < grid.max_range])
+        left, right = np.floor(column - half_columns), np.ceil(column + half_columns) + 1
+        bounds = np.column_stack([np.arange(len(middle)), top, bottom, left, right])
+        turns.append(bounds[distance - radius < grid.max_range])
     return clip_windows(np.concatenate(turns), (grid.rows, grid.columns))
 
 
@@ -200,10 +195,11 @@ def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
 
 
 class _Lidar:
-    """Rays of a lidar on a grid of angles, and ranges with normal noise."""
+    """Rays of a lidar on a grid of angles about `heading`, and ranges with normal noise."""
 
     measures: ClassVar[Measure] = "range"
     sigma: float
+    heading = 0.0
 
     @property
     def _grid(self) -> AngleGrid:
@@ -211,8 +207,18 @@ class _Lidar:
 
     @property
     def body_SE3_sensor(self) -> Float64[np.ndarray, "4 4"]:
-        """Identity: the frame is the body's."""
-        return np.eye(4)
+        """The body looks along `heading`."""
+        return pose(yaw=-self.heading) if self.heading else np.eye(4)
+
+    @property
+    def horizontal_fov(self) -> float:
+        """Angle swept (rad)."""
+        return self._grid.width
+
+    @property
+    def vertical_fov(self) -> float:
+        """Angle between the lowest row and the highest (rad)."""
+        return self._grid.up - self._grid.down
 
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Unit ray per row and column, sensor frame."""
@@ -230,11 +236,14 @@ class _Lidar:
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points between the outermost rows and columns, in range."""
-        return in_grid(self._grid, points)
+        return in_grid(self._grid, self._ahead(points))
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Pixels that may meet each box; a box across the seam of the turn comes twice."""
-        return grid_windows(self._grid, sensor_corners)
+        return grid_windows(self._grid, self._ahead(sensor_corners))
+
+    def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+        return points @ self.body_SE3_sensor[:3, :3].T if self.heading else points
 
 
 @dataclass(frozen=True)
@@ -270,16 +279,6 @@ class SpinningLidar(_Lidar):
     def shape(self) -> tuple[int, int]:
         """Rows (channels) and columns (azimuths)."""
         return self.channels, max(1, round(self.azimuth_fov / self.azimuth_step))
-
-    @property
-    def horizontal_fov(self) -> float:
-        """`azimuth_fov`."""
-        return self.azimuth_fov
-
-    @property
-    def vertical_fov(self) -> float:
-        """Angle between the lowest row and the highest (rad)."""
-        return self.fov_up - self.fov_down
 
     @property
     def _grid(self) -> AngleGrid:
@@ -369,64 +368,30 @@ class RowLidar(_Lidar):
         check_noise(self.sigma, self.max_range)
 
     @property
-    def body_SE3_sensor(self) -> Float64[np.ndarray, "4 4"]:
-        """The body looks along `heading`."""
-        return pose(yaw=-self.heading)
-
-    @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         return len(self.elevations), self.columns
 
-    @property
-    def horizontal_fov(self) -> float:
-        """`azimuth_fov`."""
-        return self.azimuth_fov
-
-    @property
-    def vertical_fov(self) -> float:
-        """Angle between the lowest row and the highest (rad)."""
-        return self.elevations[0] - self.elevations[-1]
-
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Unit ray per row and azimuth, sensor frame; columns from the right to the left."""
-        return _rays(self.elevations, self.columns, self.azimuth_fov, self.heading)
-
-    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Mask of points between the outermost rows and columns, in range."""
-        return in_grid(self._grid, self._ahead(points))
+        return unit_rays(self._grid, self.elevations, self.heading)
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Pixels that may meet each box; a box across the seam of the turn comes twice."""
-        found = grid_windows(self._grid, self._ahead(sensor_corners))
-        middle = sensor_corners.mean(axis=1)
-        radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
-        distance = np.linalg.norm(middle, axis=1)
-        half = np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), np.pi)
+        found = super().windows(sensor_corners)
+        middle, radius, distance = bounding_spheres(sensor_corners)
+        half = _half_angle(radius, distance)
         elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
         falling = -np.array(self.elevations)
         found[:, 1] = np.searchsorted(falling, -(elevation + half) - 1e-6)[found[:, 0]]
         found[:, 2] = np.searchsorted(falling, -(elevation - half) + 1e-6, side="right")[found[:, 0]]
         return found[found[:, 1] < found[:, 2]]
 
-    def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
-        return points @ self.body_SE3_sensor[:3, :3].T if self.heading else points
-
     @property
     def _grid(self) -> AngleGrid:
         """Grid of one row, for its columns and outermost elevations."""
         up, down = self.elevations[0], self.elevations[-1]
         return AngleGrid(1, self.columns, up, down, self.azimuth_fov, self.max_range)
-
-
-@lru_cache(maxsize=64)
-def _rays(
-    elevations: tuple[float, ...], columns: int, width: float, heading: float
-) -> Float32[np.ndarray, "rows columns 3"]:
-    elevation = np.array(elevations)[:, None]
-    azimuth = heading + (np.arange(columns) - (columns - 1) / 2) * width / columns
-    flat = np.cos(elevation)
-    return freeze(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
 
 
 MODELS: dict[str, type[Any]] = {}  # by the name of the class in words, such as "depth-camera"
@@ -438,8 +403,7 @@ Model = TypeVar("Model", bound=type)
 def register_sensor_model(model: Model) -> Model:
     """Register a model for files and `--model`; returns the class.
 
-    Raises ValueError where the class is no `toolkit.sensors.sensor.SensorModel` of fields with defaults, or its name is
-    taken.
+    Raises ValueError where the class is no `SensorModel` of fields with defaults, or its name is taken.
     """
     name = model.__name__
     parameters = getattr(model, "__dataclass_params__", None)
@@ -460,10 +424,7 @@ def register_sensor_model(model: Model) -> Model:
 
 
 def find_model(name: str) -> SensorModel:
-    """Find a model by name, with its default parameters.
-
-    name: such as "solid-state-lidar" or SolidStateLidar. Raises ValueError that lists all.
-    """
+    """Find a model by name, such as "solid-state-lidar", with default parameters. Raises ValueError that lists all."""
     return find_model_class(name)()
 
 
@@ -480,15 +441,13 @@ def class_names() -> list[str]:
 
 
 def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
-    """Make a model of a name and some of its fields, as files hold them.
+    """Make a model of a name and some of its fields, as files hold them: angles in rad, lists for tuples.
 
-    Angles in rad, lists for tuples. Raises ValueError for an unknown name or field, and for a value that the model
-    refuses.
+    Raises ValueError for an unknown name or field, and for a value that the model refuses.
     """
     model = find_model_class(name)
     known = [entry.name for entry in fields(model)]
-    unknown = [key for key in values if key not in known]
-    if unknown:
+    if unknown := [key for key in values if key not in known]:
         raise ValueError(f"{unknown[0]} is unknown to {model.__name__}: it has {', '.join(known)}")
     numbers = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
     try:

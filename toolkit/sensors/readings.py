@@ -25,10 +25,7 @@ _SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is dra
 
 @dataclass(frozen=True)
 class Draws:
-    """Random numbers of one error term of one sensor in one frame.
-
-    seed: of the recording's errors; sensor, term: numbers that identify both; frame: its number.
-    """
+    """Random numbers of one error term of one sensor in one frame; all fields are numbers that identify them."""
 
     seed: int
     sensor: int
@@ -36,7 +33,7 @@ class Draws:
     term: int
 
     def own_noise(self) -> np.random.Generator:
-        """Generator of the sensor's own noise. The same as in `toolkit.datasets.dataset.noisy`, to the bit."""
+        """Generator of the sensor's own noise, the same as in `toolkit.datasets.dataset.noisy`."""
         return np.random.default_rng([self.seed, self.frame, self.sensor])
 
     def of_frame(self) -> np.random.Generator:
@@ -48,7 +45,7 @@ class Draws:
         return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
 
     def of_pole(self, position: Float64[np.ndarray, "3"]) -> np.random.Generator:
-        """Generator for all sensors over one point of the ground. To the centimetre, the same in every frame."""
+        """Generator for all sensors over one point of the ground (cm), the same in every frame."""
         x, y = (int(np.rint(each * 100)) & 0xFFFFFFFF for each in position[:2].tolist())
         return np.random.default_rng([self.seed, _POLE, x, y, self.term])
 
@@ -65,10 +62,7 @@ FOOT_MARGIN = 0.05  # m above the foot of a box where the ground ends
 
 @dataclass(frozen=True, eq=False)
 class TrueImage:
-    """Measurement without error at the true pose.
-
-    velocities: of the objects, m/s, None if unknown; time: of the frame (s).
-    """
+    """Measurement without error at the true pose. velocities: of the objects, m/s, None if unknown."""
 
     sensor: Sensor
     measurement: Float32[np.ndarray, "rows columns"]
@@ -93,16 +87,13 @@ class TrueImage:
 
     @cached_property
     def points(self) -> Float64[np.ndarray, "pixels 3"]:
-        """Point of each pixel, world frame, row after row. The sensor itself for no return."""
+        """Point of each pixel, world frame, row after row; the sensor itself for no return."""
         flat = np.where(self.valid, self.measurement, np.float32(0)).ravel().astype(np.float64)
         return (self.sensor.world_rays * flat).T.astype(np.float64) + self.sensor.position
 
     @cached_property
     def owners(self) -> Int64[np.ndarray, "rows columns"]:
-        """Row of the object that each pixel shows, -1 for none.
-
-        It is the object whose box holds the point, above its foot.
-        """
+        """Row of the object whose box holds the point of each pixel, above its foot, -1 for none."""
         owners = np.full(self.measurement.size, -1, np.int64)
         if len(self.objects):
             boxes = self.objects.boxes.copy()
@@ -116,9 +107,9 @@ class TrueImage:
 
     @cached_property
     def cosines(self) -> Float32[np.ndarray, "rows columns"]:
-        """Cosine of the angle between each ray and the surface's normal.
+        """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
 
-        From the differences to the nearer of the neighbours across and along; 1 where these are unknown.
+        From the differences to the nearer of the neighbours across and along.
         """
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
@@ -133,8 +124,8 @@ class TrueImage:
 class Reading:
     """Measurement of a sensor as it reports it.
 
-    measurement: as of its model, 0 for no return; pose: believed world_SE3_sensor; shift: displacement of each pixel's
-    point off its ray (m, world frame), None for none.
+    measurement: 0 for no return; pose: believed world_SE3_sensor; shift: displacement of each pixel's point off its ray
+    (m, world frame), None for none.
     """
 
     truth: TrueImage
@@ -164,21 +155,15 @@ class Reading:
 
 
 def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
-    """Step from each point to its nearer neighbour along an axis. Zero where neither neighbour returns."""
+    """Step from each point to its nearer neighbour along an axis, zero where neither returns."""
     step = np.diff(points, axis=axis)
-    both = np.logical_and(*_pairs(valid, axis))
+    both = valid[:-1] & valid[1:] if axis == 0 else valid[:, :-1] & valid[:, 1:]
     length = np.where(both, np.linalg.norm(step, axis=2), np.inf)
-    edge = [(0, 0), (0, 0)]
-    widths = {side: [*edge[:axis], side, *edge[axis + 1 :]] for side in ((0, 1), (1, 0))}
-    after, before = (np.pad(length, width, constant_values=np.inf) for width in widths.values())
+    widths = [[side, (0, 0)] if axis == 0 else [(0, 0), side] for side in ((0, 1), (1, 0))]
+    after, before = (np.pad(length, width, constant_values=np.inf) for width in widths)
     step = np.where(both[..., None], step, 0)
-    ahead, behind = (np.pad(step, [*width, (0, 0)]) for width in widths.values())
+    ahead, behind = (np.pad(step, [*width, (0, 0)]) for width in widths)
     return np.where((after <= before)[..., None], ahead, behind)
-
-
-def _pairs(image: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Image without its last and without its first row (axis 0) or column."""
-    return (image[:-1], image[1:]) if axis == 0 else (image[:, :-1], image[:, 1:])
 
 
 @runtime_checkable
@@ -193,19 +178,3 @@ class ErrorTerm(Protocol):
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Apply the error; a term without strength returns the reading itself."""
-
-
-def check_least(term: Any, **least: int | float) -> None:
-    """Raise ValueError unless numbers of a term are finite and large enough."""
-    for name, lowest in least.items():
-        value = getattr(term, name)
-        if not isinstance(value, int | float | np.number) or not lowest <= value < np.inf:
-            raise ValueError(f"{name} of {type(term).__name__} must be a number from {lowest:g} on, got {value!r}")
-
-
-def check_share(term: Any, *names: str) -> None:
-    """Raise ValueError unless numbers of a term are shares."""
-    for name in names:
-        value = getattr(term, name)
-        if not isinstance(value, int | float | np.number) or not 0 <= value <= 1:
-            raise ValueError(f"{name} of {type(term).__name__} must be a share from 0 to 1, got {value!r}")

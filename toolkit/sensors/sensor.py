@@ -83,17 +83,15 @@ class SensorModel(Protocol):
         """Mask of points of its frame in its field of view and range."""
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Rectangles of pixels (row, top, bottom, left, right) around boxes.
+        """Rectangles of pixels (row, top, bottom, left, right) around boxes, given by corners in the sensor frame.
 
-        A box is given by its corners in the sensor frame; no ray outside its rectangles meets it. A box may come more
-        than once, as across the seam of a spinning lidar, or not at all. See `clip_windows` and `whole_image`.
+        No ray outside its rectangles meets a box. A box may come more than once, as across the seam of a spinning
+        lidar, or not at all. See `clip_windows` and `whole_image`.
         """
 
 
 def is_return(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
-    """Mask of measurements that make a point.
-
-    They are finite, positive and nearer than `max_range`.
+    """Mask of measurements that make a point: finite, positive and nearer than `max_range`.
 
     >>> is_return(np.array([np.nan, -1.0, 0.0, 5.0, 50.0, np.inf]), max_range=50.0)
     array([False, False, False,  True, False, False])
@@ -113,9 +111,17 @@ def nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) ->
     """Lower bound of the measurement (m) of any point of each box."""
     if model.measures == "depth":
         return (sensor_corners @ model.body_SE3_sensor[0, :3]).min(axis=1) - 1e-3
-    middle = sensor_corners.mean(axis=1, keepdims=True)
-    radius = np.linalg.norm(sensor_corners - middle, axis=2).max(axis=1)
-    return np.linalg.norm(middle[:, 0], axis=1) - radius - 1e-3
+    _, radius, distance = bounding_spheres(sensor_corners)
+    return distance - radius - 1e-3
+
+
+def bounding_spheres(
+    corners: Float64[np.ndarray, "n 8 3"],
+) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Middle, radius and distance of the sphere through the corners of each box."""
+    middle = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1, initial=0)
+    return middle, radius, np.linalg.norm(middle, axis=1)
 
 
 def clip_windows(bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]) -> Int64[np.ndarray, "k 5"]:
@@ -153,7 +159,7 @@ def is_angle(entry: Field[Any]) -> bool:
 
 
 def check_numbers(model: Any) -> None:
-    """Raise ValueError for a field that is not a number. Whole if its default is, else real and not NaN."""
+    """Raise ValueError for a field that is no number: whole if its default is, else real and not NaN."""
     for entry in fields(model):
         value, default = getattr(model, entry.name), entry.default
         if isinstance(default, bool) or not isinstance(default, int | float):
@@ -173,9 +179,8 @@ def check_noise(sigma: float, max_range: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """Sensor model at a pose, world_SE3_sensor.
+    """Sensor model at a pose, world_SE3_sensor, in a site's own frame: float32 points are good to 1 mm within 10 km.
 
-    The world is a site's own frame, metres from an origin near by: points are float32, good to 1 mm within 10 km of it.
     Raises ValueError if the pose is no rigid motion.
     """
 
@@ -184,16 +189,12 @@ class Sensor:
     pose: Float64[np.ndarray, "4 4"] = field(repr=False)
 
     def __post_init__(self) -> None:
-        pose = check_pose(self.pose, f"pose of sensor {self.name!r}").copy()
-        pose.setflags(write=False)
-        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "pose", check_pose(self.pose, f"pose of sensor {self.name!r}").copy())
+        self.pose.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, Sensor)
-            and (self.name, self.model) == (other.name, other.model)
-            and np.array_equal(self.pose, other.pose)
-        )
+        alike = isinstance(other, Sensor) and (self.name, self.model) == (other.name, other.model)
+        return alike and np.array_equal(self.pose, other.pose)
 
     def __hash__(self) -> int:
         return hash((self.name, self.model))
@@ -210,16 +211,12 @@ class Sensor:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of model and pose, whatever the name. Equal for sensors that measure the same."""
-        described = json.dumps(
-            [type(self.model).__name__, asdict(self.model), self.pose.tolist()],
-            sort_keys=True,
-            default=np.ndarray.tolist,
-        )
-        return sha256(described.encode()).hexdigest()
+        """SHA-256 of model and pose, whatever the name: equal for sensors that measure the same."""
+        described = [type(self.model).__name__, asdict(self.model), self.pose.tolist()]
+        return sha256(json.dumps(described, sort_keys=True, default=np.ndarray.tolist).encode()).hexdigest()
 
     @cached_property
     def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:
-        """x, y and z of each pixel's ray, world axes (paper equation 1). Row after row of the image."""
+        """x, y and z of each pixel's ray, world axes (paper equation 1), row after row of the image."""
         rays = self.model.rays().reshape(-1, 3).astype(np.float64)
         return freeze(np.ascontiguousarray(self.pose[:3, :3] @ rays.T))
