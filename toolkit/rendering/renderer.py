@@ -1,11 +1,9 @@
 """Ray casting: what every sensor measures of a moment, noise-free, and which object each ray meets.
 
 What stands still is cast once per sensor and kept. What moves is cast body by body: every body has a ray casting scene
-of its own, in its own frame, built once. Per frame only the rays that can meet an object's box are turned into the
-frame of its body and cast there, so nothing is rebuilt between frames. The nearest hit counts.
-
-A `Moment` holds everything that moves in one frame in one scene: for many lines from many places that is faster, since
-one call finds which object hides which.
+of its own, in its own frame, built once, and only the rays that can meet an object's box are turned into that frame.
+The nearest hit counts. A `Moment` holds everything that moves in one frame in one scene, which is faster for many lines
+from many places.
 """
 
 from __future__ import annotations
@@ -56,8 +54,13 @@ class Moment:
         self, bodies: Sequence[Body], boxes: Float64[np.ndarray, "n 7"], threads: int = 0, *, slope: Slope = LEVEL
     ) -> None:
         self.bodies, self.boxes, self._threads, self._slope = tuple(bodies), boxes, threads, np.array(slope)
-        self._place(bodies)
-        vertices = [self._into_world(body.vertices, row) for row, body in enumerate(bodies)]
+        self._place()
+        vertices = []
+        for body, turn, box in zip(bodies, self._turns, boxes, strict=True):
+            placed = body.vertices.astype(np.float64)
+            placed[:, :2] = placed[:, :2] @ turn
+            placed[:, 2] += placed[:, :2] @ self._slope
+            vertices.append(placed + box[:3])
         first = np.cumsum([0, *map(len, vertices)])
         triangles = [body.triangles + start for body, start in zip(bodies, first, strict=False)]
         sizes = [len(each) for each in triangles]
@@ -70,9 +73,9 @@ class Moment:
         return len(self.boxes)
 
     def met(self, lines: Float32[np.ndarray, "n 6"]) -> tuple[Int32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """First object that each line meets, -1 for none, and the length.
+        """First object that each line (start, direction; world frame) meets, -1 for none, and the length.
 
-        lines: start and direction, world frame. The length is in directions, infinite for a line that meets none.
+        The length is in directions, infinite for a line that meets none.
         """
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
@@ -80,8 +83,8 @@ class Moment:
         after = found["primitive_ids"].numpy() + np.uint32(1)  # 0 for no triangle
         return self._object.take(after), found["t_hit"].numpy()
 
-    def _place(self, bodies: Sequence[Body]) -> None:
-        yaw = self.boxes[:, 6]
+    def _place(self) -> None:
+        bodies, yaw = self.bodies, self.boxes[:, 6]
         self._turns = np.stack([np.cos(yaw), np.sin(yaw), -np.sin(yaw), np.cos(yaw)], axis=1).reshape(-1, 2, 2)
         outlines = [_footprint(body) for body in bodies]
         points = [o @ turn + box[:2] for o, turn, box in zip(outlines, self._turns, self.boxes, strict=True)]
@@ -96,20 +99,12 @@ class Moment:
         around = np.column_stack([middle, np.ptp(ends, axis=1) / 2, self._turns[:, 0]])
         self.ground = Footprints(np.concatenate([np.zeros((0, 2)), *points]), first, low, high, around)
 
-    def _into_world(self, vertices: np.ndarray, row: int) -> np.ndarray:
-        placed = vertices.astype(np.float64)
-        placed[:, :2] = placed[:, :2] @ self._turns[row]
-        placed[:, 2] += placed[:, :2] @ self._slope
-        return placed + self.boxes[row, :3]
-
 
 def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t.geometry.RaycastingScene:
     """Build Open3D's scene of a mesh; threads: 0 for all cores."""
     scene = o3d.t.geometry.RaycastingScene(threads)
-    tensor = o3d.core.Tensor.from_numpy
-    scene.add_triangles(
-        tensor(np.ascontiguousarray(vertices, np.float32)), tensor(np.ascontiguousarray(triangles, np.uint32))
-    )
+    arrays = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.uint32)
+    scene.add_triangles(*map(o3d.core.Tensor.from_numpy, arrays))
     return scene
 
 
@@ -131,10 +126,7 @@ class SightLines:
         self._scene = build_scene(scenery.vertices, scenery.triangles, threads)
 
     def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Mask of ends in sight of the start.
-
-        They lie further off than `NEAR`, as sensors measure nothing nearer, with nothing in between from there on,
-        except for the last `GRAZE`.
+        """Mask of ends in sight of the start, further off than `NEAR`, with nothing between there and `GRAZE`.
 
         >>> from toolkit.mesh import box
         >>> wall = SightLines(box((0.2, 4.0, 4.0), (5.0, 0.0, 0.0)))
@@ -169,9 +161,8 @@ class Renderer:
     """Cast the rays of sensors at a site.
 
     bodies: counted by `Snapshot.bodies`; scenery: mesh of the static scene, made from the site by default; threads: of
-    Open3D, 0 for all cores. `background` holds each sensor's measurement of the empty site; with it, a sensor takes 4
-    bytes a pixel and no rays are kept, so thousands of sensors fit. Pickles as its arguments; the scenes are built
-    again where it is unpickled.
+    Open3D, 0 for all cores. `background` holds each sensor's measurement of the empty site; no rays are kept, so
+    thousands of sensors fit. Pickles as its arguments.
     """
 
     def __init__(
@@ -197,29 +188,31 @@ class Renderer:
 
     def looking(self, sensors: Sequence[Sensor]) -> Renderer:
         """Renderer of other sensors at the same site; the scenes are shared."""
-        other = object.__new__(Renderer)
-        other.__dict__.update(self.__dict__, sensors=tuple(sensors))
-        site, bodies, _, scenery, threads = self._arguments
-        other._arguments = (site, bodies, other.sensors, scenery, threads)
+        other = self._with(sensors=tuple(sensors))
         other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
         return other
 
     def of(self, bodies: Sequence[Body]) -> Renderer:
         """Renderer of other bodies; the static scene is not cast again."""
-        other = object.__new__(Renderer)
-        site, _, sensors, scenery, threads = self._arguments
-        other.__dict__.update(self.__dict__, bodies=tuple(bodies), _scenes=OrderedDict())
-        other._arguments = (site, other.bodies, sensors, scenery, threads)
+        other = self._with(bodies=tuple(bodies), _scenes=OrderedDict())
         other._measure_bodies()
+        return other
+
+    def _with(self, **changes: object) -> Renderer:
+        other = object.__new__(Renderer)
+        other.__dict__.update(self.__dict__, **changes)
+        site, _, _, scenery, threads = self._arguments
+        other._arguments = (site, other.bodies, other.sensors, scenery, threads)
         return other
 
     def render(self, snapshot: Snapshot) -> Rendered:
         """Render measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
         world_corners = self.outer_corners(snapshot.bodies, snapshot.objects.boxes)
+        boxes = snapshot.objects.boxes
         movers = [
             (self._find_scene(body), self.body_from_world(box))
-            for body, box in zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
+            for body, box in zip(snapshot.bodies.tolist(), boxes, strict=True)
         ]
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
@@ -244,34 +237,21 @@ class Renderer:
         return reached
 
     def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Float64[np.ndarray, "4 4"]:
-        """Motion of the world into the frame of the body in a box.
-
-        On sloping ground it takes the slope out too (see `toolkit.geometry.level_motion`): there a body stands as on
-        level ground.
-        """
+        """Motion of the world into the frame of the body in a box, the slope of the ground taken out."""
         x, y, z, *_, yaw = box.tolist()
         upright = invert(pose(x, y, z, yaw=yaw))
         return upright if self._slope == LEVEL else upright @ level_motion(self._slope, (x, y))
 
     def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
-        """Length of each line (start, direction; body frame) to the body.
-
-        In directions, infinite for a line that misses it.
-        """
+        """Length in directions of each line (start, direction; body frame) to the body, infinite for none."""
         return self._lengths(self._find_scene(body), lines)
 
     def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
-        """Length of each line (start, direction; world frame) to the static scene.
-
-        In directions, infinite for a line that misses it.
-        """
+        """Length in directions of each line (start, direction; world frame) to the static scene, infinite for none."""
         return self._lengths(self._still, lines)
 
     def still_hides(self, ways: Float32[np.ndarray, "n 6"]) -> Bool[np.ndarray, " n"]:
-        """Mask of ways (start, and from there to the end) blocked by the static scene.
-
-        World frame; half the work of `cast_still`.
-        """
+        """Mask of ways (start, and from there to the end; world frame) that the static scene blocks."""
         return self._still.test_occlusions(o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads).numpy()
 
     def moment(self, snapshot: Snapshot) -> Moment:
@@ -303,7 +283,7 @@ class Renderer:
     def _cast(
         self, scene: o3d.t.geometry.RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
     ) -> Float32[np.ndarray, "_ _"]:
-        """Measurement along each homogeneous ray (rows, columns, 4). Infinite where it meets nothing beyond `NEAR`."""
+        """Measurement along each homogeneous ray (rows, columns, 4), infinite where it meets nothing beyond `NEAR`."""
         start_and_direction = np.zeros((4, 6), np.float32)
         start_and_direction[:3, 3:] = scene_SE3_sensor[:3, :3].T
         start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T

@@ -1,8 +1,7 @@
 """Silhouettes: pixels of many sensors that meet an object, from one cast of rays.
 
-As in `toolkit.rendering.renderer`, a body has a scene of its own and only the rays in the window of its box are cast.
-Here the windows of all sensors go into one call, since a call itself costs more than the rays of one window, and rays
-that end before they can reach the box are left out.
+As in `toolkit.rendering.renderer`, only the rays in the window of a body's box are cast. Here the windows of all
+sensors go into one call, and rays that end before they can reach the box are left out.
 """
 
 from __future__ import annotations
@@ -21,11 +20,7 @@ BOXES_TOGETHER = 512  # boxes whose windows are found together
 
 
 class Silhouette(NamedTuple):
-    """Pixels that meet an object in front of the static scene.
-
-    pixels: numbered row after row, sensor after sensor; sensors: of each pixel; depth: measurement (m); points: world
-    frame.
-    """
+    """Pixels that meet an object in front of the static scene: numbers, sensors, depth (m), world points."""
 
     pixels: Int64[np.ndarray, " n"]
     sensors: Int64[np.ndarray, " n"]
@@ -74,10 +69,7 @@ class SensorRays:
         return each
 
     def silhouette(self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None) -> Silhouette:
-        """Silhouette of a body of the renderer in its box, alone on the site.
-
-        windows: of that box, None to find them.
-        """
+        """Silhouette of a body of the renderer in its box, alone on the site. windows: of that box, if known."""
         (there,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
         pixels, sensors = self._in_windows(there)
         if not len(pixels):

@@ -3,11 +3,8 @@
 **Clocks that differ.** A sensor measures somewhat earlier or later than it says, so moving objects are elsewhere.
 Clocks agree to 1 to 10 ms when set by NTP, to below 1 ms by PTP or GNSS (Mills: Computer Network Time Synchronization,
 2nd edition, 2010; IEEE 1588); delays of fusion come on top (Lei et al.: Latency-aware collaborative perception, ECCV
-2022).
-
-Approximation: nothing is rendered at another instant. The points on each object move by its velocity times the offset,
-turns and changed occlusion are left out. Velocities come from the tracks of neighbouring frames, so that these must lie
-at most `MOST_APART` from each other: 5 s, as in recordings of `coview simulate`, are too far apart to know them.
+2022). The points on each object move by its velocity times the offset; turns and changed occlusion are left out.
+Velocities come from the tracks of neighbouring frames, at most `MOST_APART` from each other.
 
 **Returns that fail**, at random, by range and incidence, or by whole rows of the image. A diffuse surface returns the
 power P = rho · cos(incidence) / R² (lidar equation: Jelalian, Laser Radar Systems, 1992; Lambert's law). It is measured
@@ -15,51 +12,40 @@ where P exceeds a threshold; surfaces differ in rho, here log-logistically, so t
 
     p(return) = 1 / (1 + (P0 / P)^steepness),   P0: that of a surface at right angles at `half_range`.
 
-**Mixed pixels.** At the edge of a surface a sensor measures a depth between it and the background. A beam, or the
-window of a stereo match, that meets two surfaces gives a mean of both weighed by the light of each (Hebert and Krotkov:
-3D measurements from imaging laser radars, Image and Vision Computing 10, 1992; Tang, Huber and Akinci: A comparative
-analysis of depth-discontinuity and mixed-pixel detection algorithms, 3DIM 2007).
+**Mixed pixels.** A beam, or the window of a stereo match, that meets two surfaces gives a mean of both weighed by the
+light of each (Hebert and Krotkov: 3D measurements from imaging laser radars, Image and Vision Computing 10, 1992; Tang,
+Huber and Akinci: A comparative analysis of depth-discontinuity and mixed-pixel detection algorithms, 3DIM 2007).
 
-**Wrong poses**, by calibration or the sway of a pole. The image is right, the cloud is placed with a wrong pose. Normal
-errors of rotation and translation, drawn once per sensor, are how robustness to them is measured (V2X-ViT, Xu et al.,
-ECCV 2022: 0.2° and 0.2 m of moving vehicles; what stands still is calibrated better). A pole is a cantilever: a force
-at its tip turns the tip by theta and moves it by 2/3 · theta · height (Euler and Bernoulli); light and signal poles
-swing at about 1 Hz, and bend within minutes with wind and sun.
+**Wrong poses**, by calibration or the sway of a pole: the image is right, the cloud is placed with a wrong pose. Normal
+errors, drawn once per sensor, are how robustness to them is measured (V2X-ViT, Xu et al., ECCV 2022: 0.2° and 0.2 m of
+moving vehicles; what stands still is calibrated better). A pole is a cantilever: a force at its tip turns the tip by
+theta and moves it by 2/3 · theta · height (Euler and Bernoulli); poles swing at about 1 Hz, and bend with wind and sun.
 
-**Noise**, the model's own and noise that grows with range:
-
-    sigma(z) = constant + proportional · z + quadratic · z²
-
+**Noise**, the model's own and noise that grows with range: sigma(z) = constant + proportional · z + quadratic · z².
 Stereo: sigma = z² · sigma_d / (f · B), with focal length f and disparity noise sigma_d in pixels and baseline B in
-metres (Gallup, Frahm, Mordohai, Pollefeys: Variable baseline/resolution stereo, CVPR 2008). Time of flight: the light
-that returns falls with z², so that sigma grows with z where its own shot noise prevails, with z² where ambient light or
-electronics do (Lange and Seitz: Solid-state time-of-flight range camera, IEEE J. Quantum Electronics 37, 2001). Pulsed
-lidars: data sheets give a constant of 1 to 3 cm; beam divergence and pulse shape add a part that is proportional
-(Glennie and Lichti: Static calibration and analysis of the Velodyne HDL-64E S2, Remote Sensing 2, 2010).
+metres (Gallup et al.: Variable baseline/resolution stereo, CVPR 2008). Time of flight: sigma grows with z where the
+light's own shot noise prevails, with z² where ambient light or electronics do (Lange and Seitz: Solid-state
+time-of-flight range camera, IEEE J. Quantum Electronics 37, 2001). Pulsed lidars: a constant of 1 to 3 cm, and a part
+proportional to range (Glennie and Lichti: Static calibration of the Velodyne HDL-64E S2, Remote Sensing 2, 2010).
 
 **Surfaces of vehicles** that return little: window glass, and dark or wet paint. Glass reflects 4 % of a ray at each
-face (Fresnel), away from the sensor; what passes returns from seats, trims or not at all (Foster, Sun, Park, Kuipers:
-VisAGGE, visible angle grid for glass environments, ICRA 2013). Black paint returns some tenth of what white does at 905
-nm; a wet surface is darker than a dry one, since light is trapped under the film of water (Lekner and Dorf: Why some
-things are darker when wet, Applied Optics 27, 1988).
+face (Fresnel), away from the sensor; what passes returns from seats, trims or not at all (Foster et al.: VisAGGE, ICRA
+2013). Black paint returns some tenth of what white does at 905 nm; a wet surface is darker than a dry one (Lekner and
+Dorf: Why some things are darker when wet, Applied Optics 27, 1988). The windows of a vehicle are taken to be the band
+of its body between `lower` and `upper` of its height, right for saloons, estates and hatchbacks; pillars are a share of
+it, drawn pixel by pixel. Heavy vehicles and two-wheelers are taken to have none.
 
-Approximation, from boxes alone: the windows of a vehicle are the band of its body between `lower` and `upper` of its
-height; pillars are a share of it, drawn pixel by pixel. It is right for saloons, estates and hatchbacks; vans have less
-glass than this, heavy vehicles and two-wheelers are taken to have none.
-
-**Rain, fog and snow** make near returns, and lose returns on their way. Extinction takes exp(-2 · extinction · R) of
-what a surface at range R returns (Beer, Lambert); this share of returns survives. Extinction at 905 nm in dB per km:
+**Rain, fog and snow** make near returns, and lose returns on their way: the share exp(-2 · extinction · R) of those of
+surfaces at range R survives (Beer, Lambert). Extinction at 905 nm in dB per km:
 
     rain   1.076 · r^0.67, r in mm/h                        (Carbonneau and Wisely, 1998; Recommendation ITU-R P.1814)
     snow   (5.42e-5 · 905 + 5.496) · s^1.38 if dry, (1.02e-4 · 905 + 3.786) · s^0.72 if wet, s in mm/h   (ITU-R P.1814)
     fog    3.912 per metre over the visibility at 2 % contrast                                           (Koschmieder)
 
-Near returns come with a rate that falls with range, as the echo of a drop falls steeply and the beam widens: per metre
-`rate · exp(-(r - 0.3 m) / reach)`, so that of rays that meet no surface `share` return from the air, and of those that
-do, as many as meet a drop before it. That most false returns lie within some 10 m is found in rain by Filgueira et al.
-(Quantifying the influence of rain in LiDAR performance, Measurement 95, 2017), in fog by Bijelic, Gruber and Ritter (A
-benchmark for lidar sensors in fog, IV 2018), in snow by Hahner et al. (LiDAR snowfall simulation, CVPR 2022). Their
-shares differ by sensor: those of `rain`, `fog` and `snow` are assumptions, to be replaced where known.
+Near returns come with a rate that falls with range, per metre `rate · exp(-(r - 0.3 m) / reach)`, so that of rays that
+meet no surface `share` return from the air, and of those that do, as many as meet a drop before it. Most false returns
+lie within some 10 m: in rain (Filgueira et al., Measurement 95, 2017), fog (Bijelic, Gruber and Ritter, IV 2018) and
+snow (Hahner et al., CVPR 2022). The shares of `rain`, `fog` and `snow` are assumptions, to be replaced where known.
 """
 
 from __future__ import annotations

@@ -34,8 +34,22 @@ from toolkit.sensors.sensor import (
 _PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a box's corners, its edges among them
 
 
+class _Noisy:
+    sigma: float
+
+    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
+        """`sigma`, whatever the measurement."""
+        return np.float32(self.sigma)
+
+    def noisy(
+        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Add normal noise of the `deviation`; no return stays none."""
+        return with_noise(measurement, cast(SensorModel, self), rng)
+
+
 @dataclass(frozen=True)
-class DepthCamera:
+class DepthCamera(_Noisy):
     """Pinhole depth camera; frame: x right, y down, z forward.
 
     The defaults are the paper's. width, height: full image (pixels); stride: every stride-th pixel of each row and
@@ -62,7 +76,7 @@ class DepthCamera:
             raise ValueError(f"width, height and stride must be at least 1, got {self}")
         if not 0 < self.fov < np.pi:
             raise ValueError(f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)")
-        centre = self.centre or (0.0, 0.0)
+        centre = (0.0, 0.0) if self.centre is None else self.centre
         numbers = isinstance(centre, tuple) and all(isinstance(each, int | float | np.number) for each in centre)
         if not (numbers and len(centre) == 2 and np.isfinite(centre).all()):
             raise ValueError(f"centre must be two numbers (u, v) in pixels, got {self.centre}")
@@ -93,16 +107,6 @@ class DepthCamera:
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Ray per measured pixel: ((u - cu) / f, (v - cv) / f, 1)."""
         return _camera_rays(self)
-
-    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> np.float32:
-        """`sigma`, at every depth."""
-        return np.float32(self.sigma)
-
-    def noisy(
-        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
-    ) -> Float32[np.ndarray, "rows columns"]:
-        """Add N(0, sigma) to depths; no return stays none."""
-        return with_noise(measurement, self, rng)
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points inside the image and nearer than the range."""
@@ -194,11 +198,10 @@ def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
     return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
 
 
-class _Lidar:
+class _Lidar(_Noisy):
     """Rays of a lidar on a grid of angles about `heading`, and ranges with normal noise."""
 
     measures: ClassVar[Measure] = "range"
-    sigma: float
     heading = 0.0
 
     @property
@@ -209,6 +212,11 @@ class _Lidar:
     def body_SE3_sensor(self) -> Float64[np.ndarray, "4 4"]:
         """The body looks along `heading`."""
         return pose(yaw=-self.heading) if self.heading else np.eye(4)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self._grid.rows, self._grid.columns
 
     @property
     def horizontal_fov(self) -> float:
@@ -223,16 +231,6 @@ class _Lidar:
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Unit ray per row and column, sensor frame."""
         return unit_rays(self._grid)
-
-    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
-        """`sigma`, at every range."""
-        return np.float32(self.sigma)
-
-    def noisy(
-        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
-    ) -> Float32[np.ndarray, "rows columns"]:
-        """Add normal noise of the `deviation`; no return stays none."""
-        return with_noise(measurement, cast(SensorModel, self), rng)
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points between the outermost rows and columns, in range."""
@@ -276,13 +274,9 @@ class SpinningLidar(_Lidar):
         check_noise(self.sigma, self.max_range)
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Rows (channels) and columns (azimuths)."""
-        return self.channels, max(1, round(self.azimuth_fov / self.azimuth_step))
-
-    @property
     def _grid(self) -> AngleGrid:
-        return AngleGrid(*self.shape, self.fov_up, self.fov_down, self.azimuth_fov, self.max_range)
+        columns = max(1, round(self.azimuth_fov / self.azimuth_step))
+        return AngleGrid(self.channels, columns, self.fov_up, self.fov_down, self.azimuth_fov, self.max_range)
 
 
 @dataclass(frozen=True)
@@ -316,11 +310,6 @@ class SolidStateLidar(_Lidar):
         check_noise(self.sigma, self.max_range)
         if not 0 <= self.sigma_per_metre < np.inf:
             raise ValueError(f"sigma_per_metre must be finite and not negative, got {self.sigma_per_metre}")
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.rows, self.columns
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
         """sigma + sigma_per_metre · range."""
