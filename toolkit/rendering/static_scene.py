@@ -1,9 +1,8 @@
 """The static scene of a site as one mesh: ground, buildings, hedges, trees, street furniture.
 
-The ground follows `Site.ground`, on which feet and wheels stand too; footways are level with the street behind their
-kerbstones. Houses get windows set into their walls, hedges a rough surface, crowns of trees leaves with gaps between
-them, and a pond is a hole in the ground with its surface below. Chance is seeded by the site: the same site gives the
-same mesh.
+The ground follows `Site.ground`; footways are level with the street behind their kerbstones. Houses get windows set
+into their walls, hedges a rough surface, crowns of trees leaves with gaps between them, and a pond is a hole in the
+ground with its surface below. Chance is seeded by the site: the same site gives the same mesh.
 """
 
 from __future__ import annotations
@@ -37,14 +36,16 @@ def build_scenery(site: Site) -> Mesh:
     """
     rng = np.random.default_rng(sum(site.name.encode()))
     solids = [follow_slope(site, _SHAPES.get(solid.kind, _plain)(solid, rng), solid) for solid in site.solids]
-    return merge([ground(site), *solids, *_banks(site)])
+    banks = []
+    for pond in (solid for solid in site.solids if solid.kind == "pond"):
+        edge = _outline(pond.footprint, CELL)
+        water = pond.top + site.plane(edge - pond.footprint.mean(axis=0))
+        banks.append(_strip(np.stack([np.column_stack([edge, z]) for z in (site.ground(edge), water)])))
+    return merge([ground(site), *solids, *banks])
 
 
 def follow_slope(site: Site, mesh: Mesh, solid: Solid) -> Mesh:
-    """Shear a solid made for level ground with the slope of the site.
-
-    Heights under the middle of its footprint stay.
-    """
+    """Shear a solid made for level ground with the slope of the site; heights under its middle stay."""
     if site.relief.slope == LEVEL:
         return mesh
     vertices, middle = mesh.vertices.copy(), solid.footprint.mean(axis=0)
@@ -59,12 +60,14 @@ def ground(site: Site) -> Mesh:
     cells = _cells(site.area)
     wet = shapely.intersects(ponds, cells)
     shores = shapely.difference(cells[wet], ponds)
-    flat = merge([_quads(cells[~wet]), triangulate(shores)])
+    corners = shapely.get_coordinates(cells[~wet]).reshape(-1, 5, 2)[:, :4]
+    dry = _quadrilaterals(np.concatenate([corners, np.zeros((*corners.shape[:2], 1))], axis=2))
+    flat = merge([dry, triangulate(shores)])
     return Mesh(np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2])]), flat.triangles)
 
 
 def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
-    """Squares in and about the area, growing with the distance from it. As shapely boxes."""
+    """Squares in and about the area, growing with the distance from it, as shapely boxes."""
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
     outside = FINE + steps[steps < FAR]
 
@@ -75,27 +78,6 @@ def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
     x, y = lines(area[0], area[2]), lines(area[1], area[3])
     (x0, y0), (x1, y1) = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
     return shapely.box(x0.ravel(), y0.ravel(), x1.ravel(), y1.ravel())
-
-
-def _quads(cells: np.ndarray) -> Mesh:
-    """Two triangles per shapely box."""
-    corners = shapely.get_coordinates(cells).reshape(-1, 5, 2)[:, :4].reshape(-1, 2)
-    first = np.arange(0, len(corners), 4)[:, None]
-    vertices = np.column_stack([corners, np.zeros(len(corners))])
-    return Mesh(vertices, np.concatenate([first + _HALVES[0], first + _HALVES[1]]))
-
-
-def _banks(site: Site) -> list[Mesh]:
-    """Banks from the edge of each pond down to its surface."""
-    banks = []
-    for solid in site.solids:
-        if solid.kind == "pond":
-            edge = _outline(solid.footprint, CELL)
-            rim = np.column_stack([edge, site.ground(edge)])
-            surface = solid.top + site.plane(edge - solid.footprint.mean(axis=0))
-            water = np.column_stack([edge, surface])
-            banks.append(_strip(np.stack([rim, water])))
-    return banks
 
 
 def _plain(solid: Solid, rng: np.random.Generator) -> Mesh:
@@ -137,7 +119,7 @@ def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh
 
 
 def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
-    """Prism with a bumpy skin, a little narrower at the top. It passes its footprint by the roughness at most."""
+    """Prism with a bumpy skin, narrower at the top, that passes its footprint by the roughness at most."""
     outline = _outline(solid.footprint, 0.4)
     middle = outline.mean(axis=0)
     levels = np.linspace(solid.base, solid.top, max(3, round((solid.top - solid.base) / 0.4)))

@@ -1,20 +1,20 @@
 """Upright strips of what is seen of moving objects: a panorama that keeps nothing but the objects.
 
 From a viewpoint, an object is cut into columns of equal azimuth between the two tangents at its footprint. In each
-column some rays are cast, evenly spaced in elevation; where two neighbours differ in what they show of the object (seen
-or not, inside the detection area or not, farther than the radius of hybrid fusion or not) bisection finds the edge
-between them. A strip lies between two such edges. Other objects and the static scene hide as they do in
-`toolkit.rendering.renderer`, ray for ray; only where a column ends, and below `STRIP_WIDTH`, is anything lost.
+column some rays are cast, evenly spaced in elevation; where two neighbours differ in what they show of the object
+bisection finds the edge between them. A strip lies between two such edges. Other objects and the static scene hide as
+they do in `toolkit.rendering.renderer`, ray for ray; only below `STRIP_WIDTH` is anything lost.
 
-Successive frames share strips: an object that stands where it stood, and all that may hide it, is not cast again. Its
-strips are those of the frame before, to the last bit. What may hide an object is taken generously: whatever overlaps
-with it in azimuth and elevation and begins no farther off than the object ends, with circles for footprints. Bodies
-that stick in each other are cast every time, since which of them a ray meets is chance.
+Successive frames share strips: an object that stands where it stood, and all that may hide it, is not cast again. What
+may hide an object is taken generously: whatever overlaps with it in azimuth and elevation and begins no farther off
+than the object ends, with circles for footprints. Bodies that stick in each other are cast every time, since which of
+them a ray meets is chance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +34,9 @@ RAYS_AT_ONCE = 400_000  # rays, for which memory is needed
 OUTSIDE, WITHIN, BEYOND = 1, 2, 3  # what a strip shows: not in the crop; in it and within the radius; in it beyond
 
 
+Shows = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # by window, azimuth and elevation of rays
+
+
 class Strips(NamedTuple):
     """Upright strips of the visible parts of objects.
 
@@ -51,10 +54,7 @@ class Strips(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """Points that count: those in the crop; beyond the radius (m) they are far.
-
-    The radius is measured from the viewpoint, seen from above.
-    """
+    """Points that count: those in the crop, far beyond the radius (m, seen from above) from the viewpoint."""
 
     crop: Crop
     radius: float
@@ -92,20 +92,6 @@ class _Columns(NamedTuple):
     rows: Int64[np.ndarray, " c"]
 
 
-def find_strips(
-    renderer: Renderer,
-    moment: Moment,
-    viewpoints: Float64[np.ndarray, "V 3"],
-    counted: Counted,
-    fine: Bool[np.ndarray, " n"],
-) -> Strips:
-    """Find the strips of a moment's objects from viewpoints.
-
-    renderer: of the site, for its static scene; fine: mask of objects seen at `STRIP_WIDTH`, the others at `COARSE`.
-    """
-    return cast_strips(renderer, moment, viewpoints, counted, find_sectors(moment.ground, viewpoints, fine))
-
-
 def cast_strips(
     renderer: Renderer,
     moment: Moment,
@@ -113,10 +99,40 @@ def cast_strips(
     counted: Counted,
     windows: Sectors,
 ) -> Strips:
-    """Cast the strips of some sectors, one after the other. Arguments as of `find_strips`."""
+    """Cast the strips of some sectors of a moment's objects, one after the other.
+
+    renderer: of the site, for its static scene; windows: see `find_sectors`.
+    """
     columns = _columns(moment.ground, viewpoints, windows)
-    rays = _Rays(renderer, moment, viewpoints, counted, windows)
-    return concatenate_strips([_strips(rays, windows, some) for some in _portions(columns)])
+    item, start = windows.item.astype(np.int32), viewpoints[windows.viewpoint].astype(np.float32)
+
+    def shows(window: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        """Kind of view of each ray on its object, 0 for none."""
+        lines = np.empty((len(window), 6), np.float32)
+        lines[:, :3] = start.take(window, axis=0)
+        flat = np.cos(elevation)
+        np.multiply(flat, np.cos(azimuth), out=lines[:, 3])
+        np.multiply(flat, np.sin(azimuth), out=lines[:, 4])
+        np.sin(elevation, out=lines[:, 5])
+        met, length = moment.met(lines)
+        own = np.flatnonzero((met == item.take(window)) & (length > NEAR))
+        found = np.zeros(len(window), np.uint8)
+        if not len(own):
+            return found
+        lines, length = lines.take(own, axis=0), length.take(own)
+        points = lines[:, 3:] * length[:, None] + lines[:, :3]
+        kinds = np.where(length * flat.take(own) > counted.radius, np.uint8(BEYOND), np.uint8(WITHIN))
+        kinds[~counted.crop.holds(points)] = OUTSIDE
+        lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
+        lines[:, 3:] *= (length - np.float32(NEAR))[:, None]
+        kinds[renderer.still_hides(lines)] = 0
+        found[own] = kinds
+        return found
+
+    ends = np.cumsum(columns.rows)
+    cuts = np.searchsorted(ends, np.arange(RAYS_AT_ONCE, ends[-1] if len(ends) else 0, RAYS_AT_ONCE))
+    parts = [slice(*cut) for cut in pairwise([0, *cuts, len(ends)]) if cut[1] > cut[0]]
+    return concatenate_strips([_strips(shows, windows, _Columns(*(each[part] for each in columns))) for part in parts])
 
 
 def concatenate_strips(parts: list[Strips]) -> Strips:
@@ -127,7 +143,7 @@ def concatenate_strips(parts: list[Strips]) -> Strips:
 
 
 def find_sectors(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], fine: Bool[np.ndarray, " n"]) -> Sectors:
-    """Sector of each object, viewpoint after viewpoint. fine: as of `find_strips`."""
+    """Sector of each object, viewpoint after viewpoint. fine: objects seen at `STRIP_WIDTH`, the others at `COARSE`."""
     if not len(ground.low) or not len(viewpoints):
         whole, real = np.zeros(0, np.int64), np.zeros(0)
         return Sectors(whole, whole, real, real, whole, real)
@@ -170,7 +186,7 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
 def _cross_rectangles(
     ground: Footprints, viewpoints: np.ndarray, windows: Sectors, window: np.ndarray, azimuth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distance at which each column's ray enters and leaves its rectangle. Seen from above."""
+    """Distance at which each column's ray enters and leaves its rectangle, seen from above."""
     x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
     away = viewpoints[windows.viewpoint, :2] - np.stack([x, y], axis=1)
     along, aside = away[:, 0] * cos + away[:, 1] * sin, away[:, 1] * cos - away[:, 0] * sin
@@ -188,57 +204,16 @@ def _cross_rectangles(
     return near, np.maximum(far, near) + EDGE
 
 
-def _portions(columns: _Columns) -> Iterator[_Columns]:
-    """Split columns into portions of about `RAYS_AT_ONCE` rays."""
-    rays = np.cumsum(columns.rows)
-    cuts = np.searchsorted(rays, np.arange(RAYS_AT_ONCE, rays[-1] if len(rays) else 0, RAYS_AT_ONCE))
-    for first, last in zip([0, *cuts], [*cuts, len(rays)], strict=True):
-        if last > first:
-            yield _Columns(*(each[first:last] for each in columns))
-
-
-class _Rays:
-    """Cast rays of windows, each for the object of its window."""
-
-    def __init__(
-        self, renderer: Renderer, moment: Moment, viewpoints: np.ndarray, counted: Counted, windows: Sectors
-    ) -> None:
-        self._renderer, self._moment, self._counted = renderer, moment, counted
-        self._item = windows.item.astype(np.int32)
-        self._start = viewpoints[windows.viewpoint].astype(np.float32)
-
-    def shows(self, window: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
-        """Kind of view of each ray on its object, 0 for none."""
-        lines = np.empty((len(window), 6), np.float32)
-        lines[:, :3] = self._start.take(window, axis=0)
-        flat = np.cos(elevation)
-        np.multiply(flat, np.cos(azimuth), out=lines[:, 3])
-        np.multiply(flat, np.sin(azimuth), out=lines[:, 4])
-        np.sin(elevation, out=lines[:, 5])
-        met, length = self._moment.met(lines)
-        own = np.flatnonzero((met == self._item.take(window)) & (length > NEAR))
-        shows = np.zeros(len(window), np.uint8)
-        if not len(own):
-            return shows
-        lines, length = lines.take(own, axis=0), length.take(own)
-        points = lines[:, 3:] * length[:, None] + lines[:, :3]
-        kinds = np.where(length * flat.take(own) > self._counted.radius, np.uint8(BEYOND), np.uint8(WITHIN))
-        kinds[~self._counted.crop.holds(points)] = OUTSIDE
-        lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
-        lines[:, 3:] *= (length - np.float32(NEAR))[:, None]
-        kinds[self._renderer.still_hides(lines)] = 0
-        shows[own] = kinds
-        return shows
-
-
-def _strips(rays: _Rays, windows: Sectors, columns: _Columns) -> Strips:
+def _strips(
+    shows: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray], windows: Sectors, columns: _Columns
+) -> Strips:
     window, azimuth, rows = columns.window, columns.azimuth.astype(np.float32), columns.rows
     first = np.cumsum(rows + 1) - (rows + 1)  # of each column: below its first ray nothing is seen
     seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)
     of = np.repeat(np.arange(len(window)), rows)  # column of each ray
     height = counting(rows) + 1
     elevation = (columns.low.take(of) + height * columns.step.take(of)).astype(np.float32)
-    seen[first.take(of) + height] = rays.shows(window.take(of), azimuth.take(of), elevation)
+    seen[first.take(of) + height] = shows(window.take(of), azimuth.take(of), elevation)
     edge = np.flatnonzero(seen[1:] != seen[:-1])  # between this ray and the next above
     below, above = seen[edge], seen[edge + 1]
     of = np.searchsorted(first, edge, side="right") - 1
@@ -247,7 +222,7 @@ def _strips(rays: _Rays, windows: Sectors, columns: _Columns) -> Strips:
     for _ in range(HALVINGS):
         step *= np.float32(0.5)
         middle = low + step
-        low = np.where(rays.shows(window[of], azimuth[of], middle) == below, middle, low)
+        low = np.where(shows(window[of], azimuth[of], middle) == below, middle, low)
     place = low + step / 2
     begun = np.flatnonzero(above)  # the next edge ends what begins here
     of = of[begun]
@@ -288,17 +263,14 @@ class _Last(NamedTuple):
 
 
 class SuccessiveStrips:
-    """Strips of successive frames from the same viewpoints.
-
-    counted: see `find_strips`. Earlier frames make a difference to the time alone.
-    """
+    """Strips of successive frames from the same viewpoints; earlier frames make a difference to the time alone."""
 
     def __init__(self, renderer: Renderer, viewpoints: Float64[np.ndarray, "V 3"], counted: Counted) -> None:
         self._renderer, self._viewpoints, self._counted = renderer, viewpoints, counted
         self._last: _Last | None = None
 
     def of(self, moment: Moment, fine: Bool[np.ndarray, " n"]) -> Strips:
-        """Strips of a frame; fine: as of `find_strips`."""
+        """Strips of a frame; fine: as of `find_sectors`."""
         boxes = [box.tobytes() for box in moment.boxes]
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
         sectors = find_sectors(moment.ground, self._viewpoints, fine)
@@ -318,10 +290,7 @@ class SuccessiveStrips:
     def _find_unchanged(
         self, objects: list[PlacedBody], hiders: np.ndarray, free: np.ndarray
     ) -> tuple[np.ndarray, Strips]:
-        """Mask of pairs of viewpoint and object without change, and their strips.
-
-        free: mask of objects that touch no other.
-        """
+        """Mask of pairs of viewpoint and object without change, and their strips. free: objects that touch no other."""
         kept, last = np.zeros(hiders.shape[:2], np.bool_), self._last
         if last is None:
             return kept, concatenate_strips([])
@@ -362,10 +331,7 @@ def may_hide(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], sectors
 
 
 def find_touching(ground: Footprints) -> Bool[np.ndarray, " n"]:
-    """Mask of objects whose footprint's rectangle meets another one.
-
-    No line between the two runs along a side of either (the separating axis theorem).
-    """
+    """Mask of objects whose footprint's rectangle meets another one (the separating axis theorem)."""
     half, cos, sin = ground.rectangles[:, 2:4], ground.rectangles[:, 4], ground.rectangles[:, 5]
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
     offset = ground.rectangles[None, :, :2] - ground.rectangles[:, None, :2]

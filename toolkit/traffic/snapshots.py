@@ -1,11 +1,11 @@
 """Traffic on a site: SUMO drives, rides and walks; every few seconds a `Snapshot` says what is where.
 
 As in the paper's dataset, a spawned object is a car, a two-wheeler or a pedestrian with probability 0.6, 0.2 and 0.2
-(8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames before another takes its
-place. Frames lie 5 s apart. Classes without bodies, or without lanes of their own near the area (pedestrians, where
-there is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are not spawned but
-drawn for the bays; they count among the 30, a fifth of them at most by default, and stay longer. Boxes that overlap are
-moved aside or dropped.
+(8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames, 5 s apart, before
+another takes its place. Classes without bodies, or without lanes of their own near the area (pedestrians, where there
+is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are drawn for the bays;
+they count among the 30, a fifth of them at most by default, and stay longer. Boxes that overlap are moved aside or
+dropped.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Obstacles:
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
 
     def hit(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
-        """Mask of boxes that touch an obstacle. They pass under one that begins above them, such as a tree's crown."""
+        """Mask of boxes that touch an obstacle; they pass under one that begins above them, such as a tree's crown."""
         rows, obstacles = self.tree.query(_shapes(boxes), predicate="intersects")
         hit = np.zeros(len(boxes), bool)
         hit[rows[self.bases[obstacles] < boxes[rows, 2] + boxes[rows, 5] / 2]] = True
@@ -61,8 +61,7 @@ def separate(
 ) -> tuple[Float64[np.ndarray, "n 7"], Bool[np.ndarray, " n"], int]:
     """Separate boxes; return them, a mask of kept rows and the number of changes.
 
-    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading to a free place, or is
-    dropped.
+    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped.
     """
     kept = np.ones(len(boxes), bool)
     in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
@@ -71,7 +70,8 @@ def separate(
     settled, shapes = boxes.copy(), _shapes(boxes)
     for row in in_the_way:
         kept[row] = False  # so that `kept` are the others
-        places = _beside(boxes[row])
+        places = np.tile(boxes[row], (len(STEPS_ASIDE), 1))
+        places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(boxes[row, 6]), np.cos(boxes[row, 6])])
         place_shapes = _shapes(places)
         free = ~obstacles.hit(places) & ~shapely.intersects(place_shapes[:, None], shapes[kept][None]).any(axis=1)
         first = np.argmax(free)
@@ -90,12 +90,6 @@ def overlaps(boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
     return close
 
 
-def _beside(box: Float64[np.ndarray, "7"]) -> Float64[np.ndarray, "n 7"]:
-    places = np.tile(box, (len(STEPS_ASIDE), 1))
-    places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(box[6]), np.cos(box[6])])
-    return places
-
-
 def _shapes(boxes: Float64[np.ndarray, "n 7"]) -> np.ndarray:
     widened = boxes.copy()
     widened[:, 3:5] += GAP  # half of it on each side: two neighbours keep one gap
@@ -110,10 +104,7 @@ JITTER = (0.1, 0.1, np.radians(1.0))  # m, m, rad; how far off the middle of the
 
 @dataclass(frozen=True, eq=False)
 class Parked:
-    """Parked vehicles, and the bays of the site.
-
-    bays: (m, 3) x, y, yaw; of each parked vehicle: its bay, body, id, and pose x, y, yaw.
-    """
+    """Parked vehicles, and the bays (x, y, yaw) of the site: bay, body, id and pose (x, y, yaw) of each."""
 
     bays: Float64[np.ndarray, "m 3"]
     places: Int64[np.ndarray, " n"]
@@ -132,34 +123,25 @@ class Parked:
         most: int,
         supply: Supply | None = None,
     ) -> Parked:
-        """Park vehicles in a random share of the free bays, `most` at most.
-
-        supply: of their bodies, any vehicle's by default.
-        """
+        """Park vehicles in a random share of the free bays, `most` at most. supply: any vehicle's body by default."""
         x, y, yaw = site.parking.T
         room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
         bays = site.parking[~obstacles.hit(room)]
         number = min(round(len(bays) * rng.uniform(*OCCUPIED)), most)
         places = rng.permutation(len(bays))[:number]
-        none = Parked(bays, places, np.zeros(number, np.int64), np.zeros(number, np.int64), np.zeros((number, 3)))
-        return none._refill(np.ones(number, bool), types, rng, ids, supply)
+        nobody = np.zeros(number, np.int64)
+        return Parked(bays, places, nobody, nobody, np.zeros((number, 3)))._refill(
+            np.ones(number, bool), types, rng, ids, supply
+        )
 
     def later(
         self, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], supply: Supply | None = None
     ) -> Parked:
-        """Parked vehicles a frame later.
-
-        Each has left with probability 1 / `STAY`, and another stands in a free bay.
-        """
+        """Parked vehicles a frame later: each has left with probability 1 / `STAY`, another stands in a free bay."""
         return self._refill(rng.random(len(self.ids)) < 1 / STAY, types, rng, ids, supply)
 
     def _refill(
-        self,
-        left: np.ndarray,
-        types: VehicleTypes,
-        rng: np.random.Generator,
-        ids: Iterator[int],
-        supply: Supply | None,
+        self, left: np.ndarray, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], supply: Supply | None
     ) -> Parked:
         if not left.any():
             return self
@@ -248,44 +230,35 @@ def simulate(
         raise ValueError(f"site {site.name!r} has no network, so no traffic: import one from a map, or build_network")
     if frames < 0:
         raise ValueError(f"frames must be at least 0, got {frames}")
-    sumo_step(interval)
+    step, mix, rng = sumo_step(interval), mix or Mix(), np.random.default_rng(seed)
     if not any(body.label == VEHICLE for body in bodies):
         raise ValueError(f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()")
-    return _run(site, bodies, frames, np.random.default_rng(seed), interval=interval, mix=mix or Mix(), once=once)
-
-
-def _run(
-    site: Site,
-    bodies: Sequence[Body],
-    frames: int,
-    rng: np.random.Generator,
-    *,
-    interval: float,
-    mix: Mix,
-    once: bool,
-) -> Generator[Snapshot, None, None]:
-    ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
-    supply, stay = Supply(len(bodies), once), mix.stay
+    ids, obstacles, types, supply = count(), Obstacles(site), VehicleTypes.of(bodies), Supply(len(bodies), once)
     draw = partial(Parked.draw, site, obstacles, types, rng, ids, most=mix.most_parked, supply=supply)
-    parked, periods = draw(), 0
-    standing = len(parked.ids) if stay is None else min(len(parked.bays), mix.most_parked)
-    step = sumo_step(interval)
-    with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1)), step=step) as sumo:
-        spawner = Spawner(sumo, site, types, rng, ids, most=mix.most - standing, supply=supply, step=step)
-        spawner.advance(WARM_UP)
-        for _ in range(COMING_AND_GOING if step < STEP else 0):
-            _snapshot(site, types, spawner, parked, obstacles, time=0.0)
-            spawner.advance(INTERVAL)
-        for index in range(frames):
-            last = interval >= STEP or _periods((index + 1) * interval) > _periods(index * interval)
-            yield _snapshot(site, types, spawner, parked, obstacles, time=index * interval, counts=last)
-            if last:
-                periods += 1
-                if stay is None:
-                    parked = parked.later(types, rng, ids, supply)
-                elif periods % stay == 0:
-                    parked = draw()
-            spawner.advance(interval)
+
+    def run() -> Generator[Snapshot, None, None]:
+        parked, periods = draw(), 0
+        standing = len(parked.ids) if mix.stay is None else min(len(parked.bays), mix.most_parked)
+        with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1)), step=step) as sumo:
+            spawner = Spawner(sumo, site, types, rng, ids, most=mix.most - standing, supply=supply, step=step)
+            look = partial(_snapshot, site, types, spawner, obstacles)
+            spawner.advance(WARM_UP)
+            for _ in range(COMING_AND_GOING if step < STEP else 0):
+                look(parked, time=0.0)
+                spawner.advance(INTERVAL)
+            for index in range(frames):
+                passed, at = (int((index + k) * interval / INTERVAL + 1e-6) for k in (0, 1))
+                last = interval >= STEP or at > passed  # of an `INTERVAL`, by which parking and life are counted
+                yield look(parked, time=index * interval, counts=last)
+                if last:
+                    periods += 1
+                    if mix.stay is None:
+                        parked = parked.later(types, rng, ids, supply)
+                    elif periods % mix.stay == 0:
+                        parked = draw()
+                spawner.advance(interval)
+
+    return run()
 
 
 def sumo_step(interval: float) -> float:
@@ -297,17 +270,12 @@ def sumo_step(interval: float) -> float:
     return step
 
 
-def _periods(time: float) -> int:
-    """Number of `INTERVAL`s passed, by which parking and life are counted."""
-    return int(time / INTERVAL + 1e-6)
-
-
 def _snapshot(
     site: Site,
     types: VehicleTypes,
     spawner: Spawner,
-    parked: Parked,
     obstacles: Obstacles,
+    parked: Parked,
     *,
     time: float,
     counts: bool = True,
@@ -320,14 +288,10 @@ def _snapshot(
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
     boxes, kept, repaired = separate(boxes, obstacles)
     spawner.remove(ids[~kept])
-    seen = np.flatnonzero(kept)[_touch(boxes[kept], site.area, MARGIN)]
+    near = shapely.box(*(site.area + MARGIN * np.array([-1, -1, 1, 1])))
+    seen = np.flatnonzero(kept)[shapely.intersects(shapely.polygons(footprints(boxes[kept])), near)]
     if counts:
         spawner.count_frame(ids[seen])
     boxes, bodies, ids = boxes[seen], bodies[seen], ids[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
     return Snapshot(Objects(boxes, types.labels[bodies], ids), bodies, time, repaired)
-
-
-def _touch(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"], margin: float) -> Bool[np.ndarray, " n"]:
-    widened = shapely.box(*(area + margin * np.array([-1, -1, 1, 1])))
-    return shapely.intersects(shapely.polygons(footprints(boxes)), widened)

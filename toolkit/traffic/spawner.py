@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.arrays import Float, Float64, Int64
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
 from toolkit.traffic.sumo import STEP
@@ -33,8 +33,7 @@ POSITIONS = 3  # lateral positions in the lane, drawn per body
 class VehicleTypes:
     """SUMO vehicle type per body, pedestrians included.
 
-    labels: class numbers; sizes: length, width, height (m); classes: SUMO's vehicle classes, which say what lanes are
-    open to it.
+    labels: class numbers; sizes: length, width, height (m); classes: SUMO's, which say what lanes are open to it.
     """
 
     labels: Int64[np.ndarray, " n"]
@@ -46,38 +45,32 @@ class VehicleTypes:
         """Vehicle types of some bodies."""
         labels = np.array([body.label for body in bodies], np.int64)
         sizes = np.array([body.size for body in bodies], np.float64)
-        classes = tuple(_sumo_class(label, size[0]) for label, size in zip(labels.tolist(), sizes, strict=True))
-        return VehicleTypes(labels, sizes, classes)
+        classes = []
+        for label, (length, *_) in zip(labels.tolist(), sizes.tolist(), strict=True):
+            two_wheeler = "bicycle" if length <= BICYCLE_LENGTH else "motorcycle"
+            names = {VEHICLE: "passenger", HEAVY: "truck", CYCLIST: two_wheeler, PEDESTRIAN: "pedestrian"}
+            classes.append(names[label])
+        return VehicleTypes(labels, sizes, tuple(classes))
 
     def sumo_types(self, rng: np.random.Generator) -> str:
-        """SUMO's additional file with a type for each body.
-
-        Type "row-position" is for a row and a lateral position in the lane.
-        """
-        rows = [self._sumo_type(row, position, rng) for row in range(len(self.labels)) for position in range(POSITIONS)]
+        """SUMO's additional file with a type "row-position" for each body and lateral position in the lane."""
+        rows = []
+        for row, (label, (length, width, height)) in enumerate(zip(self.labels.tolist(), self.sizes, strict=True)):
+            for position in range(POSITIONS):
+                aside = np.clip(rng.normal(0, ASIDE[label]), -1.2, 1.2)
+                gap = rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
+                rows.append(
+                    f'<vType id="{row}-{position}" vClass="{self.classes[row]}" length="{length:.3f}" '
+                    f'width="{width:.3f}" height="{height:.3f}" minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
+                )
         return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
-
-    def _sumo_type(self, row: int, position: int, rng: np.random.Generator) -> str:
-        label = int(self.labels[row])
-        length, width, height = self.sizes[row]
-        aside = np.clip(rng.normal(0, ASIDE[label]), -1.2, 1.2)
-        gap = rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
-        return (
-            f'<vType id="{row}-{position}" vClass="{self.classes[row]}" length="{length:.3f}" width="{width:.3f}" '
-            f'height="{height:.3f}" minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
-        )
-
-
-def _sumo_class(label: int, length: float) -> str:
-    two_wheeler = "bicycle" if length <= BICYCLE_LENGTH else "motorcycle"
-    return {VEHICLE: "passenger", HEAVY: "truck", CYCLIST: two_wheeler, PEDESTRIAN: "pedestrian"}[label]
 
 
 class Supply:
     """Bodies in random order of use.
 
-    count: number of bodies; once: a body that was taken does not come again before all others offered with it have been
-    taken too, so that in a large fleet every object has a body of its own.
+    once: a body that was taken does not come again before all others offered with it have been taken too, so that in a
+    large fleet every object has a body of its own.
     """
 
     def __init__(self, count: int, once: bool = False) -> None:
@@ -126,7 +119,7 @@ class Lane:
     following: tuple[str, ...]
 
     def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
-        """Points of the middle line, `offset` (m) from its start. Offsets are in SUMO's length of the lane."""
+        """Points of the middle line, `offset` (m, in SUMO's length of the lane) from its start."""
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.shape, axis=0).T))])
         stretched = offset * along[-1] / self.length
         return np.stack([np.interp(stretched, along, self.shape[:, axis]) for axis in (0, 1)], axis=-1)
@@ -134,10 +127,7 @@ class Lane:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places on lanes.
-
-    lanes, lengths: names and lengths (m) of their lanes; offsets: from the lane's start (m); points: in the site frame.
-    """
+    """Places on lanes: names and lengths (m) of their lanes, offsets from the lane's start (m), and points."""
 
     lanes: tuple[str, ...]
     lengths: Float64[np.ndarray, " n"]
@@ -157,14 +147,21 @@ class Roads:
     @staticmethod
     def read(sumo: Any) -> Roads:
         """Read the roads of the network that SUMO runs."""
-        names = [name for name in sumo.lane.getIDList() if not name.startswith(":")]
-        return Roads({name: _read_lane(sumo.lane, name) for name in names})
+        lanes = {}
+        for name in sumo.lane.getIDList():
+            if not name.startswith(":"):
+                links = sumo.lane.getLinks(name)
+                onward = [link[0] for link in links if link[6] != "t"] or [link[0] for link in links]
+                following = tuple(dict.fromkeys(lane for lane in onward if not lane.startswith(":")))
+                shape = np.array(sumo.lane.getShape(name), np.float64)
+                edge, length = sumo.lane.getEdgeID(name), sumo.lane.getLength(name)
+                lanes[name] = Lane(name, edge, length, shape, frozenset(sumo.lane.getDisallowed(name)), following)
+        return Roads(lanes)
 
     def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
-        """Places to start a vehicle or pedestrian of a SUMO class.
+        """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class.
 
-        They lie within `reach` (m) of the area and, outside, are headed for it. Pedestrians start on lanes of their own
-        and walk either way.
+        Outside the area they are headed for it. Pedestrians start on lanes of their own and walk either way.
         """
         walks = vehicle_class == "pedestrian"
         names, offsets, points = [], [np.zeros(0)], [np.zeros((0, 2))]
@@ -174,39 +171,28 @@ class Roads:
             along = np.arange(SPACING / 2, lane.length, SPACING)
             xy = lane.at(along)
             ahead = lane.at(along + SPACING) - lane.at(along - SPACING)
-            useful = _near(xy, area, reach) & (walks | _is_headed(xy, ahead, area))
+            towards = np.clip(xy, area[:2], area[2:]) - xy
+            is_headed = (towards == 0).all(axis=1) | ((towards * ahead).sum(axis=1) > 0)
+            useful = (distance_to_area(xy, area) <= reach) & (walks | is_headed)
             names += [lane.name] * int(useful.sum())
             offsets.append(along[useful])
             points.append(xy[useful])
-        return Places(
-            tuple(names),
-            np.array([self.lanes[name].length for name in names]),
-            np.concatenate(offsets),
-            np.concatenate(points),
-        )
+        lengths = np.array([self.lanes[name].length for name in names])
+        return Places(tuple(names), lengths, np.concatenate(offsets), np.concatenate(points))
 
     def route(self, start: str, vehicle_class: str, distance: float, rng: np.random.Generator) -> list[str]:
-        """Draw the edges of a drive from lane `start` on.
-
-        At least `distance` (m) beyond it or to where the road ends.
-        """
+        """Draw the edges of a drive of at least `distance` (m) from lane `start` on, or to where the road ends."""
         lane, edges, driven = self.lanes[start], [self.lanes[start].edge], 0.0
         while driven < distance:
-            choices = self._onward(lane, vehicle_class)
+            choices: list[str] = []
+            for candidate in (lane, *self._neighbours[lane.edge]):  # at a lane's end its neighbours may go on
+                choices = choices or [n for n in candidate.following if vehicle_class not in self.lanes[n].forbidden]
             if not choices:
                 break
             lane = self.lanes[choices[rng.integers(len(choices))]]
             edges.append(lane.edge)
             driven += lane.length
         return edges
-
-    def _onward(self, lane: Lane, vehicle_class: str) -> list[str]:
-        """Lanes that follow this one or, at its end, its neighbours."""
-        for candidate in (lane, *self._neighbours[lane.edge]):
-            allowed = [name for name in candidate.following if vehicle_class not in self.lanes[name].forbidden]
-            if allowed:
-                return allowed
-        return []
 
     @cached_property
     def _neighbours(self) -> Mapping[str, Sequence[Lane]]:
@@ -224,30 +210,6 @@ def distance_to_area(points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray
     """
     beyond = points - np.clip(points, area[:2], area[2:])
     return np.hypot(beyond[..., 0], beyond[..., 1])
-
-
-def _near(points: Float64[np.ndarray, "n 2"], area: Float64[np.ndarray, "4"], reach: float) -> Bool[np.ndarray, " n"]:
-    return distance_to_area(points, area) <= reach
-
-
-def _is_headed(
-    points: Float64[np.ndarray, "n 2"], ahead: Float64[np.ndarray, "n 2"], area: Float64[np.ndarray, "4"]
-) -> Bool[np.ndarray, " n"]:
-    towards = np.clip(points, area[:2], area[2:]) - points
-    return (towards == 0).all(axis=1) | ((towards * ahead).sum(axis=1) > 0)
-
-
-def _read_lane(lanes: Any, name: str) -> Lane:
-    links = lanes.getLinks(name)
-    onward = [link[0] for link in links if link[6] != "t"] or [link[0] for link in links]
-    return Lane(
-        name,
-        lanes.getEdgeID(name),
-        lanes.getLength(name),
-        np.array(lanes.getShape(name), np.float64),
-        frozenset(lanes.getDisallowed(name)),
-        tuple(dict.fromkeys(lane for lane in onward if not lane.startswith(":"))),
-    )
 
 
 LIFE = 4  # frames an object is seen in
@@ -281,10 +243,9 @@ class Spawned:
 
 
 class Spawner:
-    """Spawn and remove everything that SUMO moves.
+    """Spawn and remove everything that SUMO moves, at most `most` objects at a time.
 
-    At most `most` objects at a time; object n is vehicle or person "n" in SUMO. Raises ValueError where no lane of the
-    network near the area is open to cars.
+    Object n is vehicle or person "n" in SUMO. Raises ValueError where no lane near the area is open to cars.
     """
 
     def __init__(
@@ -311,7 +272,7 @@ class Spawner:
             )
         possible = np.array([len(self.places[kind]) > 0 for kind in types.classes])
         rows = {label: np.flatnonzero(possible & (types.labels == label)) for label in SHARES}
-        self.choices = {label: rows_of_label for label, rows_of_label in rows.items() if len(rows_of_label)}
+        self.choices = {label: found for label, found in rows.items() if len(found)}
         shares = np.array([SHARES[label] for label in self.choices])
         self.shares = shares / shares.sum()
         self.due: list[int] = []  # labels drawn, waiting for a place
@@ -353,10 +314,7 @@ class Spawner:
         self.remove(np.array([name for name in seen if self.spawned[name].frames >= LIFE], np.int64))
 
     def _spawn(self) -> None:
-        """Fill up to `most`.
-
-        Objects without a place keep their turn, so that the shares hold where the road is full.
-        """
+        """Fill up to `most`. Objects without a place keep their turn, so that the shares hold."""
         reserved = _RESERVED if self.supply.once else 0
         missing = self.most - reserved - len(self.spawned) - len(self.due)
         if missing > 0:
@@ -397,18 +355,11 @@ class Spawner:
         places = self.places[self.types.classes[body]]
         lane = places.lanes[place]
         edges = self.roads.route(lane, self.types.classes[body], _ROUTE_LENGTH, self.rng)
-        route = " ".join(edges)
-        if route not in self.routes:
+        if (route := " ".join(edges)) not in self.routes:
             self.sumo.route.add(route, edges)
             self.routes.add(route)
-        self.sumo.vehicle.add(
-            name,
-            route,
-            f"{body}-{self.rng.integers(POSITIONS)}",
-            departLane=lane.rpartition("_")[2],
-            departPos=f"{places.offsets[place]:.2f}",
-            departSpeed="max",
-        )
+        start = {"departLane": lane.rpartition("_")[2], "departPos": f"{places.offsets[place]:.2f}"}
+        self.sumo.vehicle.add(name, route, f"{body}-{self.rng.integers(POSITIONS)}", **start, departSpeed="max")
 
     def _add_walker(self, name: str, body: int, place: int) -> None:
         places = self.places["pedestrian"]
@@ -435,10 +386,8 @@ class Spawner:
 
     def _positions(self, walks: bool) -> Float64[np.ndarray, "n 2"]:
         domain = self.sumo.person if walks else self.sumo.vehicle
-        names = [
-            str(name) for name, spawned in self.spawned.items() if spawned.walks == walks and spawned.leader is None
-        ]
-        return np.array([domain.getPosition(name) for name in names]).reshape(-1, 2)
+        names = [name for name, each in self.spawned.items() if each.walks == walks and each.leader is None]
+        return np.array([domain.getPosition(str(name)) for name in names]).reshape(-1, 2)
 
     def _pose(self, name: int, spawned: Spawned) -> Float64[np.ndarray, "3"]:
         domain = self.sumo.person if spawned.walks else self.sumo.vehicle
@@ -451,10 +400,7 @@ class Spawner:
         return np.array([x, y, yaw + spawned.turn])
 
     def _remove_arrived(self) -> None:
-        """Drop objects that arrived.
-
-        Objects that SUMO could not insert are due again, and must not come later on their own.
-        """
+        """Drop objects that arrived; those that SUMO could not insert are due again, and must not come later."""
         there = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
         for name, spawned in list(self.spawned.items()):
             if str(name if spawned.leader is None else spawned.leader) in there:
@@ -463,8 +409,7 @@ class Spawner:
             del self.spawned[name]
             if not spawned.inserted:
                 self.supply.give_back(spawned.body)
-            if not spawned.inserted and spawned.leader is None:
-                self.due.append(int(self.types.labels[spawned.body]))
+                self.due += [int(self.types.labels[spawned.body])] if spawned.leader is None else []
         for name in self.sumo.vehicle.getIDList():
             if int(name) not in self.spawned:
                 self.sumo.vehicle.remove(name)

@@ -22,7 +22,6 @@ from toolkit.rendering.strips import (
     concatenate_strips,
     counting,
     find_sectors,
-    find_strips,
     find_touching,
     may_hide,
 )
@@ -40,6 +39,10 @@ BOXES = np.array(
     ]
 )
 EYES = np.array([[0.0, 0.0, 5.0], [-8.0, -3.0, 6.0]])  # the second one above a car
+
+
+def find_strips(renderer, moment, viewpoints, counted, fine):
+    return cast_strips(renderer, moment, viewpoints, counted, find_sectors(moment.ground, viewpoints, fine))
 
 
 @pytest.fixture(scope="module")
