@@ -1,4 +1,4 @@
-"""Conditions: one fault at one level, and tested systems.
+"""Conditions, one fault at one level each, and tested systems.
 
     bytes     nothing goes wrong; every scheme in every encoding
     pose      sensors are not where they are believed to be, by 0 to 1 m and 0 to 1°; benchmarks of cooperative
@@ -20,7 +20,7 @@ bootstrap, so that the intervals cover other draws too. The last four kinds need
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -41,13 +41,15 @@ DELAYS = (0.1, 0.2, 0.3)  # s
 LOSSES: tuple[tuple[float, float | None], ...] = ((0.1, None), (0.3, None), (0.3, 5.0))  # share, messages in a burst
 RATES = (2, 5)  # every n-th frame
 CLOCKS = (0.02, 0.05, 0.1)  # s
+IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close together
+KINDS = ("bytes", "pose", "mounting", "silent", "pairs", "blinded", "frozen", *IN_SEQUENCE)
 
 
 @dataclass(frozen=True)
 class Condition:
     """Single fault at one level.
 
-    kind, level: in words; errors: of the sensors; channel: of their messages; tracks: whether the centre moves
+    errors: of the sensors; channel: of their messages; tracks: whether the centre moves
     detections to where they are by now; silent, blinded, frozen: sensors (indices); amount: the level as a number where
     the levels of a kind are ordered; redrawn: whether errors are redrawn for each block of frames.
     """
@@ -65,76 +67,39 @@ class Condition:
 
 
 def make_conditions(kind: str, names: Sequence[str]) -> list[Condition]:
-    """Return the conditions of a kind for these sensors.
-
-    Sensors are given by name. Raises ValueError for an unknown kind.
-    """
-    if kind not in KINDS:
-        raise ValueError(f"there is no kind of stress {kind!r}: choose among {', '.join(KINDS)}")
-    return _MAKERS[kind](names)
-
-
-def _bytes(_: Sequence[str]) -> list[Condition]:
-    return [Condition("bytes", "nothing goes wrong")]
-
-
-def _pose(_: Sequence[str]) -> list[Condition]:
-    return [_pose_error("pose", level, level, f"{level:g} m, {level:g}°") for level in POSE_LEVELS]
-
-
-def _mounting(_: Sequence[str]) -> list[Condition]:
-    levels = [(level, METRES_PER_DEGREE * level) for level in POSE_LEVELS]
-    return [_pose_error("mounting", deg, m, f"{deg:g}°, {100 * m:g} cm") for deg, m in levels]
-
-
-def _pose_error(kind: str, deg: float, metres: float, words: str) -> Condition:
-    errors = _add_error(f"{kind} {deg:g}", Calibration(np.deg2rad(deg), metres))
-    return Condition(kind, words, errors, amount=deg, redrawn=True)
-
-
-def _clock(_: Sequence[str]) -> list[Condition]:
-    return [Condition("clock", f"{1000 * s:g} ms", _add_error(f"clock {s:g}", ClockOffset(s))) for s in CLOCKS]
-
-
-def _add_error(name: str, term: Calibration | ClockOffset) -> ErrorProfile:
-    return ErrorProfile(name, (*PAPER_ERRORS.terms, term))
-
-
-def _silent(names: Sequence[str]) -> list[Condition]:
-    return [Condition("silent", name, silent=(k,)) for k, name in enumerate(names)]
-
-
-def _pairs(names: Sequence[str]) -> list[Condition]:
-    pairs = combinations(range(len(names)), 2)
-    return [Condition("pairs", " and ".join(names[k] for k in pair), silent=pair) for pair in pairs]
-
-
-def _blinded(names: Sequence[str]) -> list[Condition]:
-    return [Condition("blinded", name, blinded=(k,)) for k, name in enumerate(names)]
-
-
-def _frozen(names: Sequence[str]) -> list[Condition]:
-    return [Condition("frozen", name, frozen=(k,)) for k, name in enumerate(names)]
-
-
-def _delay(_: Sequence[str]) -> list[Condition]:
-    return _pair_with_tracks("delay", {f"{s:g} s": LinkChannel(delay=s, jitter=s / 10) for s in DELAYS})
-
-
-def _loss(_: Sequence[str]) -> list[Condition]:
-    channels = {}
-    for share, burst in LOSSES:
-        words = "" if burst is None else f" in bursts of {burst:g}"
-        channels[f"{share:.0%}{words}"] = LinkChannel(loss=share, burst=burst)
-    return _pair_with_tracks("loss", channels)
-
-
-def _rate(_: Sequence[str]) -> list[Condition]:
-    return _pair_with_tracks("rate", {f"every {every} frames": LinkChannel(every=every) for every in RATES})
-
-
-def _pair_with_tracks(kind: str, channels: dict[str, LinkChannel]) -> list[Condition]:
-    """Conditions without tracks and with them, one after the other."""
+    """Return the conditions of a kind for sensors of these names. Raises ValueError for an unknown kind."""
+    channels: dict[str, LinkChannel] = {}
+    match kind:
+        case "bytes":
+            return [Condition(kind, "nothing goes wrong")]
+        case "pose" | "mounting":
+            made = []
+            for level in POSE_LEVELS:
+                metres = level if kind == "pose" else METRES_PER_DEGREE * level
+                words = f"{level:g} m, {level:g}°" if kind == "pose" else f"{level:g}°, {100 * metres:g} cm"
+                errors = _add_error(f"{kind} {level:g}", Calibration(np.deg2rad(level), metres))
+                made.append(Condition(kind, words, errors, amount=level, redrawn=True))
+            return made
+        case "silent":
+            return [Condition(kind, name, silent=(k,)) for k, name in enumerate(names)]
+        case "blinded":
+            return [Condition(kind, name, blinded=(k,)) for k, name in enumerate(names)]
+        case "frozen":
+            return [Condition(kind, name, frozen=(k,)) for k, name in enumerate(names)]
+        case "pairs":
+            pairs = combinations(range(len(names)), 2)
+            return [Condition(kind, " and ".join(names[k] for k in pair), silent=pair) for pair in pairs]
+        case "clock":
+            return [Condition(kind, f"{1000 * s:g} ms", _add_error(f"clock {s:g}", ClockOffset(s))) for s in CLOCKS]
+        case "delay":
+            channels = {f"{s:g} s": LinkChannel(delay=s, jitter=s / 10) for s in DELAYS}
+        case "loss":
+            bursts = {burst: "" if burst is None else f" in bursts of {burst:g}" for _, burst in LOSSES}
+            channels = {f"{loss:.0%}{bursts[burst]}": LinkChannel(loss=loss, burst=burst) for loss, burst in LOSSES}
+        case "rate":
+            channels = {f"every {every} frames": LinkChannel(every=every) for every in RATES}
+        case _:
+            raise ValueError(f"there is no kind of stress {kind!r}: choose among {', '.join(KINDS)}")
     return [
         Condition(kind, f"{level}{', tracks' if tracks else ''}", channel=channel, tracks=tracks)
         for level, channel in channels.items()
@@ -142,26 +107,13 @@ def _pair_with_tracks(kind: str, channels: dict[str, LinkChannel]) -> list[Condi
     ]
 
 
-_MAKERS: dict[str, Callable[[Sequence[str]], list[Condition]]] = {
-    "bytes": _bytes,
-    "pose": _pose,
-    "mounting": _mounting,
-    "silent": _silent,
-    "pairs": _pairs,
-    "blinded": _blinded,
-    "frozen": _frozen,
-    "delay": _delay,
-    "loss": _loss,
-    "rate": _rate,
-    "clock": _clock,
-}
-KINDS = tuple(_MAKERS)
-IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close together
+def _add_error(name: str, term: Calibration | ClockOffset) -> ErrorProfile:
+    return ErrorProfile(name, (*PAPER_ERRORS.terms, term))
 
 
 @dataclass(frozen=True)
 class System:
-    """Fusion scheme and its codec. Tables show it under its name."""
+    """Fusion scheme and its codec, under its name in tables."""
 
     scheme: Scheme
     codec: Codec

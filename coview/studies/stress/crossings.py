@@ -9,7 +9,7 @@ draw in which the second scheme never overtakes counts as infinite.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
 
@@ -23,13 +23,15 @@ from toolkit.runtime.files import replace_infinite
 
 LEAST_LEAD = 0.005  # AP by which one scheme must lead to count as better
 
+_Levels = Float64[np.ndarray, " levels"]
+_Schemes = dict[str, list[StressRow]]
+
 
 @dataclass(frozen=True)
 class Crossing:
-    """Level from which scheme `after` beats `before`.
+    """Level from which scheme `after` has a higher AP than `before`.
 
-    It has a higher AP from there. low, high: interval of the level, infinite beyond what was tried; share: of the draws
-    with a crossing at all.
+    low, high: interval of the level, infinite beyond what was tried; share: of the draws with a crossing at all.
     """
 
     kind: str
@@ -60,10 +62,14 @@ class BestScheme:
 def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ...]:
     """Find every pair of schemes that change places. Per kind and IoU, lowest level first."""
     found: list[Crossing] = []
-    for (kind, iou), schemes in _group_by_scheme(rows).items():
-        levels = np.array([row.amount for row in next(iter(schemes.values()))])
+    for (kind, iou), levels, schemes in _group_by_scheme(rows):
+        if any(row.tally is None for each in schemes.values() for row in each):
+            raise ValueError(f"frames under {kind} are unknown: pass the rows that run_stress returns")
         aps = {name: _aps(each) for name, each in schemes.items()}
-        drawn = {name: np.stack([_draw_aps(row, seed) for row in each]) for name, each in schemes.items()}
+        drawn = {
+            name: np.stack([row.tally.resamples(seed=seed) for row in each if row.tally is not None])
+            for name, each in schemes.items()
+        }
         for one, other in combinations(schemes, 2):
             before, after = (one, other) if aps[other][-1] > aps[one][-1] else (other, one)
             lead = aps[after] - aps[before]
@@ -73,7 +79,8 @@ def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossin
             draws = [lead for lead in (drawn[after] - drawn[before]).T if not np.isnan(lead).any()]
             each = np.array([crossing_level(levels, lead) for lead in draws])
             share = float(np.isfinite(each).mean()) if len(each) else 0.0
-            low, high = _interval(each)
+            ends = percentiles(np.where(np.isfinite(each), each, np.finfo(float).max), confidence=CONFIDENCE)
+            low, high = (math.inf if end > 1e100 else end for end in ends)
             found.append(Crossing(kind, iou, before, after, level, min(low, level), max(high, level), share))
     return tuple(sorted(found, key=lambda each: (each.kind, each.iou, each.level)))
 
@@ -81,10 +88,14 @@ def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossin
 def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
     """Best scheme at each level, per kind and IoU. A scheme stays the best until another one leads by `LEAST_LEAD`."""
     found: list[BestScheme] = []
-    for (kind, iou), schemes in _group_by_scheme(rows).items():
-        levels = np.array([row.amount for row in next(iter(schemes.values()))])
+    for (kind, iou), levels, schemes in _group_by_scheme(rows):
         aps = np.stack([_aps(each) for each in schemes.values()])
-        places = np.unique(np.concatenate([levels, *(_zeros(levels, a - b) for a, b in combinations(aps, 2))]))
+        zeros = [levels]  # and the places between levels where a lead changes its sign
+        for one, other in combinations(aps, 2):
+            lead = one - other
+            k = np.flatnonzero(lead[1:] * lead[:-1] < 0)
+            zeros.append(levels[k] + (levels[k + 1] - levels[k]) * lead[k] / (lead[k] - lead[k + 1]))
+        places = np.unique(np.concatenate(zeros))
         middles = (places[1:] + places[:-1]) / 2
         best = 0
         for start, end, middle in zip(places[:-1].tolist(), places[1:].tolist(), middles.tolist(), strict=True):
@@ -98,9 +109,7 @@ def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
 
 
 def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -> float:
-    """Level from which a lead stays above 0.
-
-    It stays so up to the last level, linear between levels. Infinite if it never does.
+    """Level from which a lead, linear between levels, stays above 0 up to the last. Infinite if it never does.
 
     >>> crossing_level(np.array([0.0, 0.2, 0.4]), np.array([-0.1, -0.1, 0.3]))
     0.25
@@ -116,40 +125,18 @@ def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, 
     return float(levels[k] + (levels[k + 1] - levels[k]) * lead[k] / (lead[k] - lead[k + 1]))
 
 
-def _group_by_scheme(rows: Sequence[StressRow]) -> dict[tuple[str, float], dict[str, list[StressRow]]]:
-    """Group rows with an amount by kind and IoU.
-
-    Then by scheme, amounts ascending. Groups with fewer than two schemes or levels are left out.
-    """
-    found: dict[tuple[str, float], dict[str, list[StressRow]]] = {}
+def _group_by_scheme(rows: Sequence[StressRow]) -> Iterator[tuple[tuple[str, float], _Levels, _Schemes]]:
+    """Levels, and rows with an amount by kind, IoU and scheme. Groups with fewer than two of either are left out."""
+    found: dict[tuple[str, float], _Schemes] = {}
     for row in rows:
         if row.amount is not None:
             found.setdefault((row.kind, row.iou), {}).setdefault(row.scheme, []).append(row)
-    ordered = {
-        key: {name: sorted(each, key=lambda row: row.amount or 0.0) for name, each in schemes.items()}
-        for key, schemes in found.items()
-    }
-    return {key: each for key, each in ordered.items() if len(each) > 1 and len(next(iter(each.values()))) > 1}
+    for key, schemes in found.items():
+        ordered = {name: sorted(each, key=lambda row: row.amount or 0.0) for name, each in schemes.items()}
+        levels = np.array([row.amount for row in next(iter(ordered.values()))])
+        if len(ordered) > 1 and len(levels) > 1:
+            yield key, levels, ordered
 
 
 def _aps(rows: Sequence[StressRow]) -> Float64[np.ndarray, " levels"]:
     return np.nan_to_num(np.array([row.judged.ap for row in rows]))
-
-
-def _draw_aps(row: StressRow, seed: int) -> Float64[np.ndarray, " resamples"]:
-    if row.tally is None:
-        raise ValueError(f"{row.kind} {row.level}: its frames are unknown: pass the rows that run_stress returns")
-    return row.tally.resamples(seed=seed)
-
-
-def _zeros(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:
-    """Places between levels where a lead changes its sign."""
-    k = np.flatnonzero(lead[1:] * lead[:-1] < 0)
-    return levels[k] + (levels[k + 1] - levels[k]) * lead[k] / (lead[k] - lead[k + 1])
-
-
-def _interval(levels: Float64[np.ndarray, " draws"]) -> tuple[float, float]:
-    """Interval of levels, some perhaps infinite."""
-    some = percentiles(np.where(np.isfinite(levels), levels, np.finfo(float).max), confidence=CONFIDENCE)
-    low, high = (math.inf if end > 1e100 else end for end in some)
-    return low, high

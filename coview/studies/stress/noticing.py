@@ -1,6 +1,6 @@
-"""Time to notice a failing sensor, and false alarms.
+"""Time until the fusion centre notices a failing sensor, and false alarms.
 
-The fusion centre does the noticing. In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch
+In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch
 began: it falls silent, repeats what it measured then, or sees nothing any more. Its monitor
 (`toolkit.detection.sensor_monitor`) looks at what arrives, once with whole images and once with foreground. A sensor
 must see the objects that the centre detects in all messages and that have points from other sensors. False alarms are
@@ -20,7 +20,7 @@ from toolkit.arrays import Bool
 from toolkit.boxes import count_points
 from toolkit.calibration.scenes import Scenes
 from toolkit.datasets.readings import ReadRecording, Reads, read_frame
-from toolkit.detection.link.channel import PERFECT, LinkChannel, delay_frames
+from toolkit.detection.link.channel import PERFECT, delay_frames
 from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
 from toolkit.detection.link.range_images import STEPS
 from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
@@ -39,10 +39,7 @@ SENT_AS = ("whole images", "foreground")
 
 @dataclass(frozen=True)
 class Noticed:
-    """Seconds until a fault was noticed.
-
-    Median and maximum over all cases. Infinite for a fault that was not noticed within `TIME_ALLOWED`.
-    """
+    """Seconds until a fault was noticed, over all cases. Infinite if it was not within `TIME_ALLOWED`."""
 
     fault: str
     sent_as: str
@@ -58,7 +55,7 @@ class Noticed:
 
 @dataclass(frozen=True)
 class FalseAlarms:
-    """Alarms about working sensors over one kind of link. The sensor-minutes watched are given too."""
+    """Alarms about working sensors over one kind of link, in the sensor-minutes watched."""
 
     link: str
     sent_as: str
@@ -73,44 +70,37 @@ class FalseAlarms:
 def time_faults(
     recording: SiteRecording, detector: Detector, run: Run = Run()
 ) -> tuple[tuple[Noticed, ...], tuple[FalseAlarms, ...]]:
-    """Time every fault of every sensor.
+    """Time every fault of every sensor in every stretch of traffic, and count false alarms over every link.
 
-    In every stretch of traffic; false alarms are counted over every link. recording: frames close together; run: with
-    the seed of noise and links, and the number of first frames. Raises ValueError if no stretch of traffic is longer
-    than `ONSET`.
+    recording: frames close together; run: with the seed of noise and links, and the number of first frames. Raises
+    ValueError if no stretch of traffic is longer than `ONSET`.
     """
     count, seed = min(len(recording), run.frames_or(len(recording))), run.seed
-    scenes, links = Scenes(ReadRecording(recording, Reads(noise_seed=seed))), _links()
+    scenes = Scenes(ReadRecording(recording, Reads(noise_seed=seed)))
+    wrong = [each for kind in ("delay", "loss") for each in make_conditions(kind, ()) if not each.tracks]
+    links = {"nothing wrong": PERFECT} | {f"{each.kind} {each.level}": each.channel for each in wrong}
     after: dict[tuple[Fault, str], list[float]] = {(fault, way): [] for fault in FAULTS for way in SENT_AS}
     alarms = {(link, way): 0 for link in links for way in SENT_AS}
     minutes = dict.fromkeys(links, 0.0)
     for stretch in _stretches(recording, count, seed):
-        if stretch[-1].time - stretch[0].time < ONSET:
+        seconds, sensors = stretch[-1].time - stretch[0].time, range(len(stretch[0].sensors))
+        if seconds < ONSET:
             continue
         centre = _Centre(recording, detector, scenes)
         for fault, way in after:
-            sensors = range(len(stretch[0].sensors))
             after[fault, way] += [_time_to_notice(centre, stretch, sensor, fault, way) for sensor in sensors]
         for link, channel in links.items():
-            lagged = list(delay_frames(stretch, channel, seed=seed, noise_seed=None))
-            minutes[link] += (stretch[-1].time - stretch[0].time) * len(stretch[0].sensors) / 60
+            shown = [(each.frame, each.ages) for each in delay_frames(stretch, channel, seed=seed, noise_seed=None)]
+            minutes[link] += seconds * len(sensors) / 60
             for way in SENT_AS:
-                shown = [(each.frame, each.ages) for each in lagged]
-                alarms[link, way] += sum(
-                    _count_alarms(centre, shown, sensor, way) for sensor in range(len(stretch[0].sensors))
-                )
+                alarms[link, way] += sum(_count_alarms(centre, shown, sensor, way) for sensor in sensors)
     if not any(after.values()):
         raise ValueError(f"no stretch of traffic is {ONSET:g} s long here: record with coview simulate --every 0.1")
     noticed = [
-        Noticed(fault.value, way, len(each), int(np.isfinite(each).sum()), _median(each), max(each))
+        Noticed(fault.value, way, len(each), int(np.isfinite(each).sum()), sorted(each)[len(each) // 2], max(each))
         for (fault, way), each in after.items()
-    ]
+    ]  # of an even number of cases the median is the later of the middle two
     return tuple(noticed), tuple(FalseAlarms(*which, made, minutes[which[0]]) for which, made in alarms.items())
-
-
-def _links() -> dict[str, LinkChannel]:
-    wrong = [each for kind in ("delay", "loss") for each in make_conditions(kind, ()) if not each.tracks]
-    return {"nothing wrong": PERFECT} | {f"{each.kind} {each.level}": each.channel for each in wrong}
 
 
 def _stretches(recording: SiteRecording, count: int, seed: int) -> Iterator[list[Frame]]:
@@ -133,7 +123,7 @@ class _Centre:
         self._site, self._detector, self.scenes = recording.site, detector, scenes
 
     def shown(self, frame: Frame, sensor: int, way: str, time: float) -> Shown:
-        """Message of a sensor. The whole image, or the foreground of its crop in the finest step."""
+        """Message of a sensor: the whole image, or the foreground of its crop in the finest step."""
         if way == SENT_AS[0]:
             return Shown(time, np.asarray(frame.images[sensor], np.float32))
         captured = frame_view(frame, self._detector, self._site).captured(sensor)
@@ -151,14 +141,13 @@ class _Centre:
 
     def covered(self, frame: Frame, sensor: int) -> Bool[np.ndarray, "rows columns"]:
         """Pixels in which a sensor must see what others see."""
-        others = [k for k in range(len(frame.sensors)) if k != sensor]
         view = frame_view(frame, self._detector, self._site, scene=self.scenes)
         boxes = Foreground().fuse(view, range(len(frame.sensors))).detections.boxes
         clouds = []
-        for k in others:
-            shown = self.shown(frame, k, SENT_AS[1], frame.time)
-            xyz, valid = unproject(frame.sensors[k], shown.image)
-            clouds.append(xyz[:, valid].T)
+        for k in range(len(frame.sensors)):
+            if k != sensor:
+                xyz, valid = unproject(frame.sensors[k], self.shown(frame, k, SENT_AS[1], frame.time).image)
+                clouds.append(xyz[:, valid].T)
         supported = count_points(np.concatenate([np.zeros((0, 3)), *clouds]), boxes) >= SUPPORT
         return standing_before(self.scenes(sensor), frame.sensors[sensor], boxes[supported])
 
@@ -173,8 +162,10 @@ def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, faul
         frame, since = stretch[k], stretch[k].time - stretch[onset].time
         if since > TIME_ALLOWED + 1e-9:
             break
-        if k >= onset:
-            frame = _break_sensor(frame, stretch[onset], sensor, fault)
+        if k >= onset and fault is not Fault.SILENT:
+            instead = np.zeros_like(frame.images[sensor]) if fault is Fault.BLINDED else stretch[onset].images[sensor]
+            images = tuple(instead if other == sensor else image for other, image in enumerate(frame.images))
+            frame = replace(frame, measurements=images)
         if k < onset or fault is not Fault.SILENT:
             last = centre.shown(frame, sensor, way, frame.time)
         if monitor.look(frame.time, last, partial(centre.covered, frame, sensor)) is not None and k >= onset:
@@ -182,17 +173,8 @@ def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, faul
     return float("inf")
 
 
-def _break_sensor(frame: Frame, first: Frame, sensor: int, fault: Fault) -> Frame:
-    """Frame in which one sensor is broken. It measures nothing, or what it measured first."""
-    instead = {
-        Fault.BLINDED: np.zeros_like(frame.images[sensor]),
-        Fault.FROZEN: first.images[sensor],
-    }.get(fault, frame.images[sensor])
-    return replace(frame, measurements=tuple(instead if k == sensor else each for k, each in enumerate(frame.images)))
-
-
 def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], sensor: int, way: str) -> int:
-    """Count alarms about a working sensor. Its monitor raises them."""
+    """Count the alarms of a working sensor's monitor."""
     monitor, before, count = centre.monitor(shown[0][0], sensor, shown[0][0].time), None, 0
     last: Shown | None = None
     for frame, ages in shown:
@@ -204,8 +186,3 @@ def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], se
         count += fault is not None and before is None
         before = fault
     return count
-
-
-def _median(seconds: Sequence[float]) -> float:
-    """Middle value. Of an even number, the later of the middle two."""
-    return sorted(seconds)[len(seconds) // 2]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from coview.studies.stress.stressing import StressRow
 from placement_env.analysis.worth import failures
 from placement_env.fidelity.table import Table
 from placement_env.report.charts import interval_bars
-from toolkit.arrays import Bool, Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.objects import LABELS, VEHICLE
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
@@ -27,10 +25,9 @@ STRESS_FILES = ("stress.json", "stress.svg")
 
 @dataclass(frozen=True)
 class ExactFailure:
-    """AP of all sensors, and after failures.
+    """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail.
 
-    Its mean and minimum over every choice of `failing` sensors that fail. without: names of the sensors whose failure
-    leaves the least.
+    without: names of the sensors whose failure leaves the least.
     """
 
     scheme: str
@@ -49,9 +46,9 @@ class ExactFailure:
 def exact_failures(
     table: Table, *, ious: Sequence[float] = (0.7,), label: str = LABELS[VEHICLE]
 ) -> tuple[ExactFailure, ...]:
-    """Compute N-1 and N-2 of every scheme.
+    """Compute N-1 and N-2 of every scheme at those IoUs that the table holds.
 
-    At those IoUs that the table holds. Raises ValueError if it holds none of the IoUs, or not this class.
+    Raises ValueError if it holds none of the IoUs, or not this class.
     """
     names = table.origin.sensors
     at = table.origin.ious[table.origin.classes.index(label)] if label in table.origin.classes else table.origin.ious[0]
@@ -63,25 +60,22 @@ def exact_failures(
     for scheme in PAPER_SCHEMES:
         for iou in known:
             ap = table.column(scheme, label, iou)[0]
+
+            def look_up(sets: np.ndarray, ap: np.ndarray = ap) -> np.ndarray:
+                return ap[table.row(sets)]
+
             for failing in range(1, min(2, len(names)) + 1):
-                left = failures(partial(_look_up, table, ap), np.ones(len(names), bool), failing=failing)
+                left = failures(look_up, np.ones(len(names), bool), failing=failing)
                 without = tuple(names[k] for k in left.most_missed)
                 found.append(ExactFailure(scheme, iou, failing, left.intact, left.mean, left.worst, without))
     return tuple(found)
 
 
-def _look_up(
-    table: Table, ap: Float64[np.ndarray, " sets"], sets: Bool[np.ndarray, "n C"]
-) -> Float64[np.ndarray, " n"]:
-    return ap[table.row(sets)]
-
-
 @dataclass(frozen=True)
 class StressResults:
-    """Results of a stress test.
+    """Results of a stress test, None where nothing was examined.
 
-    None where nothing was examined. rows: of each scheme, condition and IoU; noticed, false_alarms: of the sensors'
-    monitors; exact: from a table.
+    rows: of each scheme, condition and IoU; noticed, false_alarms: of the sensors' monitors; exact: from a table.
     """
 
     rows: tuple[StressRow, ...]
@@ -116,10 +110,7 @@ def format_rows(rows: Sequence[StressRow]) -> str:
 
 
 def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -> str:
-    """Format the best schemes and their crossings.
-
-    Best scheme per range of levels, and where schemes overtake each other. Empty if no level is a number.
-    """
+    """Format the best scheme per range of levels, and where schemes overtake each other, if levels are numbers."""
     best = [["highest AP", "IoU", "scheme", "from", "to"]]
     best += [[b.kind, f"{b.iou:g}", b.scheme, f"{b.start:.2f}", f"{b.end:.2f}"] for b in best_schemes(rows)]
     table = [["overtaken", "IoU", "scheme", "by", "from level", "95 % interval", "of draws"]]
@@ -131,7 +122,7 @@ def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -
 
 
 def format_noticed(noticed: Sequence[Noticed], alarms: Sequence[FalseAlarms]) -> str:
-    """Format the times to notice faults. A second table shows false alarms."""
+    """Format the times to notice faults, and false alarms."""
     table = [["fault", "sent as", "cases", "noticed", "median", "worst"]]
     for each in noticed:
         times = [f"{seconds:.1f} s" for seconds in (each.median, each.worst)]
@@ -159,10 +150,7 @@ def write_rows(rows: Sequence[StressRow], provenance: Mapping[str, object], fold
 
 
 def write_stress(results: StressResults, provenance: Mapping[str, object], folder: str | Path) -> None:
-    """Write `STRESS_FILES` into a folder.
-
-    The folder is made if missing. All files are written or, if that fails (OSError), none.
-    """
+    """Write `STRESS_FILES` into a folder, made if missing: all of them or, if that fails (OSError), none."""
     named = [(f"{r.kind} {r.level}: {r.scheme}, {r.codec}, IoU {r.iou:g}", r.judged) for r in results.rows]
     content = results.as_dict(provenance)
     with writing_together(folder) as unfinished:

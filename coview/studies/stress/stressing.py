@@ -1,6 +1,4 @@
-"""`run_stress`: AP of fusion schemes under every condition.
-
-Intervals are given, and the bits that schemes send.
+"""`run_stress`: AP of fusion schemes under every condition, with intervals, and the bits that they send.
 
 Objects centred in the site's area are to be found, by protocol `exact`. Where frames lie close together, the first
 second after traffic restarts is not scored under any condition, because late messages cannot have arrived yet.
@@ -41,7 +39,7 @@ from toolkit.points import has_centre_inside
 from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
-from toolkit.sensors.error_profiles import ErrorProfile
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.error_terms import MOST_APART
 from toolkit.sites.site import Site
 
@@ -97,20 +95,18 @@ class StressRow:
 
 
 def is_sequence(recording: SiteRecording) -> bool:
-    """Return whether frames lie close enough together. They must show what is late or lost."""
+    """Return whether frames lie close enough together to show what is late or lost."""
     return 0 < _frame_spacing(recording) <= MOST_APART
 
 
 def choose_kinds(recording: SiteRecording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the given kinds of stress.
+    """Return the given kinds of stress, by default all that a recording can show.
 
-    By default all that a recording can show. Raises ValueError for an unknown kind, and for one that needs frames
-    closer together.
+    Raises ValueError for an unknown kind, and for one that needs frames closer together.
     """
-    for kind in kinds:
-        make_conditions(kind, ())
     close = is_sequence(recording)
     for kind in kinds:
+        make_conditions(kind, ())
         if kind in IN_SEQUENCE and not close:
             raise ValueError(
                 f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are {_frame_spacing(recording):g} s "
@@ -125,14 +121,11 @@ def _frame_spacing(recording: SiteRecording) -> float:
 
 
 class KeptDetections:
-    """Detector that is asked once for each cloud.
+    """Detector that is asked once for each cloud, as most clouds come again under other conditions.
 
-    Under most conditions most sensors measure what they measure under others, and the boxes of one sensor are the same
-    however its points are sent, so most clouds come again. If detections are kept on disk too, an interrupted stress
-    test resumes, and one with other schemes, levels or IoU thresholds detects only what is new.
-
-    detector: asked for clouds that are not kept; cache: where detections are kept, None for memory alone. Raises
-    ValueError for a cache with a path and a detector without the attribute `digest`.
+    cache: where detections are kept, None for memory alone; on disk, an interrupted stress test resumes, and one with
+    other schemes, levels or IoU thresholds detects only what is new. Raises ValueError for a cache with a path and a
+    detector without the attribute `digest`.
     """
 
     def __init__(self, detector: Detector, cache: Cache | None = None) -> None:
@@ -147,7 +140,7 @@ class KeptDetections:
 
     @staticmethod
     def of(detector: Detector, cache: Cache | None = None) -> KeptDetections:
-        """Return a detector that keeps its detections. It is the detector itself if it keeps them already."""
+        """Return a detector that keeps its detections, the detector itself if it does so already."""
         return detector if isinstance(detector, KeptDetections) else KeptDetections(detector, cache)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
@@ -175,7 +168,7 @@ def run_stress(
 
     run: its seed is that of noise, errors, channels and bootstrap, its frames are the first ones of the recording; with
     its cache an interrupted run resumes; finished: called with the rows of each condition. Raises ValueError as
-    `choose_kinds`, for a label that the detector does not know, and for a cache without `digest` of the detector.
+    `choose_kinds` and `KeptDetections`, and for a label that the detector does not know.
     """
     check_known(detector, [question.label])
     kept = KeptDetections.of(detector, run.memo)
@@ -197,10 +190,7 @@ def run_stress(
 
 @dataclass(frozen=True, eq=False)
 class _ConditionJob:
-    """Work on all systems under one of several conditions.
-
-    report: called with the frames done, None in other processes.
-    """
+    """Work on all systems under one of several conditions. report: called with the frames done."""
 
     recording: SiteRecording
     detector: KeptDetections
@@ -215,7 +205,9 @@ class _ConditionJob:
         settled = STALE if _frame_spacing(self.recording) <= MOST_APART else 0.0
         systems = make_systems([find_scheme(each) for each in self.question.schemes], condition.kind)
         trials = [Trial(system, self.question.label, self.question.ious) for system in systems]
-        groups = _group_by_needed(trials)
+        alone = [trial for trial in trials if not isinstance(trial.system.scheme, Chained)]
+        groups: list[tuple[list[Trial], Needed | None]] = [(alone, None)] if alone else []
+        groups += [([t], t.system.scheme.dependencies) for t in trials if isinstance(t.system.scheme, Chained)]
         for part, (some, needed) in enumerate(groups):
             memory: LinkMemory = {}
             for k, lagged in enumerate(self._arrivals(condition, needed), 1):
@@ -227,18 +219,14 @@ class _ConditionJob:
 
     def _arrivals(self, condition: Condition, needed: Needed | None) -> Iterator[Lagged]:
         """Frames as the centre has them under a condition."""
-        if condition.redrawn:
-            read = _RedrawnErrors(self.recording, condition.errors, self.seed)
-            return delay_frames(
-                read, condition.channel, frames=self.frames, seed=self.seed, noise_seed=None, needed=needed
-            )
+        redrawn, errors = condition.redrawn, condition.errors
         return delay_frames(
-            self.recording,
+            _RedrawnErrors(self.recording, errors, self.seed) if redrawn else self.recording,
             condition.channel,
             frames=self.frames,
             seed=self.seed,
-            errors=condition.errors,
-            noise_seed=self.seed,
+            errors=PAPER_ERRORS if redrawn else errors,
+            noise_seed=None if redrawn else self.seed,
             frozen=condition.frozen,
             needed=needed,
         )
@@ -246,10 +234,9 @@ class _ConditionJob:
     def _look(
         self, trials: Sequence[Trial], lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
     ) -> None:
-        """Fuse one frame by every system.
+        """Fuse one frame by every system; those that send alike share views.
 
-        Systems that send alike share views. Chained messages follow from frames as they were measured, whichever
-        arrive, and restore whole images.
+        Chained messages follow from frames as they were measured, whichever arrive, and restore whole images.
         """
         frame, site, views = lagged.frame, self.recording.site, {}
         sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
@@ -274,15 +261,14 @@ class Trial:
 
     def __init__(self, system: System, label: str, ious: Sequence[float]) -> None:
         self.system, self._label, self._ious = system, label, tuple(ious)
-        self._scores: list[list[np.ndarray]] = [[] for _ in ious]
-        self._hits: list[list[np.ndarray]] = [[] for _ in ious]
+        self._found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in ious]  # scores and hits of each frame
         self._truths: list[int] = []
         self._kbit: list[float] = []
         self._ages: list[float] = []
         self._tracks, self._last = Tracks(), -np.inf
 
     def track(self, detections: Detections, now: float, age: float, *, begins: bool) -> Detections:
-        """Move old detections to their present places. The measurements have an age."""
+        """Move detections of old measurements to their present places. age: of the measurements."""
         if begins:
             self._tracks, self._last = Tracks(), -np.inf
         if age != age:
@@ -294,51 +280,30 @@ class Trial:
     def add(self, frame: Frame, site: Site, detections: Detections, kbit: float, age: float) -> None:
         """Score one more frame."""
         counted = has_centre_inside(frame.objects.boxes, site.area)
-        for k, iou in enumerate(self._ious):
+        for found, iou in zip(self._found, self._ious, strict=True):
             matched = match(detections, frame.objects, iou, label=self._label, counted=counted)
-            self._scores[k].append(detections.scores[~matched.ignored])
-            self._hits[k].append(matched.truth[~matched.ignored] >= 0)
+            found.append((detections.scores[~matched.ignored], matched.truth[~matched.ignored] >= 0))
         self._truths.append(int(matched.scored.sum()))
         self._kbit.append(kbit)
         self._ages.append(age)
 
     def rows(self, condition: Condition, seed: int) -> list[StressRow]:
         """Figures over all frames, at each IoU."""
-        ages = np.array(self._ages)
+        ages, label, system = np.array(self._ages), self._label, self.system
         age = float(ages[~np.isnan(ages)].mean()) if (~np.isnan(ages)).any() else np.nan
-        kbit, system = float(np.mean(self._kbit)), self.system
-        names = (condition.kind, condition.level, system.scheme.name, system.name)
-        tallies = [
-            Tally.of_frames(scores, hits, self._truths) for scores, hits in zip(self._scores, self._hits, strict=True)
-        ]
-        return [
-            StressRow(*names, _judge(each, self._label, seed), kbit, age, self._label, iou, condition.amount, each)
-            for iou, each in zip(self._ious, tallies, strict=True)
-        ]
-
-
-def _judge(tally: Tally, label: str, seed: int) -> Judgement:
-    figures = (tally.ap, *tally.interval(seed=seed), tally.recall, tally.precision if len(tally.hit) else None)
-    return Judgement(*figures, int(tally.truths.sum()), len(tally.truths), label)
-
-
-def _group_by_needed(trials: Sequence[Trial]) -> list[tuple[list[Trial], Needed | None]]:
-    """Group trials by the earlier messages they need.
-
-    First the trials whose messages can be read when they arrive, then each of those that need earlier messages.
-    """
-    alone: list[Trial] = []
-    chained: list[tuple[list[Trial], Needed | None]] = []
-    for trial in trials:
-        if isinstance(trial.system.scheme, Chained):
-            chained.append(([trial], trial.system.scheme.dependencies))
-        else:
-            alone.append(trial)
-    return [*([(alone, None)] if alone else []), *chained]
+        names, rows = (condition.kind, condition.level, system.scheme.name, system.name), []
+        for iou, found in zip(self._ious, self._found, strict=True):
+            scores, hits = zip(*found, strict=True)
+            tally = Tally.of_frames(scores, hits, self._truths)
+            figures = (tally.ap, *tally.interval(seed=seed), tally.recall, tally.precision if len(tally.hit) else None)
+            judged = Judgement(*figures, sum(self._truths), len(self._truths), label)
+            kbit = float(np.mean(self._kbit))
+            rows.append(StressRow(*names, judged, kbit, age, label, iou, condition.amount, tally))
+        return rows
 
 
 class _RedrawnErrors:
-    """Frames whose sensor errors are redrawn per block. A block is one of frames."""
+    """Frames whose sensor errors are redrawn per block of frames."""
 
     def __init__(self, recording: SiteRecording, errors: ErrorProfile, seed: int) -> None:
         self._recording, self._errors, self._seed = recording, errors, seed
