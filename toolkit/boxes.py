@@ -125,9 +125,9 @@ def nms(
 ) -> Int64[np.ndarray, " kept"]:
     """Greedy non-maximum suppression: indices of the kept boxes, best first.
 
-    A box is dropped if its IoU with a better kept box is greater than `iou_threshold`. Of equal scores the earlier one
-    is better. labels: only boxes with the same label suppress each other; by default all do. Raises ValueError for a
-    NaN score, a missing score or label, or a threshold outside 0..1.
+    A box is dropped if its IoU with a better kept box, of the same label if `labels` are given, is greater than
+    `iou_threshold`. Of equal scores the earlier one is better. Raises ValueError for a NaN score, a missing score or
+    label, or a threshold outside 0..1.
 
     >>> nms([[0, 0, 0, 4, 2, 1, 0], [1, 0, 0, 4, 2, 1, 0], [9, 0, 0, 4, 2, 1, 0]], [0.5, 0.9, 0.1], 0.1)
     array([1, 2])
@@ -165,9 +165,7 @@ def nms(
 
 
 def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n m"]:
-    """Mask (n, m) of the points inside each box; faces belong to the box.
-
-    A point that is not finite lies in no box.
+    """Mask (n, m) of the points inside each box; faces belong to the box, points that are not finite to none.
 
     >>> points_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]]).tolist()
     [[True], [False]]
@@ -180,9 +178,7 @@ def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n 
 
 
 def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray, " k"]]:
-    """Rows of the points in each box, in no order.
-
-    A point that is not finite lies in no box.
+    """Rows of the points in each box (`points_in_boxes`), in no order.
 
     >>> rows_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
     [array([0])]
@@ -191,9 +187,7 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
 
 
 def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box.
-
-    It equals `points_in_boxes(points, boxes).sum(axis=0)`, without that array.
+    """Number of points in each box (`points_in_boxes`).
 
     >>> count_points(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
     array([1])
@@ -236,9 +230,7 @@ def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
 
 
 def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of rows i of `a` (ascending) and j of `b` that may overlap. The circles around their footprints meet; no
-    other pair overlaps.
-    """
+    """Pairs of rows i of `a` (ascending) and j of `b` that may overlap: the circles around their footprints meet."""
     radius_a, radius_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
     along_x = np.argsort(b[:, 0])
     reach = radius_a + radius_b.max(initial=0)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,32 +22,11 @@ import open3d as o3d
 
 from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
-from toolkit.frame import Frame, select_sensors, unproject
+from toolkit.frame import unproject
 from toolkit.point_files import read_pcd
-from toolkit.points import Area, Crop, Distance, frame_points, get_area, is_beyond
+from toolkit.points import Area, Crop, get_area
 from toolkit.runtime.files import load_arrays, reserve, writing
 from toolkit.sensors.sensor import Sensor
-
-__all__ = [
-    "DensityMap",
-    "attributes",
-    "crop",
-    "density_cdf",
-    "density_map",
-    "down_sample",
-    "frame_cloud",
-    "frame_points",
-    "from_attributes",
-    "from_depth",
-    "from_points",
-    "fuse",
-    "load",
-    "outside_radius",
-    "points_per_box",
-    "positions",
-    "save",
-    "sensor_numbers",
-]
 
 PointCloud = o3d.t.geometry.PointCloud
 
@@ -59,37 +38,15 @@ def from_depth(
     rng: np.random.Generator | None = None,
     sensor_id: int = 0,
 ) -> PointCloud:
-    """Cloud, world frame, of one depth or lidar range image. See paper equations 1 and 2. Pixels that are NaN,
-    infinite, zero, negative or beyond the sensor's range make no point. rng draws its noise first.
-    """
+    """Cloud, world frame, of one depth or lidar range image (paper equations 1 and 2). rng draws its noise first."""
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)
     xyz, valid = unproject(sensor, measurement)
     return from_points(xyz.take(np.flatnonzero(valid), axis=1).T, sensor_id)
 
 
-def frame_cloud(
-    frame: Frame,
-    sensors: Sequence[int | str] | None = None,
-    *,
-    area: Area,
-    height: float | None = None,
-    rng: np.random.Generator | None = None,
-) -> PointCloud:
-    """Fuse a frame's points inside the area. It takes the points of all sensors, or of those chosen. It does the work
-    of `from_depth`, `crop` and `fuse`, but faster. Arguments as for `toolkit.points.frame_points`; each point carries
-    its sensor's position in `frame.sensors`.
-    """
-    chosen = select_sensors(frame.sensors, sensors)
-    clouds = frame_points(frame, chosen, area=area, height=height, rng=rng)
-    points = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
-    return from_points(points, np.repeat(np.array(chosen, np.int32), [len(cloud) for cloud in clouds]))
-
-
 def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
-    """Return a cloud of points. All are from one sensor, or each from its own. float32 and float64 positions keep their
-    type.
-    """
+    """Return a cloud of points from one sensor, or each from its own. float32 and float64 positions keep their type."""
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
@@ -101,23 +58,20 @@ def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarra
 
 
 def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
-    """Points of a cloud as an array that shares memory. The array is (0, 3) for a cloud without points."""
-    if "positions" not in cloud.point:
-        return np.zeros((0, 3), np.float32)
-    return cloud.point.positions.cpu().numpy()
+    """Points of a cloud as an array that shares memory, (0, 3) for a cloud without points."""
+    return cloud.point.positions.cpu().numpy() if "positions" in cloud.point else np.zeros((0, 3), np.float32)
 
 
 def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
-    """Sensor number of each point. It is 0 if the cloud has no sensor numbers."""
+    """Sensor number of each point, 0 if the cloud has none."""
     if "sensor" not in cloud.point:
         return np.zeros(len(positions(cloud)), np.int32)
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
 
 
 def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> PointCloud:
-    """Return a cloud of positions and other attributes. `positions` is (n, 3), each other attribute has n rows. All
-    points get `sensor_id` if it is given, else their own `sensor`, 0 without one. Raises ValueError if the lengths
-    differ.
+    """Return a cloud of positions (n, 3) and other attributes of n rows. All points get `sensor_id` if given, else
+    their own `sensor`, 0 without one. Raises ValueError if the lengths differ.
     """
     own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
     number = own.reshape(-1).astype(np.int32)
@@ -134,14 +88,13 @@ def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None 
 
 
 def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
-    """Attributes of a cloud as arrays that share memory. They include the positions."""
+    """Attributes of a cloud, positions included, as arrays that share memory."""
     return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
 
 
 def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
-    """Join the points of all clouds, in order. Each keeps the number of its sensor. No clouds make an empty one.
-    Attributes that all clouds have stay, in the type that holds them all; a warning names those that only some have, or
-    have in another width. Clouds without points do not count.
+    """Join the points of all clouds, in order, each with the number of its sensor. Attributes that all clouds have
+    stay; a warning names those that only some have, or have in another width. Clouds without points do not count.
     """
     parts = [attributes(cloud) for cloud in clouds]
     parts = [part for part in parts if len(part.get("positions", ()))]
@@ -159,12 +112,9 @@ def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
 
 
 def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
-    """Keep one point of each sensor in each cube.
+    """Keep one point of each sensor in each cube of edge `voxel_m` (m), in their order, with all its attributes.
 
-    voxel_m: edge of the cube (m).
-
-    It is the point nearest to the mean of the sensor's points there, the first of equals, with all its attributes:
-    sensor numbers, times and rings stay those of a measured point. Points keep their order. Sensors are thinned
+    It is the point nearest to the mean of the sensor's points there, the first of equals. Sensors are thinned
     separately, so that sets of sensors stay comparable.
 
     >>> cloud = from_points(np.array([[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0], [0.2, 0, 0]]), np.array([0, 0, 0, 1]))
@@ -190,22 +140,12 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
 
 
 def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
-    """Keep the points inside an area. They lie at floor < z < height. area: a site, for its detection area, or xmin,
-    ymin, xmax, ymax (m); height: by default the site's own, else 4 m (paper section II-B). If the site slopes, z counts
-    from its plane.
+    """Keep the points inside an area, at floor < z < height. area: a site, or xmin, ymin, xmax, ymax (m); height: by
+    default the site's own, else 4 m (paper section II-B). If the site slopes, z counts from its plane.
     """
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
     return _select(cloud, Crop.of(area, height).holds(positions(cloud), floor))
-
-
-def outside_radius(
-    cloud: PointCloud, sensor: Sensor | Float[np.ndarray, "4 4"], radius: float, metric: Distance = "horizontal"
-) -> PointCloud:
-    """Keep the points that hybrid fusion sends. They are farther than `radius` (m) from the sensor (paper section
-    II-E). metric: "horizontal" as in the paper, or "published" as in its code; see `toolkit.points.is_beyond`.
-    """
-    return _select(cloud, is_beyond(positions(cloud), sensor, radius, metric))
 
 
 def points_per_box(
@@ -215,34 +155,15 @@ def points_per_box(
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
 
-def density_cdf(counts: Int[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " k"], Float64[np.ndarray, " k"]]:
-    """Distribution d, F(d) of point densities, from d = 0.
-
-    See paper section IV-E. F(d) is the share of objects whose point density is d or less.
-
-    >>> density_cdf(np.array([0, 3, 3, 7]))
-    (array([0, 3, 7]), array([0.25, 0.75, 1.  ]))
-    """
-    counts = np.asarray(counts, np.int64)
-    if counts.size == 0:
-        return np.zeros(0, np.int64), np.zeros(0)
-    density = np.union1d(counts, 0)
-    return density, np.searchsorted(np.sort(counts), density, side="right") / counts.size
-
-
 class DensityMap(NamedTuple):
-    """Grid of points and sensors over an area. Row 0 is at ymin, column 0 at xmin. points_per_m2: points per m²;
-    sensors: number of sensors that see each cell.
-    """
+    """Points per m² and number of sensors that see each cell of an area. Row 0 is at ymin, column 0 at xmin."""
 
     points_per_m2: Float64[np.ndarray, "rows columns"]
     sensors: Int64[np.ndarray, "rows columns"]
 
 
 def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
-    """Count points per m² and distinct sensors in each cell. cell: edge (m); the last row and column may reach past the
-    area.
-    """
+    """Count points per m² and distinct sensors in each cell, of edge `cell` (m), even past the area."""
     if not cell > 0:
         raise ValueError(f"cell must be greater than 0 m, got {cell}")
     xmin, ymin, xmax, ymax = get_area(area)
@@ -258,8 +179,8 @@ def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
-    """Write a cloud as ply, pcd or npz. It is written whole or not at all. Raises OSError if that is impossible, and
-    ValueError for another kind of file and for a cloud without points, which these formats cannot hold.
+    """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError if that is impossible, and ValueError for
+    another kind of file and for a cloud without points, which these formats cannot hold.
     """
     path = Path(path)
     if not len(positions(cloud)):
@@ -276,8 +197,8 @@ def save(cloud: PointCloud, path: str | Path) -> None:
 
 
 def _writable(cloud: PointCloud, path: Path) -> PointCloud:
-    """Return the cloud as Open3D can write it. Normals get the positions' type, as its PCD writer expects. ply and pcd
-    lose the attributes of several columns that they do not know; a warning names them.
+    """Return the cloud as Open3D can write it: normals of the positions' type, for ply and pcd no unknown wide
+    attributes.
     """
     columns = attributes(cloud)
     if "normals" in columns:
@@ -291,8 +212,8 @@ def _writable(cloud: PointCloud, path: Path) -> PointCloud:
 
 
 def load(path: str | Path) -> PointCloud:
-    """Read a ply, pcd or npz with all its attributes. Without a `sensor` every point gets sensor 0. Raises
-    FileNotFoundError, and ValueError for a file without a cloud.
+    """Read a ply, pcd or npz with all its attributes, sensor 0 where it names none. Raises FileNotFoundError, and
+    ValueError for a file without a cloud.
     """
     path = Path(path)
     if not path.is_file():
@@ -356,7 +277,6 @@ def _ply_is_cut_off(path: Path) -> bool:
 
 
 def _select(cloud: PointCloud, keep: Bool[np.ndarray, " n"]) -> PointCloud:
-    """Keep the points at a mask, with all their attributes."""
     chosen, rows = PointCloud(), np.flatnonzero(keep)
     for name in cloud.point:
         chosen.point[name] = o3d.core.Tensor.from_numpy(cloud.point[name].cpu().numpy().take(rows, axis=0))

@@ -109,8 +109,8 @@ class Rectangle:
 
 @dataclass(frozen=True, eq=False)
 class ImageWedge:
-    """Labels are complete in what one camera sees. projection: world → pixels, homogeneous; width, height: of the
-    image; ignored: left, top, right, bottom of regions where nobody labelled (DontCare).
+    """Labels are complete in what one camera sees, but for `ignored` rectangles (left, top, right, bottom; DontCare) of
+    its image. projection: world → pixels, homogeneous.
     """
 
     projection: Float64[np.ndarray, "3 4"]

@@ -41,9 +41,8 @@ BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0,
 def look(
     position: Float[np.ndarray, "3"] | tuple[float, float, float], heading: float, tilt: float = 0.0
 ) -> Float64[np.ndarray, "4 4"]:
-    """Pose of a camera (x right, y down, z forward) that looks in a direction.
-
-    heading: rad, counter-clockwise from +x; tilt: rad below the horizon.
+    """Pose of a camera (x right, y down, z forward) that looks at a heading (rad, counter-clockwise from +x), tilted
+    down.
 
     >>> transform(look((0.0, 0.0, 5.0), heading=np.pi / 2), np.array([[0.0, 0.0, 10.0]])).round(6)
     array([[ 0., 10.,  5.]])
@@ -68,9 +67,7 @@ def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4
 def transform(
     target_SE3_source: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*n 3"]
 ) -> Float[np.ndarray, "*n 3"]:
-    """Transform points (..., 3) of the source frame to the target frame (paper equation 1). The dtype of `points` is
-    kept.
-    """
+    """Transform points (..., 3) to the target frame, in their dtype (paper equation 1)."""
     points = np.asarray(points)
     if points.ndim < 1 or points.shape[-1] != 3:
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
@@ -87,10 +84,8 @@ def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
 
 
 def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[np.ndarray, "4 4"]:
-    """Shear of the world that makes ground of a slope level and keeps heights at `about` (x, y).
-
-    Lines stay lines and verticals stay vertical, so a scene sheared along with the rays is hit at the same distances
-    along them.
+    """Shear of the world that makes ground of a slope level and keeps heights at `about` (x, y), and verticals
+    vertical.
 
     >>> transform(level_motion((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
     array([[5., 2., 1.]])
@@ -102,9 +97,7 @@ def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float
 
 
 def level_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
-    """Return points (x, y, z) or boxes (x, y, z, ...) as if their sloping ground were level.
-
-    z counts from the plane of the slope through the origin. Without a slope the array itself is returned.
+    """Return points (x, y, z) or boxes (x, y, z, ...) with z counted from the slope's plane through the origin.
 
     >>> level_rows(np.array([[10.0, 0.0, 2.0]]), (0.05, 0.0))
     array([[10. ,  0. ,  1.5]])

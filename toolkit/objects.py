@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from toolkit.arrays import Bool, Float32, Shaped
 
@@ -27,12 +28,24 @@ def label_index(label: str | int) -> int:
     raise ValueError(f"label must be one of {LABELS} or its number 0..{len(LABELS) - 1}, got {label!r}")
 
 
-@dataclass(frozen=True)
-class Objects:
-    """Ground truth of one frame.
+class _Rows:
+    """Columns of one length."""
 
-    boxes: (n, 7), see `toolkit.boxes`; labels: (n,) class numbers (or names) of `LABELS`; ids: (n,) track ids. All are
-    kept as float64 and int64, whatever their type. Raises ValueError where shapes or labels do not fit.
+    boxes: Shaped[np.ndarray, "n 7"]
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def __getitem__(self, rows: object) -> Self:
+        """Return what is at a mask, slice or index array."""
+        return type(self)(*(column[rows] for column in vars(self).values()))
+
+
+@dataclass(frozen=True)
+class Objects(_Rows):
+    """Ground truth of one frame: boxes (n, 7), see `toolkit.boxes`; class numbers (or names) of `LABELS`; track ids.
+
+    All are kept as float64 and int64, whatever their type. Raises ValueError where shapes or labels do not fit.
 
     >>> Objects(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array(["vehicle"])).labels
     array([0])
@@ -44,17 +57,9 @@ class Objects:
 
     def __post_init__(self) -> None:
         boxes = _boxes(self.boxes)
-        object.__setattr__(self, "boxes", boxes)
-        object.__setattr__(self, "labels", _labels(self.labels, len(boxes)))
         ids = np.arange(len(boxes)) if self.ids is None else np.asarray(self.ids, np.int64)
-        object.__setattr__(self, "ids", _rows(ids, "ids", len(boxes)))
-
-    def __len__(self) -> int:
-        return len(self.boxes)
-
-    def __getitem__(self, rows: Any) -> Objects:
-        """Return the objects at a mask, slice or index array."""
-        return Objects(self.boxes[rows], self.labels[rows], self.ids[rows])
+        checked = {"labels": _labels(self.labels, len(boxes)), "ids": _rows(ids, "ids", len(boxes))}
+        vars(self).update(boxes=boxes, **checked)
 
     @staticmethod
     def empty() -> Objects:
@@ -63,11 +68,8 @@ class Objects:
 
 
 @dataclass(frozen=True)
-class Detections:
-    """Detector output of one frame.
-
-    boxes: (n, 7) float64, see `toolkit.boxes`; scores: (n,) float64, higher is surer; labels as in `Objects`. Raises
-    ValueError where shapes or labels do not fit.
+class Detections(_Rows):
+    """Detector output of one frame. scores: (n,) float64, higher is surer; boxes and labels as in `Objects`.
 
     >>> len(Detections.merge([Detections.empty(), Detections(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array([0.9]))]))
     1
@@ -79,16 +81,8 @@ class Detections:
 
     def __post_init__(self) -> None:
         boxes = _boxes(self.boxes)
-        object.__setattr__(self, "boxes", boxes)
-        object.__setattr__(self, "scores", _rows(np.asarray(self.scores, np.float64), "scores", len(boxes)))
-        object.__setattr__(self, "labels", _labels(self.labels, len(boxes)))
-
-    def __len__(self) -> int:
-        return len(self.boxes)
-
-    def __getitem__(self, rows: Any) -> Detections:
-        """Return the detections at a mask, slice or index array."""
-        return Detections(self.boxes[rows], self.scores[rows], self.labels[rows])
+        scores = _rows(np.asarray(self.scores, np.float64), "scores", len(boxes))
+        vars(self).update(boxes=boxes, scores=scores, labels=_labels(self.labels, len(boxes)))
 
     @staticmethod
     def empty() -> Detections:
@@ -111,7 +105,6 @@ class Detector(Protocol):
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""
-        ...
 
 
 @runtime_checkable
@@ -122,13 +115,10 @@ class UnionDetector(Detector, Protocol):
         self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> Sequence[Detections]:
         """Detect in the points of each union together; equal to `__call__` up to rounding."""
-        ...
 
 
 def known_labels(detector: Detector) -> tuple[str, ...] | None:
-    """Names of the classes that a detector knows, in the order of `LABELS`.
-
-    They come from its attribute `labels`; None without one. Raises ValueError for an unknown class.
+    """Classes that a detector's attribute `labels` names, in the order of `LABELS`; None without it.
 
     >>> known_labels(lambda points: Detections.empty()) is None
     True
@@ -152,7 +142,7 @@ def check_known(detector: Detector, labels: Iterable[str]) -> None:
         )
 
 
-def _boxes(boxes: Any) -> np.ndarray:
+def _boxes(boxes: ArrayLike) -> np.ndarray:
     boxes = np.asarray(boxes, np.float64)
     if boxes.size == 0 and boxes.ndim < 2:
         return np.zeros((0, 7))
@@ -161,7 +151,7 @@ def _boxes(boxes: Any) -> np.ndarray:
     return boxes
 
 
-def _labels(labels: Any, n: int) -> np.ndarray:
+def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
     if labels is None:
         return np.zeros(n, np.int64)
     labels = np.asarray(labels)

@@ -22,10 +22,8 @@ COLOURS = (("red", "green", "blue"), ("r", "g", "b"))
 
 
 def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attributes:
-    """Turn named columns into a cloud's attributes.
-
-    `positions` from x, y and z, which must be there, `normals` and `colors` where present, every other column of
-    numbers under its own name. Positions are float32 or float64.
+    """Turn named columns into a cloud's attributes: `positions` of x, y and z (float32 or float64), `normals` and
+    `colors` where present, every other column of numbers under its own name.
 
     >>> {name: array.shape for name, array in name_attributes(dict.fromkeys(["x", "y", "z", "t"], np.zeros(5))).items()}
     {'positions': (5, 3), 't': (5, 1)}
@@ -94,8 +92,8 @@ class _Header:
 
 
 def read_pcd(path: str | Path) -> Attributes:
-    """Read the attributes of a PCD file's points. `positions`, `normals`, `colors` (uint8), and all other fields by
-    their names. Raises ValueError, in one line, where the file is damaged, cut off or has no x, y and z.
+    """Read the attributes of a PCD file's points (`name_attributes`), colours as uint8. Raises ValueError, in one line,
+    where the file is damaged, cut off or has no x, y and z.
     """
     content = Path(path).read_bytes()
     try:
@@ -113,9 +111,7 @@ def read_pcd(path: str | Path) -> Attributes:
 
 
 def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]]) -> bytes:
-    """Format columns of one length as a binary PCD file.
-
-    Columns are numbers of 1 to 8 bytes, in their order; there may be no rows.
+    """Format columns of one length, numbers of 1 to 8 bytes, as a binary PCD file.
 
     >>> pcd_bytes({"x": np.zeros(2, "f4"), "y": np.zeros(2, "f4"), "z": np.ones(2, "f4")})[-4:].hex()
     '0000803f'

@@ -37,9 +37,8 @@ def frame_points(
 
     sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m); points with 0 < z < height
     stay, by default the site's own height, else 4 m; z counts from the plane of a site that slopes. rng draws the
-    sensors' noise; without one the measurements are taken as they are.
-
-    Raises ValueError for an unknown sensor and for an empty area.
+    sensors' noise; without one the measurements are taken as they are. Raises ValueError for an unknown sensor or an
+    empty area.
     """
     crop = Crop.of(area, height)
     return [crop_sensor(frame, index, crop, rng) for index in select_sensors(frame.sensors, sensors)]

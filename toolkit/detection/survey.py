@@ -44,18 +44,19 @@ class Survey:
     agreeing: tuple[int, int] | None = None
     problems: dict[str, int] = field(default_factory=dict)
 
-    def points_on_objects(self, label: str | None, sensors: Sequence[int]) -> Int64[np.ndarray, " objects"]:
-        """Points of a sensor set (indices) on each object of a class, None for vehicles. Raises ValueError for a class
-        that was not counted.
-        """
-        if label is not None and label not in self.by_class:
+    def points_on_vehicles(self, sensors: Sequence[int]) -> Int64[np.ndarray, " vehicles"]:
+        """Points of a sensor set (indices) on each vehicle."""
+        return self.counts[:, list(sensors)].sum(axis=1)
+
+    def points_on_objects(self, label: str, sensors: Sequence[int]) -> Int64[np.ndarray, " objects"]:
+        """Points of a sensor set on each object of a class. Raises ValueError for a class that was not counted."""
+        if label not in self.by_class:
             raise ValueError(f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}")
-        counts = self.counts if label is None else self.by_class[label]
-        return counts[:, list(sensors)].sum(axis=1)
+        return self.by_class[label][:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
         """Share of vehicles, or objects of a class, without a point of a sensor set; NaN without any."""
-        points = self.points_on_objects(label, sensors)
+        points = self.points_on_vehicles(sensors) if label is None else self.points_on_objects(label, sensors)
         return float((points == 0).mean()) if len(points) else float("nan")
 
     def as_dict(self, sensor_sets: Sequence[Sequence[int]]) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def test_surveys_without_vehicles_or_with_errors():
     empty = survey(Recording(), reads=Reads(frames=1))
     nobody = replace(empty, counts=empty.counts[:0])
     assert np.isnan(nobody.unseen([0]))
-    assert len(nobody.points_on_objects(None, [0, 1])) == 0
+    assert len(nobody.points_on_vehicles([0, 1])) == 0
     clean, rough = survey(Recording()), survey(Recording(), reads=Reads(errors="poor"))
     assert rough.kbit_per_sensor.sum() < clean.kbit_per_sensor.sum()
     assert rough.provenance["errors"]["profile"] == "poor"
