@@ -17,7 +17,6 @@ closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
@@ -145,7 +144,10 @@ def nms(
     i, j = _near(boxes, boxes)
     i, j = i[i < j], j[i < j]
     if labels is not None:
-        alike = _check_labels(labels, len(boxes))[best_first]
+        alike = np.asarray(labels)
+        if alike.shape != (len(boxes),):
+            raise ValueError(f"labels must have one entry for each of the {len(boxes)} boxes, got shape {alike.shape}")
+        alike = alike[best_first]
         i, j = i[alike[i] == alike[j]], j[alike[i] == alike[j]]
     for _ in range(_ROUNDS):  # everywhere at once, a box better than all around it stays, and its rivals go
         beaten = np.zeros(len(boxes), bool)
@@ -170,20 +172,45 @@ def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n 
     >>> points_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]]).tolist()
     [[True], [False]]
     """
-    points, boxes = _points(points), check_boxes(boxes)
-    inside = np.zeros((len(points), len(boxes)), bool)
-    for column, rows in enumerate(_rows_inside(points, boxes)):
-        inside[rows, column] = True
+    rows = rows_in_boxes(points, boxes)
+    inside = np.zeros((len(_points(points)), len(rows)), bool)
+    for column, within in enumerate(rows):
+        inside[within, column] = True
     return inside
 
 
 def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray, " k"]]:
     """Rows of the points in each box (`points_in_boxes`), in no order.
 
+    Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
+    the box's centre in float64, which keeps map coordinates of a million metres exact.
+
     >>> rows_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
     [array([0])]
     """
-    return list(_rows_inside(_points(points), check_boxes(boxes)))
+    points, boxes = _points(points), check_boxes(boxes)
+    if not len(boxes):
+        return []
+    cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
+    half = boxes[:, 3:6] / 2 + FACE_TOLERANCE
+    reach = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + FACE_TOLERANCE
+    west, east = boxes[:, 0] - reach, boxes[:, 0] + reach
+    x = points[:, 0].astype(np.float64)
+    among = np.flatnonzero((x >= west.min()) & (x <= east.max()))
+    first, x_slice, last = (_slice_along_x(some, west.min(), east.max()) for some in (west, x[among], east))
+    order = np.argsort(x_slice, kind="stable")  # a radix sort, for 16 bit numbers
+    rows = among[order]
+    first, last = np.searchsorted(x_slice[order], first), np.searchsorted(x_slice[order], last, side="right")
+    y = points[rows, 1].astype(np.float64)
+    reach = np.abs(sin) * half[:, 0] + np.abs(cos) * half[:, 1] + FACE_TOLERANCE
+    found = []
+    for k, box in enumerate(boxes):
+        near = np.flatnonzero(np.abs(y[first[k] : last[k]] - box[1]) <= reach[k]) + first[k]
+        dx, dy, dz = (points[rows[near]].astype(np.float64) - box[:3]).T
+        ahead, aside = dx * cos[k] + dy * sin[k], dy * cos[k] - dx * sin[k]
+        inside = (np.abs(ahead) <= half[k, 0]) & (np.abs(aside) <= half[k, 1]) & (np.abs(dz) <= half[k, 2])
+        found.append(rows[near[inside]])
+    return found
 
 
 def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]:
@@ -193,13 +220,6 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]
     array([1])
     """
     return np.array([len(rows) for rows in rows_in_boxes(points, boxes)], np.int64)
-
-
-def _check_labels(labels: ArrayLike, count: int) -> np.ndarray:
-    column = np.asarray(labels)
-    if column.shape != (count,):
-        raise ValueError(f"labels must have one entry for each of the {count} boxes, got shape {column.shape}")
-    return column
 
 
 def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -245,11 +265,9 @@ def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Area shared by the footprints of row k of `a` and row k of `b`."""
-    parts = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
-    return np.concatenate([np.zeros(0), *(_overlap_area_at_once(a[part], b[part]) for part in parts)])
-
-
-def _overlap_area_at_once(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    if len(a) > _PAIRS_AT_ONCE:
+        parts = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
+        return np.concatenate([_overlap_area(a[part], b[part]) for part in parts])
     (dx, dy), cos, sin = (a[:, :2] - b[:, :2]).T, np.cos(b[:, 6]), np.sin(b[:, 6])
     x, y = _corner_offsets(a, a[:, 6] - b[:, 6])
     x, y = x + (dx * cos + dy * sin)[:, None], y + (dy * cos - dx * sin)[:, None]
@@ -259,15 +277,13 @@ def _overlap_area_at_once(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     start = np.clip(x, -half_length, half_length)
     end = np.roll(start, -1, axis=1)
     slope = rise / _nonzero(run)
-    y_start = y + (start - x) * slope
-    y_end = y + (end - x) * slope
+    y_start, y_end = y + (start - x) * slope, y + (end - x) * slope
     climb = _nonzero(y_end - y_start)
     below = np.clip((-half_width - y_start) / climb, 0, 1)  # position on the edge where y passes -w/2 ...
     above = np.clip((half_width - y_start) / climb, 0, 1)  # ... and +w/2
     turn = below + above
-    mean_y = (
-        np.clip(y_start, -half_width, half_width) * turn + np.clip(y_end, -half_width, half_width) * (2 - turn)
-    ) / 2
+    start_y, end_y = (np.clip(y, -half_width, half_width) for y in (y_start, y_end))
+    mean_y = (start_y * turn + end_y * (2 - turn)) / 2
     area = ((start - end) * mean_y).sum(axis=1)
     return np.clip(area, 0, np.minimum(a[:, 3] * a[:, 4], b[:, 3] * b[:, 4]))
 
@@ -285,33 +301,6 @@ def _points(points: ArrayLike) -> np.ndarray:
         hint = ": pass points.T?" if rows.ndim == 2 and rows.shape[0] == 3 else ""
         raise ValueError(f"points must have shape (n, 3), got {rows.shape}{hint}")
     return rows
-
-
-def _rows_inside(points: np.ndarray, boxes: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the rows of the points in each box. Points are sorted by their slice along x, so that a box looks at its
-    own slices only. Those few are measured from the box's centre in float64, which keeps map coordinates of a million
-    metres exact.
-    """
-    if not len(boxes):
-        return
-    cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    half = boxes[:, 3:6] / 2 + FACE_TOLERANCE
-    reach = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + FACE_TOLERANCE
-    west, east = boxes[:, 0] - reach, boxes[:, 0] + reach
-    x = points[:, 0].astype(np.float64)
-    among = np.flatnonzero((x >= west.min()) & (x <= east.max()))
-    first, x_slice, last = (_slice_along_x(some, west.min(), east.max()) for some in (west, x[among], east))
-    order = np.argsort(x_slice, kind="stable")  # a radix sort, for 16 bit numbers
-    rows = among[order]
-    first, last = np.searchsorted(x_slice[order], first), np.searchsorted(x_slice[order], last, side="right")
-    y = points[rows, 1].astype(np.float64)
-    reach = np.abs(sin) * half[:, 0] + np.abs(cos) * half[:, 1] + FACE_TOLERANCE
-    for k, box in enumerate(boxes):
-        near = np.flatnonzero(np.abs(y[first[k] : last[k]] - box[1]) <= reach[k]) + first[k]
-        dx, dy, dz = (points[rows[near]].astype(np.float64) - box[:3]).T
-        ahead, aside = dx * cos[k] + dy * sin[k], dy * cos[k] - dx * sin[k]
-        inside = (np.abs(ahead) <= half[k, 0]) & (np.abs(aside) <= half[k, 1]) & (np.abs(dz) <= half[k, 2])
-        yield rows[near[inside]]
 
 
 def _slice_along_x(x: np.ndarray, lowest: float, highest: float) -> np.ndarray:
