@@ -6,6 +6,8 @@ A bare training machine has no jaxtyping; there the annotations mean the array a
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING or find_spec("jaxtyping"):
     from jaxtyping import Bool as Bool
     from jaxtyping import Float as Float
@@ -23,3 +25,7 @@ else:
             return array_and_shape[0]
 
     Bool = Float = Float32 = Float64 = Int = Int32 = Int64 = Shaped = UInt8 = _Unchecked
+
+ImageMask = Bool[np.ndarray, "rows columns"]
+ImageRanges = Float32[np.ndarray, "rows columns"]
+ImageSteps = Int64[np.ndarray, "rows columns"]  # measurements in whole steps

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import compress, pairwise
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -99,27 +99,30 @@ class ClusterDetector:
         number = np.array([len(cluster) for cluster in clusters])
         scores = number / (number + 30.0)
 
-        is_car = labels == VEHICLE
-        scores[is_car] *= [np.prod(np.minimum(r.size / CAR, 1)) for r in compress(seen, is_car)]
-        height[is_car] = np.maximum(height[is_car], LOWEST_ROOF)
-        completed = iter(_complete(list(compress(seen, is_car)), points[is_background]))
-        whole = [next(completed) if car else r for r, car in zip(seen, is_car, strict=True)]
+        cars, others = np.flatnonzero(labels == VEHICLE), np.flatnonzero(labels != VEHICLE)
+        scores[cars] *= [np.prod(np.minimum(seen[k].size / CAR, 1)) for k in cars]
+        height[cars] = np.maximum(height[cars], LOWEST_ROOF)
+        completed = dict(zip(cars.tolist(), _complete([seen[k] for k in cars], points[is_background]), strict=True))
+        whole = [completed.get(k, rectangle) for k, rectangle in enumerate(seen)]
         size = np.maximum(np.column_stack([[r.size for r in whole], height]), 0.2)
         centre = np.column_stack([[r.centre for r in whole], ground + size[:, 2] / 2])
         boxes = np.column_stack([centre, size, [r.yaw for r in whole]])
-        cars = np.flatnonzero(is_car)
-        rows = np.concatenate([cars[nms(boxes[cars], scores[cars], OVERLAP)], np.flatnonzero(~is_car)])
+        rows = np.concatenate([cars[nms(boxes[cars], scores[cars], OVERLAP)], others])
         return Detections(boxes, scores, labels)[rows]
 
     def _clusters(self, points: Float64[np.ndarray, "n 3"], reach: tuple[float, ...]) -> list[np.ndarray]:
         if len(points) < self.fewest:
             return []
-        label = _dbscan(points, self.cell, reach[0])
+        index = ((points[:, :2] - points[:, :2].min(axis=0)) / self.cell).astype(np.int64)  # cells seen from above
+        keys, which = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
+        cells = np.column_stack([keys >> 32, keys & 0xFFFFFFFF, np.zeros(len(keys))]) * self.cell
+        label = _dbscan(cells, reach[0], 1)[which]
         order = np.argsort(label, kind="stable")
         parts = np.split(points[order], np.flatnonzero(np.diff(label[order])) + 1)
         clusters = []
         for part in parts:
-            if len(reach) > 1 and np.ptp(part[:, :2], axis=0).max() > LONGEST_CAR / 2 and _fit(part[:, :2]).too_large:
+            too_large = len(reach) > 1 and np.ptp(part[:, :2], axis=0).max() > LONGEST_CAR / 2
+            if too_large and (_fit(part[:, :2]).size > [LONGEST_CAR, WIDEST_CAR]).any():
                 clusters.extend(self._clusters(part, reach[1:]))
             elif len(part) >= self.fewest:
                 clusters.append(part)
@@ -152,18 +155,10 @@ class _Rectangle(NamedTuple):
         at_low, at_high = np.array([[self.at_low[1], self.at_high[0]], [self.at_high[1], self.at_low[0]]])
         return _Rectangle(self.yaw + np.pi / 2, low, high, at_low, at_high)
 
-    @property
-    def too_large(self) -> bool:
-        return bool(self.size[0] > LONGEST_CAR or self.size[1] > WIDEST_CAR)
 
-
-def _dbscan(points: np.ndarray, cell: float, reach: float) -> Int64[np.ndarray, " n"]:
-    """Cluster number of each point, by DBSCAN on the points' cells seen from above."""
-    index = ((points[:, :2] - points[:, :2].min(axis=0)) / cell).astype(np.int64)
-    keys, which = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
-    centres = np.column_stack([(keys >> 32) * cell, (keys & 0xFFFFFFFF) * cell, np.zeros(len(keys))])
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(centres))
-    return np.asarray(cloud.cluster_dbscan(eps=reach, min_points=1), np.int64)[which]
+def _dbscan(points: Float64[np.ndarray, "n 3"], reach: float, fewest: int) -> Int64[np.ndarray, " n"]:
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    return np.asarray(cloud.cluster_dbscan(eps=reach, min_points=fewest), np.int64)
 
 
 def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
@@ -186,27 +181,23 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
 
 
 def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
-    """Complete rectangles of cars to the usual size, in the way that covers least of the visible background."""
-    ways = [_ways_to_complete(car) for car in cars]
-    flat = [way for some in ways for way in some]
-    columns = [(*way.centre, 0.0, *np.maximum(way.size - 0.3, 0.1), 100.0, way.yaw) for way, _ in flat]
-    cost = count_points(background, np.array(columns).reshape(-1, 7)) + DOUBT * np.array([doubt for _, doubt in flat])
-    first = np.cumsum([0, *(len(some) for some in ways)])
-    return [flat[a + int(cost[a:b].argmin())][0] for a, b in pairwise(first)]
+    """Complete rectangles of cars to the usual size, in the way that covers least of the visible background.
 
-
-def _ways_to_complete(seen: _Rectangle) -> list[tuple[_Rectangle, float]]:
-    """Return possible completions of a rectangle, with doubts: the share of points on the sides that grow. A short side
-    grows to one end or the other; a longer side that may be a car's width is tried as such.
+    A short side grows to one end or the other; a longer side that may be a car's width is tried as such. In doubt is
+    the share of points on the sides that grow: a side with many points was seen as it is.
     """
-    ways = []
-    for rectangle in [seen, seen.turn()] if seen.size[0] < WIDEST_CAR else [seen]:
-        missing = np.where(rectangle.size < [LENGTH_SEEN, CAR[1]], CAR - rectangle.size, 0.0)
-        for at_high in np.array([[False, False], [False, True], [True, False], [True, True]]):
-            low, high = rectangle.low - missing * ~at_high, rectangle.high + missing * at_high
-            doubt = np.where(at_high, rectangle.at_high, rectangle.at_low) @ (missing > 0)
-            ways.append((rectangle._replace(low=low, high=high), float(doubt)))
-    return ways
+    ways, doubts, first = list[_Rectangle](), list[float](), [0]
+    for seen in cars:
+        for rectangle in [seen, seen.turn()] if seen.size[0] < WIDEST_CAR else [seen]:
+            missing = np.where(rectangle.size < [LENGTH_SEEN, CAR[1]], CAR - rectangle.size, 0.0)
+            for at_high in np.array([[False, False], [False, True], [True, False], [True, True]]):
+                low, high = rectangle.low - missing * ~at_high, rectangle.high + missing * at_high
+                ways.append(rectangle._replace(low=low, high=high))
+                doubts.append(float(np.where(at_high, rectangle.at_high, rectangle.at_low) @ (missing > 0)))
+        first.append(len(ways))
+    columns = [(*way.centre, 0.0, *np.maximum(way.size - 0.3, 0.1), 100.0, way.yaw) for way in ways]
+    cost = count_points(background, np.array(columns).reshape(-1, 7)) + DOUBT * np.array(doubts)
+    return [ways[a + int(cost[a:b].argmin())] for a, b in pairwise(first)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,11 +274,7 @@ def cluster_points(
     >>> cluster_points(np.array([[0.0, 0, 0], [0.1, 0, 0], [5, 0, 0], [9, 0, 0], [9, 0.1, 0]]), reach=0.5, fewest=2)
     array([ 0,  0, -1,  1,  1])
     """
-    if not len(points):
-        return np.zeros(0, np.int64)
-    middle = points.mean(axis=0)
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points - middle))
-    return np.asarray(cloud.cluster_dbscan(eps=reach, min_points=fewest), np.int64)
+    return _dbscan(points - points.mean(axis=0), reach, fewest) if len(points) else np.zeros(0, np.int64)
 
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(), *, seed: int = 0) -> AreaClusters:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64
+from toolkit.arrays import Float32, Float64, ImageRanges
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor
 
@@ -57,7 +57,7 @@ class RangeImage:
     """Pixels that one sensor sends of an image (m, 0 for others), time (s) and number of the frame."""
 
     sensor: Sensor
-    measurement: Float32[np.ndarray, "rows columns"]
+    measurement: ImageRanges
     time: float = 0.0
     number: int = 0
 
@@ -69,7 +69,7 @@ class ImageCodec(Protocol):
     def encode_image(self, image: RangeImage, /) -> Message:
         """Encode pixels of one sensor in one frame."""
 
-    def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
+    def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
         """Decode an image of the sensor. 0 where nothing arrived."""
 
 

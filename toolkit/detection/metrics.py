@@ -63,13 +63,6 @@ class Match:
     hit: Bool[np.ndarray, " m"]
     scored: Bool[np.ndarray, " m"]
 
-    @property
-    def truth_iou(self) -> Float64[np.ndarray, " m"]:
-        """IoU of each truth with the detection that hit it, 0 where none did."""
-        iou, hitting = np.zeros(len(self.hit)), self.truth >= 0
-        iou[self.truth[hitting]] = self.iou[hitting]
-        return iou
-
 
 @dataclass(frozen=True)
 class Curve:
@@ -144,12 +137,18 @@ def evaluate(
     >>> evaluate([Detections(car, np.array([0.9]))], [Objects(car)], iou_thresholds=[0.7])[0.7].ap
     1.0
     """
-    _check_names(metric, protocol)
-    thresholds = list(dict.fromkeys(map(_check_threshold, iou_thresholds)))
+    thresholds = list(dict.fromkeys(_check(iou_thresholds, metric, protocol)))
     scores: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0)] for threshold in thresholds}
     hits: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
     to_find = 0
-    for frame in _frames(detections, truths, label_index(label), counted):
+    masks = repeat(None) if counted is None else iter(counted)
+    for number, (detected, there) in enumerate(zip_longest(detections, truths)):
+        mask = next(masks, None)
+        if detected is None or there is None or (counted is not None and mask is None):
+            raise ValueError(
+                f"detections, truths and counted must have equally many frames, but one ended after {number}"
+            )
+        frame = _frame(detected, there, label_index(label), mask, f" of frame {number}")
         if protocol == "published" and not len(frame.truths):
             continue
         overlaps = _overlaps(frame, metric, protocol)
@@ -194,12 +193,12 @@ def matches(
     counted: ArrayLike | None = None,
 ) -> Iterator[Match]:
     """Yield `match` at several IoU thresholds."""
-    _check_names(metric, protocol)
+    thresholds = _check(iou_thresholds, metric, protocol)
     frame = _frame(detections, truths, label_index(label), counted)
     overlaps = _overlaps(frame, metric, protocol)
     rows = frame.rows[overlaps.order]
-    for threshold in iou_thresholds:
-        taken, ignored = _resolve(overlaps, _check_threshold(threshold), protocol)
+    for threshold in thresholds:
+        taken, ignored = _resolve(overlaps, threshold, protocol)
         hitting = np.flatnonzero(taken >= 0)
         result = Match(
             truth=np.full(len(detections), -1),
@@ -333,19 +332,6 @@ def _resolve(overlaps: _Overlaps, threshold: float, protocol: Protocol) -> tuple
     return taken, ((iou >= threshold) | (share > MOSTLY)) & (taken < 0)
 
 
-def _frames(
-    detections: Iterable[Detections], truths: Iterable[Objects], label: int, counted: Iterable[ArrayLike] | None
-) -> Iterator[_Frame]:
-    masks = repeat(None) if counted is None else iter(counted)
-    for number, (detected, there) in enumerate(zip_longest(detections, truths)):
-        mask = next(masks, None)
-        if detected is None or there is None or (counted is not None and mask is None):
-            raise ValueError(
-                f"detections, truths and counted must have equally many frames, but one ended after {number}"
-            )
-        yield _frame(detected, there, label, mask, f" of frame {number}")
-
-
 def _frame(detected: Detections, there: Objects, label: int, counted: ArrayLike | None, where: str = "") -> _Frame:
     if np.isnan(detected.scores).any():
         raise ValueError(f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{where} is NaN")
@@ -376,14 +362,13 @@ def _score(scores: np.ndarray, hits: np.ndarray, truths: int) -> DetectionScore:
     )
 
 
-def _check_threshold(iou_threshold: float) -> float:
-    if not 0 < iou_threshold <= 1:
-        raise ValueError(f"an IoU threshold must lie in (0, 1], got {iou_threshold}")
-    return float(iou_threshold)
-
-
-def _check_names(metric: str, protocol: str) -> None:
+def _check(iou_thresholds: Iterable[float], metric: str, protocol: str) -> list[float]:
     if metric not in ("3d", "bev") or protocol not in ("exact", "published"):
         raise ValueError(
             f'metric must be "3d" or "bev" and protocol "exact" or "published", got {metric!r}, {protocol!r}'
         )
+    thresholds = [float(threshold) for threshold in iou_thresholds]
+    for threshold in thresholds:
+        if not 0 < threshold <= 1:
+            raise ValueError(f"an IoU threshold must lie in (0, 1], got {threshold}")
+    return thresholds

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Float64
+from toolkit.arrays import Float64, ImageMask, ImageRanges
 from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
 from toolkit.sensors.sensor import Sensor, is_return
 
@@ -51,9 +51,9 @@ class Shown(NamedTuple):
     """
 
     time: float
-    image: Float32[np.ndarray, "rows columns"]
-    sent: Bool[np.ndarray, "rows columns"] | None = None
-    missing: Bool[np.ndarray, "rows columns"] | None = None
+    image: ImageRanges
+    sent: ImageMask | None = None
+    missing: ImageMask | None = None
 
 
 class SensorMonitor:
@@ -68,22 +68,17 @@ class SensorMonitor:
         *,
         start: float = 0.0,
         silent_after: float = SILENT_AFTER,
-        view: Bool[np.ndarray, "rows columns"] | None = None,
+        view: ImageMask | None = None,
     ) -> None:
         if not 0 < silent_after < np.inf:
             raise ValueError(f"silent_after must be seconds above 0, got {silent_after}: such as {SILENT_AFTER}")
         self._scene, self._silent_after, self._newest = scene, silent_after, start
         self._returns = (scene.first > 0) & (scene.share >= HALF)
         self._returns &= True if view is None else view
-        self._pixels: Float32[np.ndarray, "rows columns"] | None = None
+        self._pixels: ImageRanges | None = None
         self._repeats = self._blind = self._shifted = 0
 
-    def look(
-        self,
-        now: float,
-        shown: Shown | None,
-        covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None = None,
-    ) -> Fault | None:
+    def look(self, now: float, shown: Shown | None, covered: Callable[[], ImageMask] | None = None) -> Fault | None:
         """Return the fault of the sensor at a time, None without one. shown: newest data, None before the first;
         covered: returns the mask of the pixels where objects that others see stand before its empty scene, called only
         if foreground has hardly a pixel. Raises ValueError for an image of another size than the empty scene.
@@ -93,7 +88,20 @@ class SensorMonitor:
             raise ValueError(f"sensor {self._scene.name!r} measures {size} pixels, got an image of {shown.image.shape}")
         if shown is not None and (self._pixels is None or shown.time > self._newest):
             self._newest = shown.time
-            self._take(shown, covered)
+            there = is_return(shown.image, self._scene.model.max_range)
+            there &= True if shown.sent is None else shown.sent
+            pixels, count = np.where(there, shown.image, np.float32(0)), int(there.sum())
+            enough = count >= LEAST_REPEATED
+            same = self._pixels is not None and enough and np.array_equal(pixels, self._pixels)
+            self._repeats, self._pixels = self._repeats + 1 if same else 0, pixels
+            missing = ~there if shown.sent is None else shown.missing
+            blind = missing is not None and bool((missing & self._returns).sum() > BLIND_SHARE * self._returns.sum())
+            if not blind and shown.sent is not None and covered is not None and not enough:
+                expected = covered()
+                blind = bool(expected.sum() >= LEAST_COVERED and (there & expected).sum() < SEEN_SHARE * expected.sum())
+            self._blind = self._blind + 1 if blind else 0
+            shifted = shown.sent is None and enough and farther(self._scene, pixels).sum() > SHIFTED_SHARE * count
+            self._shifted = self._shifted + 1 if shifted else 0
         if now - self._newest > self._silent_after + 1e-9:
             return Fault.SILENT
         if self._repeats >= REPEATS:
@@ -102,25 +110,8 @@ class SensorMonitor:
             return Fault.BLINDED
         return Fault.SHIFTED if self._shifted >= MESSAGES else None
 
-    def _take(self, shown: Shown, covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None) -> None:
-        """Take in one message."""
-        there = is_return(shown.image, self._scene.model.max_range)
-        there &= True if shown.sent is None else shown.sent
-        pixels, count = np.where(there, shown.image, np.float32(0)), int(there.sum())
-        enough = count >= LEAST_REPEATED
-        same = self._pixels is not None and enough and np.array_equal(pixels, self._pixels)
-        self._repeats, self._pixels = self._repeats + 1 if same else 0, pixels
-        missing = ~there if shown.sent is None else shown.missing
-        blind = missing is not None and bool((missing & self._returns).sum() > BLIND_SHARE * self._returns.sum())
-        if not blind and shown.sent is not None and covered is not None and not enough:
-            expected = covered()
-            blind = bool(expected.sum() >= LEAST_COVERED and (there & expected).sum() < SEEN_SHARE * expected.sum())
-        self._blind = self._blind + 1 if blind else 0
-        shifted = shown.sent is None and enough and farther(self._scene, pixels).sum() > SHIFTED_SHARE * count
-        self._shifted = self._shifted + 1 if shifted else 0
 
-
-def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
+def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
     """Mask of pixels that measure beyond the empty scene."""
     last = np.fmax(scene.first, np.nan_to_num(scene.second))
     spread = np.where(np.nan_to_num(scene.second) > scene.first, scene.second_spread, scene.spread)
@@ -128,9 +119,7 @@ def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bo
     return np.asarray(solid & (image > last + SIGMAS * spread))
 
 
-def standing_before(
-    scene: EmptyScene, sensor: Sensor, boxes: Float64[np.ndarray, "n 7"]
-) -> Bool[np.ndarray, "rows columns"]:
+def standing_before(scene: EmptyScene, sensor: Sensor, boxes: Float64[np.ndarray, "n 7"]) -> ImageMask:
     """Mask of pixels in which a sensor must see one of these boxes, or something nearer, before its empty scene."""
     nothing = np.float32(np.inf)
     behind = np.where(scene.first > 0, np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)), nothing)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Bool, Float32, ImageRanges, Int64
 from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.scenes import Scenes
@@ -68,7 +68,7 @@ class Captured:
         return self.frame.sensors[self.index]
 
     @property
-    def measurement(self) -> Float32[np.ndarray, "rows columns"]:
+    def measurement(self) -> ImageRanges:
         """Measurements of the whole image."""
         return self.frame.images[self.index]
 
@@ -85,7 +85,7 @@ class Captured:
         sent[pixels] = self.measurement.ravel()[pixels]
         return RangeImage(self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index)
 
-    def points(self, image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "n 3"]:
+    def points(self, image: ImageRanges) -> Float32[np.ndarray, "n 3"]:
         """Points that an image of this sensor measures, world frame. Only pixels that return anything have one."""
         xyz, valid = unproject(self.sensor, image, self.frame.shifts[self.index] if self.frame.shifts else None)
         points = np.ascontiguousarray(xyz[:, valid].T)

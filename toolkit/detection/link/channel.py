@@ -1,7 +1,5 @@
 """Channels: delay, jitter, loss and rate of messages.
 
-Frames are given as they arrive.
-
 Losses come singly or in bursts. A channel has the two states of Gilbert and Elliott: one loses every message, the other
 none (Gilbert: Capacity of a burst-noise channel, Bell System Technical Journal 39, 1960). With a share l lost in bursts
 of b messages on average, the bad state ends after a message with probability 1 / b and begins with l / (b (1 - l)).
@@ -136,30 +134,19 @@ def delay_frames(
         history.append(now)
         for times, line in zip(arrived, lines, strict=True):
             times.append(line.arrival(now.time))
-        newest = [_newest(times, history, now.time, needed) for times in arrived]
+        newest: list[int | None] = []  # number of the newest frame of each sensor that can be read
+        for times in arrived:
+            young = [j for j, frame in enumerate(history) if now.time - frame.time <= STALE + 1e-9]
+            read = ((j, [j] if needed is None else needed(j)) for j in reversed(young))
+            newest.append(next((j for j, of in read if all(times[each] <= now.time + 1e-9 for each in of)), None))
         sent, _ = _put_together(history, [len(history) - 1] * len(arrived), frozen)
         yield Lagged(*_put_together(history, newest, frozen), now.time - history[0].time, sent)
-
-
-def _newest(
-    arrivals: Sequence[float],
-    history: Sequence[Frame],
-    now: float,
-    needed: Callable[[int], Sequence[int]] | None,
-) -> int | None:
-    """Number of the newest readable frame. Frames that are too old do not count."""
-    for k in range(len(arrivals) - 1, -1, -1):
-        if now - history[k].time > STALE + 1e-9:
-            return None
-        if all(arrivals[each] <= now + 1e-9 for each in ([k] if needed is None else needed(k))):
-            return k
-    return None
 
 
 def _put_together(
     history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
 ) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
-    """Combine these instants into a frame. The apparent age of each measurement is given too."""
+    """Combine these instants into a frame, with the apparent age of each measurement."""
     now = history[-1]
     sensors, measurements, shifts, ages = [], [], [], []
     for sensor, k in enumerate(newest):

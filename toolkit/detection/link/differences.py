@@ -39,7 +39,7 @@ from typing import Literal
 
 import numpy as np
 
-from toolkit.arrays import Bool, Int64
+from toolkit.arrays import Bool, ImageMask, ImageSteps
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link.foreground import (
@@ -96,7 +96,7 @@ class DifferenceSender:
         self._reference: Reference | None = None
         self._key = 0
 
-    def write(self, image: RangeImage, missing: Bool[np.ndarray, "rows columns"] | None = None) -> bytes:
+    def write(self, image: RangeImage, missing: ImageMask | None = None) -> bytes:
         """Write the next message. Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is
         sent whole when due, when that is smaller because few pixels stand still, and when numbers do not continue.
         """
@@ -186,13 +186,11 @@ class Reference:
 
     number: int
     step_mm: int
-    fine: Int64[np.ndarray, "rows columns"]
-    images: Int64[np.ndarray, "rows columns"]
+    fine: ImageSteps
+    images: ImageSteps
 
     @staticmethod
-    def of(
-        number: int, step_mm: int, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
-    ) -> Reference:
+    def of(number: int, step_mm: int, steps: ImageSteps, sent: ImageMask) -> Reference:
         """Start from an image that was sent whole."""
         return Reference(number, step_mm, np.where(sent, _FINE * steps, 0), sent.astype(np.int64))
 
@@ -204,18 +202,16 @@ class Reference:
         return zlib.crc32(np.concatenate(parts).astype("<i8").tobytes())
 
     @cached_property
-    def known(self) -> Bool[np.ndarray, "rows columns"]:
+    def known(self) -> ImageMask:
         """Mask of the pixels it has."""
         return self.images > 0
 
     @cached_property
-    def whole_steps(self) -> Int64[np.ndarray, "rows columns"]:
+    def whole_steps(self) -> ImageSteps:
         """Mean measurements in whole steps, halves rounded up."""
         return (self.fine + _FINE // 2) >> _FINE_BITS
 
-    def after(
-        self, number: int, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
-    ) -> Reference:
+    def after(self, number: int, steps: ImageSteps, sent: ImageMask) -> Reference:
         """State after one more image. Means continue where pixels stand still, and restart where they do not."""
         stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
         images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
@@ -225,32 +221,25 @@ class Reference:
         fine[sent], counts[sent] = moved, images
         return Reference(number, self.step_mm, fine, counts)
 
-    def standing(
-        self, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
-    ) -> Bool[np.ndarray, "rows columns"]:
+    def standing(self, steps: ImageSteps, sent: ImageMask) -> ImageMask:
         """Mask of sent pixels that measure what it says."""
         most = max(1, (STILL_MM + self.step_mm // 2) // self.step_mm)
         return sent & self.known & (np.abs(steps - self.whole_steps) <= most)
 
-    def predict(self, pixels: Bool[np.ndarray, "rows columns"]) -> tuple[np.ndarray, np.ndarray]:
+    def predict(self, pixels: ImageMask) -> tuple[np.ndarray, np.ndarray]:
         """Mean of pixels in whole steps, and 1 where it was rounded down, else -1."""
         fine, whole = self.fine[pixels], self.whole_steps[pixels]
         return whole, np.where(fine >= _FINE * whole, 1, -1)
 
 
-def still_squares(
-    reference: Reference, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
-) -> Bool[np.ndarray, "down across"]:
+def still_squares(reference: Reference, steps: ImageSteps, sent: ImageMask) -> Bool[np.ndarray, "down across"]:
     """Mark squares that the reference predicts better than neighbours do."""
     stands = _count_pixels(reference.standing(steps, sent))
     return (stands > 0) & (stands > STILL_SHARE * _count_pixels(reference.known))
 
 
 def encode_difference(
-    steps: Int64[np.ndarray, "rows columns"],
-    sent: Bool[np.ndarray, "rows columns"],
-    reference: Reference,
-    squares: Bool[np.ndarray, "down across"],
+    steps: ImageSteps, sent: ImageMask, reference: Reference, squares: Bool[np.ndarray, "down across"]
 ) -> bytes:
     """Encode the sent pixels. squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and
     for an image of another shape.
@@ -270,9 +259,7 @@ def encode_difference(
     )
 
 
-def decode_difference(
-    content: bytes, start: int, reference: Reference
-) -> tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"], int]:
+def decode_difference(content: bytes, start: int, reference: Reference) -> tuple[ImageSteps, ImageMask, int]:
     """Decode the pixels that begin at `start`: steps (0 if not sent), mask of sent pixels, and end. Raises ValueError
     for bytes that `encode_difference` does not write.
     """
@@ -342,9 +329,7 @@ class ForegroundDifferences(SendsForeground):
         """Bits that sensors send of a frame, arrived or not."""
         return [self._transmit(view, sensor).bits for sensor in sensors]
 
-    def _exchange(
-        self, view: View, sensor: int, image: RangeImage, missing: Bool[np.ndarray, "rows columns"]
-    ) -> tuple[bytes, Restored]:
+    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
         def begin() -> tuple[DifferenceSender, DifferenceReader]:
             scene = view.scene(sensor)
             sender = DifferenceSender(scene, step=self.step, refers_to=self.refers_to, key_every=self.key_every)

@@ -20,7 +20,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps, Int64
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.codec import Parameters, RangeImage
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
@@ -77,9 +77,7 @@ class SendsForeground(Parameters):
 
         return view.transmit(sensor, self.digest, through)
 
-    def _exchange(
-        self, view: View, sensor: int, image: RangeImage, missing: Bool[np.ndarray, "rows columns"]
-    ) -> tuple[bytes, Restored]:
+    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
         """Message of a sensor, and what the centre restores of it."""
         raise NotImplementedError
 
@@ -99,9 +97,7 @@ class Foreground(SendsForeground):
         if not 0 < self.sigmas < np.inf:
             raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
 
-    def _exchange(
-        self, view: View, sensor: int, image: RangeImage, missing: Bool[np.ndarray, "rows columns"]
-    ) -> tuple[bytes, Restored]:
+    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
         scene = view.scene(sensor)
         message = encode_foreground(image, scene, missing, step=self.step)
         return message, decode_foreground(message, scene)
@@ -111,17 +107,13 @@ class Restored(NamedTuple):
     """Image restored at the centre, masks of sent and missing pixels (0 in the image), and the message's header."""
 
     header: MessageHeader
-    image: Float32[np.ndarray, "rows columns"]
-    sent: Bool[np.ndarray, "rows columns"]
-    missing: Bool[np.ndarray, "rows columns"]
+    image: ImageRanges
+    sent: ImageMask
+    missing: ImageMask
 
 
 def encode_foreground(
-    image: RangeImage,
-    scene: EmptyScene,
-    missing: Bool[np.ndarray, "rows columns"] | None = None,
-    *,
-    step: float = 0.02,
+    image: RangeImage, scene: EmptyScene, missing: ImageMask | None = None, *, step: float = 0.02
 ) -> bytes:
     """Encode an image's foreground, all pixels that return something, and missing pixels. Raises ValueError for the
     empty scene of another sensor, and for a missing pixel that returns something.
@@ -135,9 +127,9 @@ class SentPixels(NamedTuple):
     """Header of a message, measurements in steps, and masks of sent and missing pixels."""
 
     header: MessageHeader
-    steps: Int64[np.ndarray, "rows columns"]
-    sent: Bool[np.ndarray, "rows columns"]
-    missing: Bool[np.ndarray, "rows columns"]
+    steps: ImageSteps
+    sent: ImageMask
+    missing: ImageMask
 
     def restore(self, scene: EmptyScene) -> Restored:
         """Draw the empty scene into all pixels that are neither sent nor missing."""
@@ -161,9 +153,7 @@ def read_foreground(message: bytes, scene: EmptyScene) -> SentPixels:
     return SentPixels(header, steps, sent, decode_missing(content, end, sent))
 
 
-def check_pixels(
-    image: RangeImage, scene: EmptyScene, missing: Bool[np.ndarray, "rows columns"] | None
-) -> tuple[Bool[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
+def check_pixels(image: RangeImage, scene: EmptyScene, missing: ImageMask | None) -> tuple[ImageMask, ImageMask]:
     """Masks of sent and missing pixels of an image. Raises ValueError as `encode_foreground`."""
     if (image.sensor.name, image.sensor.model) != (scene.name, scene.model):
         raise ValueError(f"the empty scene is of {scene.name!r}, {scene.model}, the image of {image.sensor.name!r}")
@@ -191,7 +181,7 @@ def check_scene(header: MessageHeader, kind: MessageKind, scene: EmptyScene) -> 
     check_header(header, kind, sensor=number, rows=rows, columns=columns, scene=scene_number(scene))
 
 
-def decode_missing(content: bytes, start: int, sent: Bool[np.ndarray, "rows columns"]) -> np.ndarray:
+def decode_missing(content: bytes, start: int, sent: ImageMask) -> np.ndarray:
     """Decode the missing pixels that begin at `start`. Raises ValueError for any other bytes."""
     if start == len(content):
         return np.zeros(sent.shape, bool)
@@ -236,7 +226,7 @@ class StandsOut(NamedTuple):
     """Pixels of an image to send, ascending row after row, and mask of those without anything the scene has."""
 
     pixels: Int64[np.ndarray, " n"]
-    missing: Bool[np.ndarray, "rows columns"]
+    missing: ImageMask
 
 
 def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) -> StandsOut:
@@ -265,7 +255,7 @@ def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> D
     return DrawnScene(points[kept], np.flatnonzero(valid)[kept])
 
 
-def _keep_company(gone: Bool[np.ndarray, "rows columns"], expected: Bool[np.ndarray, "rows columns"]) -> np.ndarray:
+def _keep_company(gone: ImageMask, expected: ImageMask) -> np.ndarray:
     """Mask of missing pixels of which at least half of the expected pixels about them are missing too."""
     certain = gone & expected
     if not certain.any():
@@ -277,7 +267,7 @@ def _keep_company(gone: Bool[np.ndarray, "rows columns"], expected: Bool[np.ndar
     return gone & (missing > 0) & (2 * missing >= there) & enough
 
 
-def _count_around(mask: Bool[np.ndarray, "rows columns"]) -> Int64[np.ndarray, "rows columns"]:
+def _count_around(mask: ImageMask) -> ImageSteps:
     """Count mask pixels in the square about each pixel."""
     side = 2 * COMPANY + 1
     sums = np.pad(np.pad(mask, COMPANY).astype(np.int64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))

@@ -24,7 +24,7 @@ import zlib
 
 import numpy as np
 
-from toolkit.arrays import Bool, Int64
+from toolkit.arrays import ImageMask, ImageSteps, Int64
 
 LARGEST = (1 << 32) - 1
 _SMALL, _FIRST_SIZE = 8, 4  # numbers that are their own symbol; bits of the smallest other number
@@ -132,14 +132,12 @@ MOST_STEPS = 1 << 24  # of a measurement; 2 cm make it 335 km
 _ALONG_ROWS, _LEFT_AND_UP = 0, 1
 
 
-def encode_pixels(steps: Int64[np.ndarray, "rows columns"], mask: Bool[np.ndarray, "rows columns"]) -> bytes:
+def encode_pixels(steps: ImageSteps, mask: ImageMask) -> bytes:
     """Encode the pixels of the mask. Raises ValueError for steps below 0 or from 2^24 on."""
     return encode_mask(mask) + encode_values(steps, mask)
 
 
-def decode_pixels(
-    content: bytes, shape: tuple[int, int]
-) -> tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
+def decode_pixels(content: bytes, shape: tuple[int, int]) -> tuple[ImageSteps, ImageMask]:
     """Decode steps (0 outside the mask) and the mask. Raises ValueError for other bytes."""
     steps, mask, end = read_pixels(content, 0, shape)
     if end != len(content):
@@ -147,16 +145,14 @@ def decode_pixels(
     return steps, mask
 
 
-def read_pixels(
-    content: bytes, start: int, shape: tuple[int, int]
-) -> tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"], int]:
+def read_pixels(content: bytes, start: int, shape: tuple[int, int]) -> tuple[ImageSteps, ImageMask, int]:
     """Decode pixels that begin at `start`, and return their end."""
     mask, start = decode_mask(content, start, shape)
     steps, end = decode_values(content, start, mask)
     return steps, mask, end
 
 
-def encode_mask(mask: Bool[np.ndarray, "rows columns"]) -> bytes:
+def encode_mask(mask: ImageMask) -> bytes:
     """Encode a mask in the shorter of both ways."""
     across = mask.copy()
     across[1:] ^= mask[:-1]
@@ -166,7 +162,7 @@ def encode_mask(mask: Bool[np.ndarray, "rows columns"]) -> bytes:
     return min((bytes([way]) + each for way, each in packed.items()), key=len)
 
 
-def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Bool[np.ndarray, "rows columns"], int]:
+def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[ImageMask, int]:
     """Decode a mask, and return its end. Raises ValueError for bytes that `encode_mask` does not write."""
     rows, columns = shape
     if start >= len(content) or content[start] not in (_ALONG_ROWS, _LEFT_AND_UP):
@@ -182,11 +178,7 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Boo
     return np.logical_xor.accumulate(np.logical_xor.accumulate(changes.reshape(shape), axis=1), axis=0), end
 
 
-def encode_values(
-    steps: Int64[np.ndarray, "rows columns"],
-    mask: Bool[np.ndarray, "rows columns"],
-    given: Bool[np.ndarray, "rows columns"] | None = None,
-) -> bytes:
+def encode_values(steps: ImageSteps, mask: ImageMask, given: ImageMask | None = None) -> bytes:
     """Encode measurements of a mask's pixels. given: other pixels, known to the reader. Raises ValueError for steps
     below 0 or from 2^24 on.
     """
@@ -197,11 +189,8 @@ def encode_values(
 
 
 def decode_values(
-    content: bytes,
-    start: int,
-    mask: Bool[np.ndarray, "rows columns"],
-    given: tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]] | None = None,
-) -> tuple[Int64[np.ndarray, "rows columns"], int]:
+    content: bytes, start: int, mask: ImageMask, given: tuple[ImageSteps, ImageMask] | None = None
+) -> tuple[ImageSteps, int]:
     """Decode steps of a mask's pixels, 0 elsewhere, and return their end. given: steps and mask of other known pixels.
     Raises ValueError for bytes that `encode_values` does not write.
     """

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Float32, Float64, ImageMask, ImageRanges, ImageSteps
 from toolkit.detection.codec import PAPER, Amount, Codec, Message, Parameters, RangeImage
 from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_fixed, write_fixed
 from toolkit.detection.link.message import (
@@ -117,7 +117,7 @@ class RangeImages(Parameters):
         content = write_message(header, encode_pixels(to_steps(image.measurement, sent, self.step), sent))
         return Message(content, 8 * len(content))
 
-    def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
+    def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
         """Decode an image, 0 where nothing was sent. Raises ValueError for a message that is damaged or of another
         sensor.
         """
@@ -160,18 +160,14 @@ def image_header(kind: MessageKind, image: RangeImage, step: float, scene: int =
     return MessageHeader(kind, *fields, rows, columns, scene)
 
 
-def to_steps(
-    measurement: Float32[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float
-) -> Int64[np.ndarray, "rows columns"]:
+def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSteps:
     """Convert measurements to whole steps, 0 for pixels that are not sent."""
     steps = np.zeros(measurement.shape, np.int64)
     steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
     return steps
 
 
-def from_steps(
-    steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float, model: SensorModel
-) -> Float32[np.ndarray, "rows columns"]:
+def from_steps(steps: ImageSteps, sent: ImageMask, step: float, model: SensorModel) -> ImageRanges:
     """Convert steps of sent pixels to measurements (m), above 0 and below the model's range."""
     last = np.nextafter(np.float32(model.max_range), np.float32(0))
     measured = np.zeros(steps.shape, np.float32)

@@ -1,6 +1,6 @@
-"""`Tracks`: current places of earlier detections.
+"""`Tracks`: current places of earlier detections, which move at constant velocity.
 
-They move at constant velocity. Each track is a Kalman filter of position and velocity in the ground plane (Bar-Shalom,
+Each track is a Kalman filter of position and velocity in the ground plane (Bar-Shalom,
 Li and Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section 6.2: white noise
 acceleration). A detection joins the nearest track of its label within a gate, the nearest pairs first. At ten frames a
 second road users move by at most a third of the distance between them. An optimal assignment would join the same pairs,
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from toolkit.arrays import Float64, Int64
 from toolkit.objects import Detections
 
 GATE, WIDEST_GATE = 1.0, 8.0  # m between a detection and where its track is predicted
@@ -45,23 +44,39 @@ class Tracks:
         """Update with detections in measurements of a time. Raises ValueError for a time before the last one."""
         if len(self) and time < self._time:
             raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
-        again = bool(len(self)) and time == self._time
-        self._predict(time)
-        rows = self._join(detections)
-        matched = np.flatnonzero(rows >= 0)
+        step, again = time - self._time if len(self) else 0.0, bool(len(self)) and time == self._time
+        move, pushed = np.eye(4), np.array([step**2 / 2, step]) * ACCELERATION
+        move[[0, 1], [2, 3]] = step
+        state = self._state @ move.T
+        covariance = move @ self._covariance @ move.T + np.kron(np.outer(pushed, pushed), np.eye(2))
+
+        apart = np.linalg.norm(detections.boxes[:, None, :2] - state[None, :, :2], axis=2)
+        apart[detections.labels[:, None] != self._labels[None]] = np.inf
+        variance = np.diagonal(covariance, axis1=1, axis2=2)[:, :2].max(axis=1, initial=0)
+        rows, taken = np.full(len(detections), -1, np.int64), np.zeros(len(self), bool)  # track of each detection
+        near = np.argwhere(apart <= np.minimum(GATE + SIGMA * np.sqrt(variance), WIDEST_GATE))
+        for detection, track in near[np.argsort(apart[tuple(near.T)], kind="stable")]:
+            if rows[detection] < 0 and not taken[track]:
+                rows[detection], taken[track] = track, True
+
         if not again:  # repeated measurements add nothing
-            self._correct(rows[matched], detections.boxes[matched, :2])
+            matched = np.flatnonzero(rows >= 0)
+            before = covariance[rows[matched]]
+            gain = before[:, :, :2] @ np.linalg.inv(before[:, :2, :2] + MEASURED**2 * np.eye(2))
+            off = detections.boxes[matched, :2] - state[rows[matched], :2]
+            state[rows[matched]] += (gain @ off[:, :, None])[:, :, 0]
+            covariance[rows[matched]] = before - gain @ before[:, :2, :]
         fresh = np.flatnonzero(rows < 0)
         rows[fresh] = len(self) + np.arange(len(fresh))
         begun = np.column_stack([detections.boxes[fresh, :2], np.zeros((len(fresh), 2))])
         spread = np.diag([MEASURED**2, MEASURED**2, FIRST_SPEED**2, FIRST_SPEED**2])
-        self._state = np.concatenate([self._state, begun])
-        self._covariance = np.concatenate([self._covariance, np.tile(spread, (len(fresh), 1, 1))])
-        self._labels = np.concatenate([self._labels, detections.labels[fresh]])
-        self._seen = np.concatenate([self._seen, np.full(len(fresh), time)])
-        self._seen[rows] = time
-        self._detected, self._rows = detections, rows
-        self._forget()
+        seen = np.concatenate([self._seen, np.full(len(fresh), time)])
+        seen[rows] = time
+        kept = time - seen <= FORGOTTEN
+        self._time, self._detected, self._seen, self._rows = time, detections, seen[kept], (np.cumsum(kept) - 1)[rows]
+        self._state = np.concatenate([state, begun])[kept]
+        self._covariance = np.concatenate([covariance, np.tile(spread, (len(fresh), 1, 1))])[kept]
+        self._labels = np.concatenate([self._labels, detections.labels[fresh]])[kept]
 
     def at(self, time: float) -> Detections:
         """Last detections, moved to another time."""
@@ -71,41 +86,3 @@ class Tracks:
         boxes = self._detected.boxes.copy()
         boxes[:, :2] += np.where(sure[:, None], speed, 0) * (time - self._time)
         return Detections(boxes, self._detected.scores, self._detected.labels)
-
-    def _predict(self, time: float) -> None:
-        step = time - self._time if len(self) else 0.0
-        self._time = time
-        move = np.eye(4)
-        move[[0, 1], [2, 3]] = step
-        pushed = np.array([step**2 / 2, step]) * ACCELERATION
-        noise = np.kron(np.outer(pushed, pushed), np.eye(2))
-        self._state = self._state @ move.T
-        self._covariance = move @ self._covariance @ move.T + noise
-
-    def _join(self, detections: Detections) -> Int64[np.ndarray, " n"]:
-        """Track of each detection, -1 for none."""
-        apart = np.linalg.norm(detections.boxes[:, None, :2] - self._state[None, :, :2], axis=2)
-        apart[detections.labels[:, None] != self._labels[None]] = np.inf
-        variance = np.diagonal(self._covariance, axis1=1, axis2=2)[:, :2].max(axis=1, initial=0)
-        rows, taken = np.full(len(detections), -1), np.zeros(len(self), bool)
-        near = np.argwhere(apart <= np.minimum(GATE + SIGMA * np.sqrt(variance), WIDEST_GATE))
-        for detection, track in near[np.argsort(apart[tuple(near.T)], kind="stable")]:
-            if rows[detection] < 0 and not taken[track]:
-                rows[detection], taken[track] = track, True
-        return rows.astype(np.int64)
-
-    def _correct(self, rows: Int64[np.ndarray, " m"], measured: Float64[np.ndarray, "m 2"]) -> None:
-        covariance = self._covariance[rows]
-        innovation = covariance[:, :2, :2] + MEASURED**2 * np.eye(2)
-        gain = covariance[:, :, :2] @ np.linalg.inv(innovation)
-        off = measured - self._state[rows, :2]
-        self._state[rows] += (gain @ off[:, :, None])[:, :, 0]
-        self._covariance[rows] = covariance - gain @ covariance[:, :2, :]
-
-    def _forget(self) -> None:
-        """Drop tracks without a recent detection."""
-        kept = self._time - self._seen <= FORGOTTEN
-        place = np.cumsum(kept) - 1
-        self._rows = place[self._rows]
-        self._state, self._covariance = self._state[kept], self._covariance[kept]
-        self._labels, self._seen = self._labels[kept], self._seen[kept]
