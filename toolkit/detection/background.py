@@ -21,7 +21,6 @@ from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.provenance import detector_origin
 from toolkit.frame import empty_scene
 from toolkit.geometry import level_rows
-from toolkit.mesh import Mesh
 from toolkit.objects import Detections, Detector, UnionDetector
 from toolkit.points import Crop, frame_points, join_clouds
 from toolkit.sites.site import Site
@@ -132,7 +131,7 @@ class KnownBackground:
 
     @property
     def __name__(self) -> str:
-        """Name in results. It gives the detector's kind and says that the background is known."""
+        """Name in results: the detector's kind, with a known background."""
         return f"{detector_origin(self.detector)['detector']}+background"
 
     @property
@@ -149,7 +148,7 @@ class KnownBackground:
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
         """Detect in points (n, 3). Points that are not finite do not count."""
         found = self.detector(points)
-        return found[self.somebody(found, points)]
+        return self._keep(found, points, self._new(points)) if len(found) else found
 
     def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
         """Detect in several unions of the same clouds. All at once if the detector can."""
@@ -158,25 +157,17 @@ class KnownBackground:
         else:
             found = [self.detector(join_clouds(clouds, union)) for union in unions]
         new = [self._new(cloud) for cloud in clouds]
-        somebody = (
-            self._filled(each, join_clouds(clouds, union), join_clouds(new, union))
-            for each, union in zip(found, unions, strict=True)
-        )
-        return [each[rows] for each, rows in zip(found, somebody, strict=True)]
-
-    def somebody(self, found: Detections, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, " n"]:
-        """Mark detections that have enough points, and at least one, outside the background."""
-        return self._filled(found, points, self._new(points)) if len(found) else np.zeros(0, bool)
+        pairs = zip(found, unions, strict=True)
+        return [self._keep(each, join_clouds(clouds, union), join_clouds(new, union)) for each, union in pairs]
 
     def _new(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
         finite = points[np.isfinite(points).all(axis=1)]
         return finite[~self.background.holds(finite)]
 
-    def _filled(
-        self, found: Detections, points: Float[np.ndarray, "p 3"], new: Float[np.ndarray, "q 3"]
-    ) -> Bool[np.ndarray, " n"]:
-        there, not_background = count_points(points, found.boxes), count_points(new, found.boxes)
-        return np.asarray((not_background > 0) & (not_background >= self.least * there))
+    def _keep(self, found: Detections, points: Float[np.ndarray, "p 3"], new: Float[np.ndarray, "q 3"]) -> Detections:
+        """Keep detections that have enough points, and at least one, outside the background."""
+        there, outside = count_points(points, found.boxes), count_points(new, found.boxes)
+        return found[(outside > 0) & (outside >= self.least * there)]
 
 
 def recording_background(recording: CoopDataset) -> Background:
@@ -207,12 +198,21 @@ def site_background(site: Site) -> Background:
 
     crop, slope = Crop.of(site), site.relief.slope
     voxel, mesh = choose_voxel(crop), build_scenery(site)
-    corners, (xmin, ymin, xmax, ymax) = level_rows(mesh.vertices, slope)[mesh.triangles], crop.area
-    near = (corners.max(axis=1) >= [xmin, ymin, _FLOOR]).all(axis=1)
-    near &= (corners.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
-    surfaces = _on_surfaces(Mesh(mesh.vertices, mesh.triangles[near]), voxel)
-    points = [level_rows(some[crop.holds(some, _FLOOR)], slope) for some in surfaces]
-    return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]), voxel)
+    level, (xmin, ymin, xmax, ymax) = level_rows(mesh.vertices, slope)[mesh.triangles], crop.area
+    near = (level.max(axis=1) >= [xmin, ymin, _FLOOR]).all(axis=1)
+    near &= (level.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
+    corners, rng = mesh.vertices[mesh.triangles[near]], np.random.default_rng(0)
+    edges = corners[:, 1:] - corners[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    number = rng.poisson(area * (PER_VOXEL / voxel**2))
+    owner, points = np.repeat(np.arange(len(number)), number), [np.zeros((0, 3), np.float32)]
+    for start in range(0, len(owner), _AT_ONCE):  # random points on all triangles
+        of = owner[start : start + _AT_ONCE]
+        share = rng.random((len(of), 2))
+        share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
+        some = (corners[of, 0] + (share[:, :, None] * edges[of]).sum(axis=1)).astype(np.float32)
+        points.append(level_rows(some[crop.holds(some, _FLOOR)], slope))
+    return Background.learn(np.concatenate(points), voxel)
 
 
 def choose_voxel(crop: Crop) -> float:
@@ -220,18 +220,3 @@ def choose_voxel(crop: Crop) -> float:
     xmin, ymin, xmax, ymax = crop.area
     volume = (xmax - xmin) * (ymax - ymin) * (crop.height - _FLOOR)
     return max(VOXEL, float(np.cbrt(volume / _MOST)))
-
-
-def _on_surfaces(mesh: Mesh, voxel: float) -> Iterator[Float[np.ndarray, "n 3"]]:
-    """Yield random points on all triangles of a mesh, `PER_VOXEL` per voxel side on average."""
-    rng = np.random.default_rng(0)
-    corners = mesh.vertices[mesh.triangles]
-    edges = corners[:, 1:] - corners[:, :1]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
-    number = rng.poisson(area * (PER_VOXEL / voxel**2))
-    owner = np.repeat(np.arange(len(number)), number)
-    for start in range(0, len(owner), _AT_ONCE):
-        of = owner[start : start + _AT_ONCE]
-        share = rng.random((len(of), 2))
-        share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
-        yield (corners[of, 0] + (share[:, :, None] * edges[of]).sum(axis=1)).astype(np.float32)

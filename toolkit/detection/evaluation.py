@@ -359,7 +359,17 @@ class _Job:
             memory, remembered = (memory if names == remembered else LinkMemory()), names
             numbered = frame if frame.index == number else replace(frame, index=number)
             fused = self._fuse(numbered, stand, memory)
-            yield _Scored(self._find_truth(frame, stand), fused, frame.problems, stand.ms, stand.warning)
+            if self.protocol == "measured":
+                truth = select_truth(frame, stand.corners)
+            else:
+                objects, within = frame.objects, has_centre_inside(frame.objects.boxes, stand.corners)
+                counts = np.zeros(len(within), np.int64)
+                if self.count_points:
+                    counts = count_points(frame.points(), objects.boxes)
+                if self.protocol == "published":
+                    objects, within, counts = objects[within], within[within], counts[within]
+                truth = FrameTruth(objects, within, counts, stand.corners)
+            yield _Scored(truth, fused, frame.problems, stand.ms, stand.warning)
 
     def _fuse(self, frame: Frame, stand: Stand, memory: LinkMemory) -> dict[tuple[str, tuple[int, ...]], Fused]:
         asked, fused = self.asked, dict[tuple[str, tuple[int, ...]], Fused]()
@@ -390,16 +400,6 @@ class _Job:
                 found = made.detections if self.known else stand.put_back(made.detections)
                 fused[name, chosen] = replace(made, detections=found)
         return fused
-
-    def _find_truth(self, frame: Frame, stand: Stand) -> FrameTruth:
-        objects, corners = frame.objects, stand.corners
-        if self.protocol == "measured":
-            return select_truth(frame, corners)
-        within = has_centre_inside(objects.boxes, corners)
-        counts = count_points(frame.points(), objects.boxes) if self.count_points else np.zeros(len(within), np.int64)
-        if self.protocol == "published":
-            objects, within, counts = objects[within], within[within], counts[within]
-        return FrameTruth(objects, within, counts, corners)
 
 
 def format_table(rows: Iterable[Row]) -> str:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.arrays import Float, Float64, Int64
 from toolkit.boxes import points_in_boxes
 from toolkit.calibration.ground import Ground, level
 from toolkit.datasets.doctor import Finding, diagnose_file
@@ -224,6 +224,8 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
     Where that shows nothing, labels are tried in other clouds; only those that are not in the same place in both frames
     count.
     """
+    from scipy.spatial import cKDTree
+
     samples = [each.sample for each in some]
     movers = [find_movers(samples, k) for k in range(len(some))]
 
@@ -241,8 +243,11 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
         pairs = [(some[k], some[k + places]) for k in range(len(some)) if 0 <= k + places < len(some)]
         own, there = [], []
         for labels, cloud in pairs:
-            boxes = _boxes_in(labels.sample, cloud.sample)
-            moving = _not_there(boxes[:, :3], cloud.sample.objects.boxes[:, :3])
+            to_cloud = invert(cloud.sample.map_SE3_world) @ labels.sample.map_SE3_world
+            boxes, others = boxes_through(labels.sample.objects.boxes, to_cloud), cloud.sample.objects.boxes
+            moving = np.ones(len(boxes), bool)  # those farther than `STANDING` from all labels of that cloud
+            if len(boxes) and len(others):
+                moving = np.asarray(cKDTree(others[:, :3]).query(boxes[:, :3])[0] > STANDING)
             own.append(labels.sample.objects.boxes[moving])
             there.append(boxes[moving])
         before, after = fits([labels for labels, _ in pairs], own), fits([cloud for _, cloud in pairs], there)
@@ -250,19 +255,6 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
         if better(before, after) and after.mean() - before.mean() > gain:
             found = Shift(f"{abs(places)} sample{'s' * (abs(places) > 1)}", places < 0, before, after)
     return found
-
-
-def _not_there(here: Float64[np.ndarray, "n 3"], there: Float64[np.ndarray, "m 3"]) -> Bool[np.ndarray, " n"]:
-    """Mark places farther than `STANDING` from all others."""
-    from scipy.spatial import cKDTree
-
-    if not len(here) or not len(there):
-        return np.ones(len(here), bool)
-    return np.asarray(cKDTree(there).query(here)[0] > STANDING)
-
-
-def _boxes_in(labels: Frame, cloud: Frame) -> np.ndarray:
-    return boxes_through(labels.objects.boxes, invert(cloud.map_SE3_world) @ labels.map_SE3_world)
 
 
 class Headed(NamedTuple):
@@ -369,7 +361,15 @@ def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
     if best is not None:
         findings.append(_finding(best.mistake.name, current, best.fits, best.mistake.remedy))
         boxes = best.boxes
-    findings += _find_sunk(some, boxes)
+    grounds = [(each.ground, own) for each, own in zip(some, boxes, strict=True) if each.ground is not None]
+    above = [(own[:, 2] - ground.height(own[:, :2])) / own[:, 5] for ground, own in grounds]
+    shares = np.concatenate([np.zeros(0), *above])  # heights of centres above the ground, in heights of their boxes
+    share = float(np.median(shares)) if len(shares) >= LEAST_BOXES else 0.5
+    if abs(share - 0.5) >= SUNK:
+        side, remedy = ("floor", "add half the height to z") if share < 0.5 else ("roof", "take half the height off z")
+        where = f"the centre of the {side} where the centre of the box belongs"
+        height = f"the stored centres stand {share:.0%} of the boxes' heights above the ground, median of {len(shares)}"
+        findings.append(Finding("error", "labels", where, height, remedy))
     if findings:
         return findings
     shift = find_shift(some)
@@ -380,7 +380,19 @@ def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
     turned = _turn_each(some)
     if better(current, turned.fits, TURNED_GAIN):
         return [_finding(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
-    return _find_backwards(some)
+    for in_map in (False, True):
+
+        def undo(sample: Frame, boxes: np.ndarray, in_map: bool = in_map) -> np.ndarray:
+            return undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world if in_map else np.eye(4))
+
+        headed = against_their_way([each.sample for each in some], undo)
+        if headed is not None:
+            evidence = (
+                f"{headed.against} of {headed.of} boxes that move, of {headed.tracks} objects, head against their way, "
+                "and along it with that undone"
+            )
+            return [Finding("error", "labels", YAW_SIGN.name, evidence, YAW_SIGN.remedy)]
+    return []
 
 
 class _Undone(NamedTuple):
@@ -455,38 +467,6 @@ def _choose_best(each: Seen, choices: Sequence[np.ndarray]) -> np.ndarray:
         return choices[0]
     best = np.argmax([measure_fits(each.points, boxes) for boxes in choices], axis=0)
     return np.stack(choices)[best, np.arange(len(best))]
-
-
-def _find_sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
-    """Find centres of boxes at the wrong height: on the ground, or a whole height above it."""
-    grounds = [(each.ground, own) for each, own in zip(some, boxes, strict=True) if each.ground is not None]
-    above = [(own[:, 2] - ground.height(own[:, :2])) / own[:, 5] for ground, own in grounds]
-    shares = np.concatenate([np.zeros(0), *above])
-    if len(shares) < LEAST_BOXES or abs(np.median(shares) - 0.5) < SUNK:
-        return []
-    share = float(np.median(shares))
-    name, remedy = ("floor", "add half the height to z") if share < 0.5 else ("roof", "take half the height off z")
-    evidence = f"the stored centres stand {share:.0%} of the boxes' heights above the ground, median of {len(shares)}"
-    where = f"the centre of the {name} where the centre of the box belongs"
-    return [Finding("error", "labels", where, evidence, remedy)]
-
-
-def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
-    """Find boxes that move backwards unless yaw is counted the other way round."""
-    samples = [each.sample for each in some]
-    for in_map in (False, True):
-
-        def undo(sample: Frame, boxes: np.ndarray, in_map: bool = in_map) -> np.ndarray:
-            return undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world if in_map else np.eye(4))
-
-        headed = against_their_way(samples, undo)
-        if headed is not None:
-            evidence = (
-                f"{headed.against} of {headed.of} boxes that move, of {headed.tracks} objects, head against their way, "
-                "and along it with that undone"
-            )
-            return [Finding("error", "labels", YAW_SIGN.name, evidence, YAW_SIGN.remedy)]
-    return []
 
 
 def _finding(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:

@@ -42,31 +42,8 @@ import numpy as np
 from toolkit.arrays import Bool, ImageMask, ImageSteps
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.codec import RangeImage
-from toolkit.detection.link.foreground import (
-    Foreground,
-    Restored,
-    SendsForeground,
-    SentPixels,
-    check_pixels,
-    check_scene,
-    decode_missing,
-    read_foreground,
-    write_scene_message,
-)
-from toolkit.detection.link.image_coding import (
-    MOST_STEPS,
-    decode_mask,
-    decode_values,
-    encode_mask,
-    encode_pixels,
-    encode_values,
-    fold,
-    pack_integers,
-    read_fixed,
-    unfold,
-    unpack_integers,
-    write_fixed,
-)
+from toolkit.detection.link import foreground
+from toolkit.detection.link import image_coding as coding
 from toolkit.detection.link.message import MessageKind, read_message, step_in_mm
 from toolkit.detection.link.range_images import to_steps
 from toolkit.detection.view import View
@@ -100,7 +77,7 @@ class DifferenceSender:
         """Write the next message. Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is
         sent whole when due, when that is smaller because few pixels stand still, and when numbers do not continue.
         """
-        sent, missing = check_pixels(image, self.scene, missing)
+        sent, missing = foreground.check_pixels(image, self.scene, missing)
         steps, reference, difference, stands = to_steps(image.measurement, sent, self.step), self._reference, b"", 0
         if reference is not None and reference.number < image.number < self._key + self.key_every:
             squares = still_squares(reference, steps, sent)
@@ -108,7 +85,7 @@ class DifferenceSender:
                 refers = image.number - reference.number, self.refers_to == "previous", reference.checksum
                 difference = _REFERS.pack(*refers) + encode_difference(steps, sent, reference, squares)
                 stands = int(reference.standing(steps, sent).sum())
-        whole = encode_pixels(steps, sent) if stands < FEW_PIXELS else b""
+        whole = coding.encode_pixels(steps, sent) if stands < FEW_PIXELS else b""
         if reference is None or not difference or 0 < len(whole) <= len(difference):
             kind, content, self._key = MessageKind.FOREGROUND, whole, image.number
             self._reference = Reference.of(image.number, step_in_mm(self.step), steps, sent)
@@ -116,7 +93,7 @@ class DifferenceSender:
             kind, content = MessageKind.DIFFERENCE, difference
             if self.refers_to == "previous":
                 self._reference = reference.after(image.number, steps, sent)
-        return write_scene_message(kind, image, self.scene, self.step, content, missing)
+        return foreground.write_scene_message(kind, image, self.scene, self.step, content, missing)
 
 
 class DifferenceReader:
@@ -126,16 +103,16 @@ class DifferenceReader:
         self.scene = scene
         self._reference: Reference | None = None
 
-    def read(self, message: bytes) -> Restored:
+    def read(self, message: bytes) -> foreground.Restored:
         """Read the image of a message. Raises `MissedReference` for a difference from a message that never arrived, and
         ValueError as `decode_foreground`; the reader then stays as it was.
         """
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
-            pixels = read_foreground(message, self.scene)
+            pixels = foreground.read_foreground(message, self.scene)
             self._reference = Reference.of(header.number, header.step_mm, pixels.steps, pixels.sent)
             return pixels.restore(self.scene)
-        check_scene(header, MessageKind.DIFFERENCE, self.scene)
+        foreground.check_scene(header, MessageKind.DIFFERENCE, self.scene)
         if len(content) < _REFERS.size:
             raise ValueError(f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}")
         back, goes_on, checksum = _REFERS.unpack_from(content)
@@ -155,7 +132,7 @@ class DifferenceReader:
                 f"a difference has steps of its reference, {reference.step_mm} mm, got {header.step_mm} mm"
             )
         steps, sent, end = decode_difference(content, _REFERS.size, reference)
-        pixels = SentPixels(header, steps, sent, decode_missing(content, end, sent))
+        pixels = foreground.SentPixels(header, steps, sent, foreground.decode_missing(content, end, sent))
         if goes_on:
             self._reference = reference.after(header.number, steps, sent)
         return pixels.restore(self.scene)
@@ -252,10 +229,10 @@ def encode_difference(
     whole, towards = reference.predict(by_reference)
     residuals = towards * (steps[by_reference] - whole)
     return (
-        write_fixed(squares[there].astype(np.int64), 1)
-        + encode_mask(sent ^ still)
-        + pack_integers(fold(residuals))
-        + encode_values(steps, sent & ~still, by_reference)
+        coding.write_fixed(squares[there].astype(np.int64), 1)
+        + coding.encode_mask(sent ^ still)
+        + coding.pack_integers(coding.fold(residuals))
+        + coding.encode_values(steps, sent & ~still, by_reference)
     )
 
 
@@ -265,22 +242,22 @@ def decode_difference(content: bytes, start: int, reference: Reference) -> tuple
     """
     shape = (int(reference.fine.shape[0]), int(reference.fine.shape[1]))
     there = _count_pixels(reference.known) > 0
-    chosen, start = read_fixed(content, start, int(there.sum()), 1)
+    chosen, start = coding.read_fixed(content, start, int(there.sum()), 1)
     squares = np.zeros(there.shape, bool)
     squares[there] = chosen.astype(bool)
     still = reference.known & _spread(squares, shape)
-    otherwise, start = decode_mask(content, start, shape)
+    otherwise, start = coding.decode_mask(content, start, shape)
     sent = otherwise ^ still
     by_reference = sent & still
-    residuals, start = unpack_integers(content, start, sent.size)
+    residuals, start = coding.unpack_integers(content, start, sent.size)
     if len(residuals) != by_reference.sum():
         raise ValueError(f"{by_reference.sum()} pixels stand still, got {len(residuals)} residuals")
     steps = np.zeros(shape, np.int64)
     whole, towards = reference.predict(by_reference)
-    measured = steps[by_reference] = whole + towards * unfold(residuals)
-    if len(measured) and not (measured.min() >= 0 and measured.max() < MOST_STEPS):
+    measured = steps[by_reference] = whole + towards * coding.unfold(residuals)
+    if len(measured) and not (measured.min() >= 0 and measured.max() < coding.MOST_STEPS):
         raise ValueError("measurements out of range: the message is damaged")
-    others, end = decode_values(content, start, sent & ~still, (steps, by_reference))
+    others, end = coding.decode_values(content, start, sent & ~still, (steps, by_reference))
     return steps + others, sent, end
 
 
@@ -298,7 +275,7 @@ def _spread(squares: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class ForegroundDifferences(SendsForeground):
+class ForegroundDifferences(foreground.SendsForeground):
     """Foreground scheme whose messages send only changes: the same points arrive as with `Foreground`. Pass a memory
     from view to view (`toolkit.detection.view.View`) when frames are read in order; otherwise every image is sent
     whole. Fields as of `Foreground` and `DifferenceSender`; raises ValueError as these do.
@@ -311,7 +288,7 @@ class ForegroundDifferences(SendsForeground):
     name: str = "differences"
 
     def __post_init__(self) -> None:
-        Foreground(self.step, self.sigmas)
+        foreground.Foreground(self.step, self.sigmas)
         check_differences(self.refers_to, self.key_every)
 
     def dependencies(self, number: int, /) -> range:
@@ -329,7 +306,9 @@ class ForegroundDifferences(SendsForeground):
         """Bits that sensors send of a frame, arrived or not."""
         return [self._transmit(view, sensor).bits for sensor in sensors]
 
-    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
+    def _exchange(
+        self, view: View, sensor: int, image: RangeImage, missing: ImageMask
+    ) -> tuple[bytes, foreground.Restored]:
         def begin() -> tuple[DifferenceSender, DifferenceReader]:
             scene = view.scene(sensor)
             sender = DifferenceSender(scene, step=self.step, refers_to=self.refers_to, key_every=self.key_every)
