@@ -23,11 +23,11 @@ import numpy as np
 from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps, Int64
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.codec import Parameters, RangeImage
-from toolkit.detection.link import message as messages
+from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.scheme import Counts, Fused
-from toolkit.detection.view import Captured, Lift, SentCloud, View
+from toolkit.detection.view import Captured, Cloud, Lift, Sent, View
 from toolkit.frame import unproject
 from toolkit.points import Crop
 from toolkit.sensors.sensor import Sensor, is_return
@@ -60,7 +60,7 @@ class SendsForeground(Parameters):
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
         """Return None: no boxes are sent."""
 
-    def _transmit(self, view: View, sensor: int) -> SentCloud:
+    def _transmit(self, view: View, sensor: int) -> Sent[Cloud]:
         def through() -> tuple[Float32[np.ndarray, "n 3"], int]:
             captured, scene = view.captured(sensor), view.scene(sensor)
             out = standing_out(captured, scene, self.sigmas)
@@ -85,7 +85,7 @@ class Foreground(SendsForeground):
     name: str = "foreground"
 
     def __post_init__(self) -> None:
-        messages.step_in_mm(self.step)
+        wire.step_in_mm(self.step)
         if not 0 < self.sigmas < np.inf:
             raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
 
@@ -98,7 +98,7 @@ class Foreground(SendsForeground):
 class Restored(NamedTuple):
     """Image restored at the centre, masks of sent and missing pixels (0 in the image), and the message's header."""
 
-    header: messages.MessageHeader
+    header: wire.MessageHeader
     image: ImageRanges
     sent: ImageMask
     missing: ImageMask
@@ -112,13 +112,13 @@ def encode_foreground(
     """
     sent, missing = check_pixels(image, scene, missing)
     content = encode_pixels(to_steps(image.measurement, sent, step), sent)
-    return write_scene_message(messages.MessageKind.FOREGROUND, image, scene, step, content, missing)
+    return write_scene_message(wire.MessageKind.FOREGROUND, image, scene, step, content, missing)
 
 
 class SentPixels(NamedTuple):
     """Header of a message, measurements in steps, and masks of sent and missing pixels."""
 
-    header: messages.MessageHeader
+    header: wire.MessageHeader
     steps: ImageSteps
     sent: ImageMask
     missing: ImageMask
@@ -139,8 +139,8 @@ def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
 
 def read_foreground(message: bytes, scene: EmptyScene) -> SentPixels:
     """Read the pixels of a message. Raises ValueError as `decode_foreground`."""
-    header, content = messages.read_message(message)
-    check_scene(header, messages.MessageKind.FOREGROUND, scene)
+    header, content = wire.read_message(message)
+    check_scene(header, wire.MessageKind.FOREGROUND, scene)
     steps, sent, end = read_pixels(content, 0, scene.model.shape)
     return SentPixels(header, steps, sent, decode_missing(content, end, sent))
 
@@ -159,18 +159,18 @@ def check_pixels(image: RangeImage, scene: EmptyScene, missing: ImageMask | None
 
 
 def write_scene_message(
-    kind: messages.MessageKind, image: RangeImage, scene: EmptyScene, step: float, content: bytes, missing: np.ndarray
+    kind: wire.MessageKind, image: RangeImage, scene: EmptyScene, step: float, content: bytes, missing: np.ndarray
 ) -> bytes:
     """Write a message made with an empty scene. The mask of missing pixels ends it, if there are any."""
     header = image_header(kind, image, step, scene_number(scene))
-    return messages.write_message(header, content + (encode_mask(missing) if missing.any() else b""))
+    return wire.write_message(header, content + (encode_mask(missing) if missing.any() else b""))
 
 
-def check_scene(header: messages.MessageHeader, kind: messages.MessageKind, scene: EmptyScene) -> None:
+def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: EmptyScene) -> None:
     """Raise ValueError unless a message is of that kind and made with that empty scene."""
     rows, columns = scene.model.shape
-    number = messages.sensor_number(scene.name)
-    messages.check_header(header, kind, sensor=number, rows=rows, columns=columns, scene=scene_number(scene))
+    number = wire.sensor_number(scene.name)
+    wire.check_header(header, kind, sensor=number, rows=rows, columns=columns, scene=scene_number(scene))
 
 
 def decode_missing(content: bytes, start: int, sent: ImageMask) -> np.ndarray:

@@ -22,7 +22,7 @@ import numpy as np
 
 from toolkit.arrays import Float32, Float64, ImageMask, ImageRanges, ImageSteps
 from toolkit.detection.codec import PAPER, Amount, Codec, Message, Parameters, RangeImage
-from toolkit.detection.link import message as messages
+from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_fixed, write_fixed
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
@@ -98,23 +98,23 @@ class RangeImages(Parameters):
     step: float = 0.02
 
     def __post_init__(self) -> None:
-        messages.step_in_mm(self.step)
+        wire.step_in_mm(self.step)
 
     def encode_image(self, image: RangeImage, /) -> Message:
         """Encode the pixels of an image that return something."""
         sent = is_return(image.measurement, image.sensor.model.max_range)
-        header = image_header(messages.MessageKind.RANGE_IMAGE, image, self.step)
-        content = messages.write_message(header, encode_pixels(to_steps(image.measurement, sent, self.step), sent))
+        header = image_header(wire.MessageKind.RANGE_IMAGE, image, self.step)
+        content = wire.write_message(header, encode_pixels(to_steps(image.measurement, sent, self.step), sent))
         return Message(content, 8 * len(content))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
         """Decode an image, 0 where nothing was sent. Raises ValueError for a message that is damaged or of another
         sensor.
         """
-        header, content = messages.read_message(message.content)
+        header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
-        expected = {"sensor": messages.sensor_number(sensor.name), "rows": rows, "columns": columns}
-        messages.check_header(header, messages.MessageKind.RANGE_IMAGE, **expected)
+        expected = {"sensor": wire.sensor_number(sensor.name), "rows": rows, "columns": columns}
+        wire.check_header(header, wire.MessageKind.RANGE_IMAGE, **expected)
         return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
@@ -127,32 +127,32 @@ class RangeImages(Parameters):
 
     def encode_boxes(self, detections: Detections, /) -> Message:
         """Encode boxes in steps of 2 cm and 0.5°."""
-        header = messages.MessageHeader(messages.MessageKind.BOXES, step_mm=messages.step_in_mm(BOX_STEP))
-        content = messages.write_message(header, encode_boxes(detections))
+        header = wire.MessageHeader(wire.MessageKind.BOXES, step_mm=wire.step_in_mm(BOX_STEP))
+        content = wire.write_message(header, encode_boxes(detections))
         return Message(content, 8 * len(content))
 
     def decode_boxes(self, message: Message, /) -> Detections:
         """Decode boxes. Raises ValueError for a damaged message."""
-        header, content = messages.read_message(message.content)
-        messages.check_header(header, messages.MessageKind.BOXES, step_mm=messages.step_in_mm(BOX_STEP))
+        header, content = wire.read_message(message.content)
+        wire.check_header(header, wire.MessageKind.BOXES, step_mm=wire.step_in_mm(BOX_STEP))
         return decode_boxes(content)
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
         """Estimate the bits. The size of a message depends on its content."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
-        return np.asarray(content + np.asarray(messages) * 8.0 * messages.OVERHEAD)
+        return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD)
 
 
-def image_header(kind: messages.MessageKind, image: RangeImage, step: float, scene: int = 0) -> messages.MessageHeader:
+def image_header(kind: wire.MessageKind, image: RangeImage, step: float, scene: int = 0) -> wire.MessageHeader:
     """Header of a message that holds an image."""
     rows, columns = image.sensor.model.shape
     fields = (
-        messages.sensor_number(image.sensor.name),
+        wire.sensor_number(image.sensor.name),
         image.number,
-        messages.time_in_us(image.time),
-        messages.step_in_mm(step),
+        wire.time_in_us(image.time),
+        wire.step_in_mm(step),
     )
-    return messages.MessageHeader(kind, *fields, rows, columns, scene)
+    return wire.MessageHeader(kind, *fields, rows, columns, scene)
 
 
 def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSteps:
