@@ -91,79 +91,51 @@ def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], 
     return bool(change.mean() >= STANDARD_ERRORS * change.std() / np.sqrt(len(change)))
 
 
-Change = Callable[[np.ndarray], np.ndarray]
-
-
 @dataclass(frozen=True)
 class LabelMistake:
-    """Mistake that boxes (n, 7) may have, and its undoing. axes: True if it depends on the frame's axes."""
+    """Mistake that boxes may have. Undone, columns in `order` are multiplied by `factor`, and `turn` (rad) is added to
+    yaw. axes: True if it depends on the frame's axes.
+    """
 
     name: str
     remedy: str
-    undo: Change
     axes: bool = False
+    order: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)
+    factor: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 1)
+    turn: float = 0.0
+
+    def undo(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
+        """Boxes without the mistake."""
+        return boxes[:, list(self.order)] * np.array(self.factor) + np.array([0, 0, 0, 0, 0, 0, self.turn])
 
 
-def _set(**columns: Callable[[np.ndarray], np.ndarray]) -> Change:
-    """Change that sets columns of boxes, each by all columns."""
-    names = ("x", "y", "z", "length", "width", "height", "yaw")
-
-    def undo(boxes: np.ndarray) -> np.ndarray:
-        made = boxes.copy()
-        for name, column in columns.items():
-            made[:, names.index(name)] = column(boxes)
-        return made
-
-    return undo
-
-
-YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", _set(yaw=lambda b: -b[:, 6]), axes=True)
+YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", True, factor=(1, 1, 1, 1, 1, 1, -1))
 
 LOST_DEGREES = LabelMistake(  # not undone directly: `degrees_of_turns` gives the possible angles
     "yaw in degrees where radians belong, of which only sine and cosine are left",
     "multiply yaw by pi / 180 before its sine and cosine are taken",
-    lambda boxes: boxes,
 )
 
+_MIRROR_X, _SWAP = "negate x, and take 180 degrees minus yaw", "swap x and y, and take 90 degrees minus yaw"
+_HALVED = "half extents where full ones belong: the boxes are half as large"
+_DOUBLED = "doubled extents: the boxes are twice as large"
 LABEL_MISTAKES = (
+    LabelMistake("mirrored: y points the other way", "negate y and yaw", True, factor=(1, -1, 1, 1, 1, 1, -1)),
+    LabelMistake("mirrored: x points the other way", _MIRROR_X, True, factor=(-1, 1, 1, 1, 1, 1, -1), turn=np.pi),
+    LabelMistake("y of the positions alone negated", "negate y", True, factor=(1, -1, 1, 1, 1, 1, 1)),
+    LabelMistake("x and y swapped", _SWAP, True, (1, 0, 2, 3, 4, 5, 6), (1, 1, 1, 1, 1, 1, -1), np.pi / 2),
+    LabelMistake(_HALVED, "double the sizes", factor=(1, 1, 1, 2, 2, 2, 1)),
     LabelMistake(
-        "mirrored: y points the other way",
-        "negate y and yaw",
-        _set(y=lambda b: -b[:, 1], yaw=lambda b: -b[:, 6]),
-        axes=True,
-    ),
-    LabelMistake(
-        "mirrored: x points the other way",
-        "negate x, and take 180 degrees minus yaw",
-        _set(x=lambda b: -b[:, 0], yaw=lambda b: np.pi - b[:, 6]),
-        axes=True,
-    ),
-    LabelMistake("y of the positions alone negated", "negate y", _set(y=lambda b: -b[:, 1]), axes=True),
-    LabelMistake(
-        "x and y swapped",
-        "swap x and y, and take 90 degrees minus yaw",
-        _set(x=lambda b: b[:, 1], y=lambda b: b[:, 0], yaw=lambda b: np.pi / 2 - b[:, 6]),
-        axes=True,
-    ),
-    LabelMistake(
-        "half extents where full ones belong: the boxes are half as large",
-        "double the sizes",
-        lambda b: b * [1, 1, 1, 2, 2, 2, 1],
-    ),
-    LabelMistake(
-        "doubled extents: the boxes are twice as large", "halve the sizes", lambda b: b / [1, 1, 1, 2, 2, 2, 1]
+        "doubled extents: the boxes are twice as large", "halve the sizes", factor=(1, 1, 1, 0.5, 0.5, 0.5, 1)
     ),
     LabelMistake(
         "length and width swapped, or yaw a quarter turn off",
         "swap length and width, or add 90 degrees to yaw",
-        _set(length=lambda b: b[:, 4], width=lambda b: b[:, 3]),
+        order=(0, 1, 2, 4, 3, 5, 6),
     ),
     YAW_SIGN,
     LabelMistake(
-        "yaw in radians where degrees belong",
-        "multiply yaw by 180 / pi",
-        _set(yaw=lambda b: np.rad2deg(b[:, 6])),
-        axes=True,
+        "yaw in radians where degrees belong", "multiply yaw by 180 / pi", True, factor=(1, 1, 1, 1, 1, 1, 180 / np.pi)
     ),
 )
 

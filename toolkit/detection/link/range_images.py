@@ -146,13 +146,8 @@ class RangeImages(Parameters):
 def image_header(kind: wire.MessageKind, image: RangeImage, step: float, scene: int = 0) -> wire.MessageHeader:
     """Header of a message that holds an image."""
     rows, columns = image.sensor.model.shape
-    fields = (
-        wire.sensor_number(image.sensor.name),
-        image.number,
-        wire.time_in_us(image.time),
-        wire.step_in_mm(step),
-    )
-    return wire.MessageHeader(kind, *fields, rows, columns, scene)
+    sensor, time_us = wire.sensor_number(image.sensor.name), wire.time_in_us(image.time)
+    return wire.MessageHeader(kind, sensor, image.number, time_us, wire.step_in_mm(step), rows, columns, scene)
 
 
 def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSteps:
