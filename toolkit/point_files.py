@@ -7,9 +7,9 @@ https://pointclouds.org/documentation/tutorials/pcd_file_format.html
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,20 +75,17 @@ _TYPES = {
 }
 
 
-@dataclass(frozen=True)
-class _Header:
-    """Fields, number of points, and how they are stored."""
+class _Header(NamedTuple):
+    """Names of the fields, type of one point in the file, number of points, and how they are stored."""
 
     names: tuple[str, ...]
-    types: tuple[np.dtype, ...]
-    counts: tuple[int, ...]
+    row: np.dtype
     points: int
     data: str
 
-    @property
-    def row(self) -> np.dtype:
-        """Type of one point in the file."""
-        return np.dtype([(f"{i}", *each) for i, each in enumerate(zip(self.types, self.counts, strict=True))])
+    def fields(self) -> Iterator[tuple[np.dtype, int]]:
+        """Type and number of the values of each field of a point."""
+        return ((self.row[k].base, self.row[k].itemsize // self.row[k].base.itemsize) for k in range(len(self.row)))
 
 
 def read_pcd(path: str | Path) -> Attributes:
@@ -98,12 +95,8 @@ def read_pcd(path: str | Path) -> Attributes:
     content = Path(path).read_bytes()
     try:
         header, body = _header(content)
-        if header.data == "ascii":
-            columns = _read_ascii(header, body)
-        elif header.data == "binary":
-            columns = _read_binary(header, body)
-        else:
-            columns = _read_compressed(header, body)
+        reader = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}[header.data]
+        columns = reader(header, body)
     except ValueError as error:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
     named = {name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING}
@@ -168,7 +161,8 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
     data = " ".join(entries["DATA"])
     if data not in ("ascii", "binary", "binary_compressed") or points < 0:
         raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {data!r:.40} of {points} points")
-    return _Header(names, tuple(np.dtype(_TYPES[kind]) for kind in kinds), tuple(count), points, data), rest
+    row = np.dtype([(f"{k}", _TYPES[kind], (count[k],)) for k, kind in enumerate(kinds)])
+    return _Header(names, row, points, data), rest
 
 
 def _whole(words: list[str]) -> list[int]:
@@ -179,28 +173,25 @@ def _whole(words: list[str]) -> list[int]:
 
 
 def _read_ascii(header: _Header, body: bytes) -> list[np.ndarray]:
-    cells, width = body.split(), sum(header.counts)
+    cells, width = body.split(), sum(count for _, count in header.fields())
     if len(cells) < header.points * width:
         raise ValueError(f"it is cut off, {len(cells)} of {header.points * width} numbers are there")
     table = np.array(cells[: header.points * width], "S").reshape(header.points, width)
     columns, first = [], 0
-    for dtype, count in zip(header.types, header.counts, strict=True):
+    for dtype, count in header.fields():
         cell = table[:, first : first + count]
         first += count
         try:
             with np.errstate(all="ignore"):
-                columns.append(cell.astype(dtype) if dtype.kind == "f" else _integers(cell, dtype))
+                if dtype.kind != "f":
+                    try:
+                        cell = cell.astype(np.int64)
+                    except (ValueError, OverflowError):
+                        cell = cell.astype(np.float64)  # whole numbers that are written as floats
+                columns.append(cell.astype(dtype))
         except (ValueError, OverflowError):
             raise ValueError("a cell of its table is not a number") from None
     return columns
-
-
-def _integers(cells: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Parse whole numbers, also those written as floats."""
-    try:
-        return cells.astype(np.int64).astype(dtype)
-    except (ValueError, OverflowError):
-        return cells.astype(np.float64).astype(dtype)
 
 
 def _read_binary(header: _Header, body: bytes) -> list[np.ndarray]:
@@ -212,7 +203,7 @@ def _read_binary(header: _Header, body: bytes) -> list[np.ndarray]:
 
 
 def _read_compressed(header: _Header, body: bytes) -> list[np.ndarray]:
-    """Columns of a compressed file: one field after the other."""
+    """Columns of a compressed file, one field after the other."""
     if len(body) < 8 and header.points:
         raise ValueError("it is cut off before its points")
     packed, size = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
@@ -223,7 +214,7 @@ def _read_compressed(header: _Header, body: bytes) -> list[np.ndarray]:
         raise ValueError(f"its points take {needed} bytes, but {size} are compressed in {packed}")
     plain = decompress_lzf(body[8 : 8 + packed], size)
     columns, first = [], 0
-    for dtype, count in zip(header.types, header.counts, strict=True):
+    for dtype, count in header.fields():
         length = header.points * count * dtype.itemsize
         columns.append(np.frombuffer(plain[first : first + length], dtype).reshape(header.points, count))
         first += length
