@@ -180,13 +180,9 @@ def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n 
 
 
 def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray, " k"]]:
-    """Rows of the points in each box (`points_in_boxes`), in no order.
-
-    Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
-    the box's centre in float64, which keeps map coordinates of a million metres exact.
-
-    >>> rows_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
-    [array([0])]
+    """Rows of the points in each box (`points_in_boxes`), in no order. Points are sorted by their slice along x, so
+    that a box looks at its own slices only. Those few are measured from the box's centre in float64, which keeps map
+    coordinates of a million metres exact.
     """
     points, boxes = _points(points), check_boxes(boxes)
     if not len(boxes):
@@ -214,11 +210,7 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
 
 
 def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box (`points_in_boxes`).
-
-    >>> count_points(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
-    array([1])
-    """
+    """Number of points in each box (`points_in_boxes`)."""
     return np.array([len(rows) for rows in rows_in_boxes(points, boxes)], np.int64)
 
 

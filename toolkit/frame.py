@@ -157,13 +157,7 @@ def _four(values: Sequence[SupportsFloat]) -> tuple[float, float, float, float]:
 
 
 def parse_region(record: object) -> Region:
-    """Return the region that `Region.record` wrote.
-
-    Raises ValueError for an unknown kind and for damaged numbers.
-
-    >>> parse_region(Rectangle((0.0, 0.0, 2.0, 1.0)).record())
-    Rectangle(area=(0.0, 0.0, 2.0, 1.0))
-    """
+    """Return the region that `Region.record` wrote. Raises ValueError for an unknown kind and for damaged numbers."""
     fields: Mapping[str, Any] = record if isinstance(record, Mapping) else {}
     kind = str(fields.get("kind"))
     try:

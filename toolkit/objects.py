@@ -118,11 +118,7 @@ class UnionDetector(Detector, Protocol):
 
 
 def known_labels(detector: Detector) -> tuple[str, ...] | None:
-    """Classes that a detector's attribute `labels` names, in the order of `LABELS`; None without it.
-
-    >>> known_labels(lambda points: Detections.empty()) is None
-    True
-    """
+    """Classes that a detector's attribute `labels` names, in the order of `LABELS`; None without it."""
     labels = getattr(detector, "labels", None)
     if labels is None:
         return None

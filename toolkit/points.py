@@ -137,11 +137,7 @@ def detect_unions_on_ground(
 
 
 def join_clouds(clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " C"]) -> Float[np.ndarray, "n 3"]:
-    """Join the clouds of a union, in their order.
-
-    >>> join_clouds([np.zeros((2, 3)), np.ones((1, 3)), np.zeros((4, 3))], np.array([True, True, False])).shape
-    (3, 3)
-    """
+    """Join the clouds of a union, in their order."""
     among = [cloud for cloud, chosen in zip(clouds, union, strict=True) if chosen]
     return np.concatenate(among) if among else np.zeros((0, 3), np.float32)
 

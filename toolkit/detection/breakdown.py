@@ -180,12 +180,7 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
 
 
 def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
-    """Mark labels of an object that is labelled already.
-
-    >>> car = [5, 0, 0.75, 4, 2, 1.5, 0]
-    >>> repeated(Objects(np.array([car, [5.01, *car[1:]], [5, 3, *car[2:]]]))).tolist()
-    [False, True, False]
-    """
+    """Mark labels of an object that is labelled already."""
     same = (iou_3d(objects.boxes, objects.boxes) >= TWICE) & (objects.labels[:, None] == objects.labels)
     return np.asarray(np.tril(same, -1).any(axis=1))
 

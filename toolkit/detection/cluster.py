@@ -181,10 +181,9 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
 
 
 def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
-    """Complete rectangles of cars to the usual size, in the way that covers least of the visible background.
-
-    A short side grows to one end or the other; a longer side that may be a car's width is tried as such. In doubt is
-    the share of points on the sides that grow: a side with many points was seen as it is.
+    """Complete rectangles of cars to the usual size, in the way that covers least of the visible background. A short
+    side grows to one end or the other; a longer side that may be a car's width is tried as such. In doubt is the share
+    of points on the sides that grow: a side with many points was seen as it is.
     """
     ways, doubts, first = list[_Rectangle](), list[float](), [0]
     for seen in cars:
@@ -269,11 +268,7 @@ def foreground_clusters(
 def cluster_points(
     points: Float64[np.ndarray, "n 3"], *, reach: float = CLUSTER_REACH, fewest: int = FEWEST
 ) -> Int64[np.ndarray, " n"]:
-    """Object of each point by DBSCAN, numbered from 0, -1 for none.
-
-    >>> cluster_points(np.array([[0.0, 0, 0], [0.1, 0, 0], [5, 0, 0], [9, 0, 0], [9, 0.1, 0]]), reach=0.5, fewest=2)
-    array([ 0,  0, -1,  1,  1])
-    """
+    """Object of each point by DBSCAN, numbered from 0, -1 for none."""
     return _dbscan(points - points.mean(axis=0), reach, fewest) if len(points) else np.zeros(0, np.int64)
 
 

@@ -71,11 +71,7 @@ def write_detections(
 
 
 def file_name(name: str) -> str:
-    """Name of a frame, safe for a file: letters that no file name may have are replaced.
-
-    >>> file_name("106-105/seq-1/00000")
-    '106-105_seq-1_00000'
-    """
+    """Name of a frame, safe for a file: letters that no file name may have are replaced."""
     return "".join(letter if letter.isalnum() or letter in "-_.#" else "_" for letter in name)
 
 

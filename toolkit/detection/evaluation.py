@@ -130,20 +130,6 @@ class Comparison:
     rate: float | None = None
     breakdown: bool | None = None
 
-    def labels(self) -> list[str]:
-        """Names of the classes."""
-        return [LABELS[k] for k in dict.fromkeys(label_index(label) for label in self.classes)]
-
-    def named(self) -> dict[str, Scheme | None]:
-        """Return the schemes by name. Raises ValueError where two share one."""
-        named: dict[str, Scheme | None] = {}
-        for given in self.schemes:
-            scheme = None if given is None else find_scheme(given)
-            name = ALL_CLOUDS if scheme is None else scheme.name
-            if named.setdefault(name, scheme) != scheme:
-                raise ValueError(f"two schemes are called {name!r}, {named[name]} and {scheme}: rename one")
-        return named
-
 
 @dataclass(frozen=True)
 class Evaluation(Sequence[Row]):
@@ -218,7 +204,8 @@ def evaluate_recording(
     Raises ValueError for a scheme, sensor, class or error profile that does not exist, a class that the detector does
     not know, two schemes of one name, and a recording without frames.
     """
-    total, errors, labels = reads.count(recording), reads.profile(), asked.labels()
+    total, errors = reads.count(recording), reads.profile()
+    labels = [LABELS[k] for k in dict.fromkeys(map(label_index, asked.classes))]
     ious = {label: _thresholds(asked.iou_thresholds, label) for label in labels}
     true_ious = {label: TRUE_IOU[label_index(label)] for label in labels}
     if not (len(asked.schemes) and len(asked.sensor_sets) and labels and all(ious.values())):
@@ -227,8 +214,13 @@ def evaluate_recording(
     site = recording.site
     if site is not None and asked.radius is not None:
         site = replace(site, hybrid_radius=asked.radius)
-    named, known = asked.named(), place.at(site)
-    measured = ReadRecording(recording, reads)
+    named: dict[str, Scheme | None] = {}
+    for given in asked.schemes:
+        scheme = None if given is None else find_scheme(given)
+        name = ALL_CLOUDS if scheme is None else scheme.name
+        if named.setdefault(name, scheme) != scheme:
+            raise ValueError(f"two schemes are called {name!r}, {named[name]} and {scheme}: rename one")
+    measured, known = ReadRecording(recording, reads), place.at(site)
     first = measured[0]
     numbers = [tuple(select_sensors(first.sensors, chosen)) for chosen in asked.sensor_sets]
     sets = {chosen: tuple(first.sensors[k].name for k in chosen) for chosen in numbers}

@@ -80,11 +80,7 @@ def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7
 
 
 def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
-    """True if boxes fit better, by at least `gain` and more than chance explains.
-
-    >>> better(np.full(9, 0.2), np.full(9, 0.8)), better(np.full(9, 0.8), np.full(9, 0.2))
-    (True, False)
-    """
+    """True if boxes fit better, by at least `gain` and more than chance explains."""
     change = (after - before)[(after > 0) | (before > 0)]
     if len(change) < LEAST_BOXES or change.mean() < gain:
         return False
@@ -161,13 +157,8 @@ def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray,
 
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
-    """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`.
-
-    A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
-
-    >>> yaw = np.deg2rad(np.array([30.0]))
-    >>> bool(np.any(np.abs(degrees_of_turns(np.array([30.0])) - yaw) < 1e-9))
-    True
+    """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`. A file that
+    stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
     """
     turns = np.arange(-15, 16)[:, None]  # of 2 pi "degrees" each: a quarter turn either way
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)

@@ -124,11 +124,7 @@ class Place:
 
 
 def find_middle(frame: Frame) -> Float64[np.ndarray, "2"]:
-    """Find the middle of the sensors' places, world frame, to the metre; the origin where there is no sensor.
-
-    >>> find_middle(Frame((), (), Objects.empty())).tolist()
-    [0.0, 0.0]
-    """
+    """Find the middle of the sensors' places, world frame, to the metre; the origin where there is no sensor."""
     places = [sensor.position[:2] for sensor in frame.sensors]
     return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
 

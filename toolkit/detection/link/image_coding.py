@@ -201,11 +201,7 @@ def decode_values(
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Map whole numbers to those from 0 on, small absolute values first.
-
-    >>> fold(np.array([0, -1, 1, -2]))
-    array([0, 1, 2, 3])
-    """
+    """Map whole numbers to those from 0 on, small absolute values first."""
     return np.where(values >= 0, 2 * values, -2 * values - 1)
 
 
