@@ -85,7 +85,8 @@ class _Header(NamedTuple):
 
     def fields(self) -> Iterator[tuple[np.dtype, int]]:
         """Type and number of the values of each field of a point."""
-        return ((self.row[k].base, self.row[k].itemsize // self.row[k].base.itemsize) for k in range(len(self.row)))
+        types = [self.row[name] for name in self.row.names or ()]
+        return ((each.base, each.itemsize // each.base.itemsize) for each in types)
 
 
 def read_pcd(path: str | Path) -> Attributes:
