@@ -1,10 +1,9 @@
-"""Map of a site from above.
+"""Map of a site from above, under its title: streets, solids and the detection area.
 
-It shows what stands on the site. A sheet holds streets, solids and the detection area under its title; the strip below
-the map holds scale bar, north arrow and legend, so that none of them covers the map. A sensor is a disc with its
-number or short name, because there may be more sensors than colours. An object is filled by its class. Each outcome
-has a line of its own besides a colour: a hit is solid, a miss dashed with a cross, a false alarm dash-dotted with a
-triangle, an object that does not count dotted.
+The strip below the map holds scale bar, north arrow and legend, so that none of them covers the map. A sensor is a disc
+with its number or short name, because there may be more sensors than colours. An object is filled by its class. Each
+outcome has a line of its own besides a colour: a hit is solid, a miss dashed with a cross, a false alarm dash-dotted
+with a triangle, an object that does not count dotted.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import shapely
 from toolkit.arrays import Float, Float64, Shaped
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Objects
-from toolkit.plots.canvas import blank_figure, plain, shorten
+from toolkit.plots.canvas import add_legend, blank_figure, plain, shorten
 from toolkit.plots.palette import (
     CLASS,
     GROUND,
@@ -53,7 +52,7 @@ Entry = tuple["Artist", str]  # of a legend: artist and name
 
 
 class MapSheet(NamedTuple):
-    """A figure with a map. It has the axes of the map (m, site frame), and the points (1/72 inch) per metre."""
+    """A figure with the axes of a map (m, site frame), and the points (1/72 inch) per metre."""
 
     figure: Figure
     axes: Axes
@@ -69,29 +68,45 @@ def map_sheet(
     legend: Sequence[Entry] = (),
     inches: float = MOST_INCHES,
 ) -> MapSheet:
-    """Draw the site from above under its title. It has everything but sensors. holds: places that the map must include
-    besides the area; legend: its entries, in order; inches: longer side of the map."""
+    """Draw the site from above under its title, without sensors. holds: places that the map must include besides the
+    area; legend: its entries, in order; inches: longer side of the map."""
     low, high = extent(site, holds)
     scale = inches / float((high - low).max())
     width, height = ((high - low) * scale).tolist()
     full = max(width + LEFT + RIGHT, 6.5)
-    columns, rows = _legend_grid([label for _, label in legend], full - LEFT - RIGHT - SCALE_WIDTH)
-    strip = AXIS + max(0.55, LEGEND_ROW * rows + 0.1)
-    figure = blank_figure(full, HEAD + height + strip)
-    left = LEFT + (full - LEFT - RIGHT - width) / 2
-    axes = _part(figure, left, strip, width, height)
+    inner, longest = full - LEFT - RIGHT, max((len(label) for _, label in legend), default=1)
+    columns = max(1, min(len(legend), int((inner - SCALE_WIDTH) / (0.058 * longest + 0.58))))
+    strip = AXIS + max(0.55, LEGEND_ROW * ceil(len(legend) / columns) + 0.1)
+    total = HEAD + height + strip
+    figure = blank_figure(full, total)
+
+    def part(left: float, bottom: float, width: float, height: float) -> Axes:  # inches
+        return figure.add_axes((left / full, bottom / total, width / full, height / total))
+
+    axes = part(LEFT + (inner - width) / 2, strip, width, height)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
     for spine in axes.spines.values():
         spine.set_visible(True)
     draw_ground(axes, site)
     draw_area(axes, site.area)
-    _titles(figure, title, subtitle, full)
-    below = _part(figure, LEFT, 0.05, full - LEFT - RIGHT, strip - AXIS - 0.05)
+    figure.text(LEFT / full, 1 - 0.26 / total, plain(title), fontsize=12, fontweight="bold", va="center")
+    figure.text(LEFT / full, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
+    below = part(LEFT, 0.05, inner, strip - AXIS - 0.05)
     below.set_axis_off()
-    below.set(xlim=(0, full - LEFT - RIGHT), ylim=(-(strip - AXIS - 0.05), 0))
-    _scale_bar(below, scale, width)
+    below.set(xlim=(0, inner), ylim=(-(strip - AXIS - 0.05), 0))
+    length = scale_length(min(1.6, width) / scale)
+    for start, colour in ((0.0, INK), (0.5, "white")):  # a bar of two halves
+        left, right = start * length * scale, (start + 0.5) * length * scale
+        bar = [left, right, right, left]
+        below.fill(bar, [-0.2, -0.2, -0.12, -0.12], facecolor=colour, edgecolor=INK, linewidth=0.8)
+    for share, label in ((0.0, "0"), (1.0, f"{length:g} m")):
+        below.text(share * length * scale, -0.25, label, ha="center" if share else "left", va="top", fontsize=8)
     draw_north(below, (2.2, -0.25), north(site))
-    _legend(below, legend, columns)
+    if legend:
+        place: PlotStyle = {"bbox_to_anchor": (SCALE_WIDTH, 0.0), "bbox_transform": below.transData}
+        place |= {"loc": "upper left", "borderaxespad": 0.0, "columnspacing": 1.4, "handlelength": 2.8}
+        handles, labels = zip(*legend, strict=True)
+        add_legend(below, handles, [plain(label) for label in labels], ncols=columns, **place)
     return MapSheet(figure, axes, 72 * scale)
 
 
@@ -132,7 +147,7 @@ def draw_area(axes: Axes, area: Float64[np.ndarray, "4"]) -> None:
 
 
 def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.ndarray, "2"]) -> None:
-    """Draw an arrow that points north. It goes through a place of the axes, with the letter at its tip."""
+    """Draw an arrow that points north through a place of the axes, with the letter at its tip."""
     from matplotlib.transforms import ScaledTranslation
 
     def away(points: float) -> Transform:
@@ -145,14 +160,14 @@ def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.nda
 
 
 def north(site: Site) -> Float64[np.ndarray, "2"]:
-    """Unit vector towards north, in the site's frame. North is +y of the map."""
+    """Unit vector towards north, +y of the map, in the site's frame."""
     towards = site.map_SE3_site[1, :2]
     length = float(np.hypot(*towards))
     return towards / length if length > 1e-9 else np.array([0.0, 1.0])
 
 
 def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the area and the places, with a margin. They are the lower left and the upper right one."""
+    """Lower left and upper right corner of the area and the places, with a margin."""
     low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
     if holds is not None and len(holds):
         low, high = np.minimum(low, holds.min(axis=0) - AROUND / 2), np.maximum(high, holds.max(axis=0) + AROUND / 2)
@@ -160,63 +175,13 @@ def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[n
 
 
 def scale_length(metres: float) -> float:
-    """Largest round length up to this one. It is 1, 2 or 5 times a power of ten.
+    """Largest length up to this one that is 1, 2 or 5 times a power of ten.
 
     >>> [scale_length(m) for m in (0.3, 7.0, 19.9, 20.0, 99.0)]
     [0.2, 5.0, 10.0, 20.0, 50.0]
     """
     power = 10.0 ** floor(log10(metres))
     return next(round(step * power, 9) for step in (5, 2, 1) if step * power <= metres * (1 + 1e-9))
-
-
-def _part(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Add axes at a place given in inches."""
-    full, high = figure.get_size_inches()
-    return figure.add_axes((left / full, bottom / high, width / full, height / high))
-
-
-def _titles(figure: Figure, title: str, subtitle: str, full: float) -> None:
-    _, high = figure.get_size_inches()
-    left = LEFT / full
-    figure.text(left, 1 - 0.26 / high, plain(title), fontsize=12, fontweight="bold", va="center")
-    figure.text(left, 1 - 0.48 / high, plain(subtitle), fontsize=9, va="center")
-
-
-def _scale_bar(axes: Axes, scale: float, width: float) -> None:
-    """Draw a bar of two halves with its length. The unit of the axes is the inch."""
-    length = scale_length(min(1.6, width) / scale)
-    inches = length * scale
-    for part, colour in ((0.0, INK), (0.5, "white")):
-        bar = [part * inches, (part + 0.5) * inches, (part + 0.5) * inches, part * inches]
-        axes.fill(bar, [-0.2, -0.2, -0.12, -0.12], facecolor=colour, edgecolor=INK, linewidth=0.8)
-    for share, label in ((0.0, "0"), (1.0, f"{length:g} m")):
-        axes.text(share * inches, -0.25, label, ha="center" if share else "left", va="top", fontsize=8)
-
-
-def _legend_grid(labels: Sequence[str], inches: float) -> tuple[int, int]:
-    """Columns and rows of a legend of this width."""
-    longest = max(map(len, labels), default=1)
-    columns = max(1, min(len(labels), int(inches / (0.058 * longest + 0.58))))
-    return columns, ceil(len(labels) / columns)
-
-
-def _legend(axes: Axes, legend: Sequence[Entry], columns: int) -> None:
-    if not legend:
-        return
-    handles = [handle for handle, _ in legend]
-    shown = axes.legend(
-        handles,
-        [str(k) for k in range(len(legend))],
-        ncols=columns,
-        loc="upper left",
-        borderaxespad=0.0,
-        bbox_to_anchor=(SCALE_WIDTH, 0.0),
-        bbox_transform=axes.transData,
-        columnspacing=1.4,
-        handlelength=2.8,
-    )
-    for text, (_, label) in zip(shown.get_texts(), legend, strict=True):
-        text.set_text(plain(label))  # the call above would drop names that begin with "_"
 
 
 VIEW_RANGE = 25.0  # m; fields of view are drawn this far
@@ -226,7 +191,7 @@ TALL = 2.0  # m; buildings above this height cut off fields of view
 
 
 def sensor_labels(names: Sequence[str]) -> list[str]:
-    """Labels on the discs of sensors. They are the names if all are short, else numbers from 1.
+    """Labels on the discs of sensors: their names if all are short, else numbers from 1.
 
     >>> sensor_labels(["d0", "d1"]), sensor_labels(["d0", "north-east pole"])
     (['d0', 'd1'], ['1', '2'])
@@ -237,29 +202,28 @@ def sensor_labels(names: Sequence[str]) -> list[str]:
 
 
 def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float) -> None:
-    """Draw a disc for each sensor, with its heading. The heading is a line. Discs of sensors in one place spread around
-    it."""
+    """Draw a disc for each sensor, with a line for its heading. Discs of sensors in one place spread around it."""
     if not len(sensors):
         return
     places = np.array([sensor.position[:2] for sensor in sensors])
     headings = np.array([sensor_heading(sensor) for sensor in sensors])
     discs = spread_discs(places * points_per_metre, headings, DISC + 1) / points_per_metre
+    ahead = discs + DISC / points_per_metre * np.stack([np.cos(headings), np.sin(headings)], axis=1)
     for index, label in enumerate(sensor_labels([sensor.name for sensor in sensors])):
-        colour, (x, y) = sensor_colour(index), places[index]
-        ahead = discs[index] + DISC / points_per_metre * np.array([np.cos(headings[index]), np.sin(headings[index])])
-        axes.plot(*np.stack([discs[index], ahead]).T, color=INK, linewidth=2.2, zorder=6, solid_capstyle="butt")
-        if (discs[index] != places[index]).any():
-            axes.plot(*np.stack([places[index], discs[index]]).T, color=INK, linewidth=0.8, zorder=6)
-            axes.plot(x, y, "o", color=INK, markersize=3, zorder=6)
-        axes.plot(*discs[index], "o", markersize=DISC + 3, color=PAPER_WHITE, zorder=6.5)
-        disc: PlotStyle = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
-        axes.plot(*discs[index], "o", markersize=DISC, zorder=7, **disc)
+        colour, disc = sensor_colour(index), discs[index]
+        axes.plot(*np.stack([disc, ahead[index]]).T, color=INK, linewidth=2.2, zorder=6, solid_capstyle="butt")
+        if (disc != places[index]).any():
+            axes.plot(*np.stack([places[index], disc]).T, color=INK, linewidth=0.8, zorder=6)
+            axes.plot(*places[index], "o", color=INK, markersize=3, zorder=6)
+        axes.plot(*disc, "o", markersize=DISC + 3, color=PAPER_WHITE, zorder=6.5)
+        look: PlotStyle = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
+        axes.plot(*disc, "o", markersize=DISC, zorder=7, **look)
         font: PlotStyle = {"fontsize": 7.5, "fontweight": "bold", "color": text_colour(colour)}
-        axes.text(discs[index, 0], discs[index, 1], label, ha="center", va="center_baseline", zorder=8, **font)
+        axes.text(disc[0], disc[1], label, ha="center", va="center_baseline", zorder=8, **font)
 
 
 def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
-    """Draw fields of view, cut off at buildings. They reach up to `VIEW_RANGE`."""
+    """Draw fields of view up to `VIEW_RANGE`, cut off at buildings."""
     tall = [shapely.Polygon(s.footprint) for s in solids if s.kind == "building" and s.top - s.base > TALL]
     for index, sensor in enumerate(sensors):
         x, y = wedge(sensor, tall).T
@@ -293,8 +257,7 @@ def sensor_heading(sensor: Sensor) -> float:
 def spread_discs(
     places: Float64[np.ndarray, "n 2"], headings: Float64[np.ndarray, " n"], gap: float
 ) -> Float64[np.ndarray, "n 2"]:
-    """Centres of discs `gap` apart. Each disc is at its place or, if that is taken, near it, preferably along its
-    heading."""
+    """Centres of discs `gap` apart, each at its place or, if that is taken, near it, preferably along its heading."""
     discs = places.copy()
     turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
     for k in range(1, len(places)):
@@ -345,14 +308,8 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 def pole_style(used: bool) -> PlotStyle:
     """Matplotlib's properties of a pole."""
-    return {
-        "marker": "s",
-        "markersize": 6.0,
-        "markerfacecolor": POLE_INK if used else PAPER_WHITE,
-        "markeredgecolor": POLE_INK,
-        "markeredgewidth": 1.3,
-        "linestyle": "none",
-    }
+    edge: PlotStyle = {"marker": "s", "markersize": 6.0, "markeredgecolor": POLE_INK, "markeredgewidth": 1.3}
+    return edge | {"markerfacecolor": POLE_INK if used else PAPER_WHITE, "linestyle": "none"}
 
 
 def draw_objects(axes: Axes, objects: Objects) -> None:
@@ -364,7 +321,7 @@ def draw_objects(axes: Axes, objects: Objects) -> None:
 
 
 def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
-    """Draw boxes that share an outcome. Each gets its outline, a line from centre to front, and the outcome's mark."""
+    """Draw boxes that share an outcome: outline, a line from centre to front, and the outcome's mark."""
     style = OUTCOME[outcome]
     line: PlotStyle = {"color": style.colour, "linestyle": style.line, "linewidth": style.width, "zorder": style.order}
     for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
@@ -378,6 +335,6 @@ def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome)
 
 
 def text_colour(background: str) -> str:
-    """Black or white, whichever is more legible on a colour. The colour's luminance decides."""
+    """Black or white, whichever is more legible on a colour by its luminance."""
     red, green, blue = (int(background[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return INK if 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.22 else PAPER_WHITE

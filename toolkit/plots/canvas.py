@@ -1,6 +1,4 @@
-"""Canvas of all pictures.
-
-It has the same fonts and lines on every machine, literal text, and reproducible PNG and SVG.
+"""Canvas of all pictures: the same fonts and lines on every machine, literal text, reproducible PNG and SVG.
 
 Pictures are drawn and written inside `house_style()`, so that no setting of the user affects them.
 """
@@ -11,6 +9,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
+from html import escape
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +22,9 @@ from toolkit.plots.palette import INK
 from toolkit.runtime.files import write_bytes
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, FigureBase
 
 DPI = 150
 CHART_INCHES = 7.0  # width of a chart
@@ -69,6 +70,13 @@ STYLE: dict[Any, Any] = {
 }
 
 
+def add_legend(owner: Axes | FigureBase, handles: Sequence[Artist], labels: Sequence[str], **look: Any) -> None:
+    """Add a legend of literal labels."""
+    legend = owner.legend(handles, [str(k) for k in range(len(labels))], **look)
+    for text, label in zip(legend.get_texts(), labels, strict=True):
+        text.set_text(label)  # the call above would drop names that begin with "_"
+
+
 @contextmanager
 def house_style() -> Iterator[None]:
     """Context in which pictures have the common style."""
@@ -101,19 +109,18 @@ def check_picture(out: Path | str) -> None:
 
 
 def write_figure(figure: Figure, out: Path | str) -> None:
-    """Write a figure as SVG or PNG, by its suffix. The same picture gives the same bytes. Raises ValueError for another
-    suffix."""
+    """Write a figure as SVG or PNG, with the same bytes each time. Raises ValueError for another suffix."""
     check_picture(out)
-    if Path(out).suffix.lower() == ".svg":
-        write_bytes(out, f'<?xml version="1.0" encoding="utf-8"?>\n{svg_text(figure)}\n'.encode())
-        return
     drawn = BytesIO()
-    figure.savefig(drawn, format="png", dpi=DPI, metadata={"Software": None})
+    if Path(out).suffix.lower() == ".svg":
+        drawn.write(f'<?xml version="1.0" encoding="utf-8"?>\n{svg_text(figure)}\n'.encode())
+    else:
+        figure.savefig(drawn, format="png", dpi=DPI, metadata={"Software": None})
     write_bytes(out, drawn.getvalue())
 
 
 def render_pixels(figure: Figure) -> Shaped[np.ndarray, "height width 3"]:
-    """Render the figure as RGB, uint8. It has its own resolution (100 pixels an inch)."""
+    """Render the figure as RGB, uint8, 100 pixels an inch."""
     canvas: Any = figure.canvas
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
@@ -134,19 +141,19 @@ def svg_text(figure: Figure, title: str = "") -> str:
     text = re.sub(r'(url\(#|href="#)', rf"\g<1>{mark}-", text)
     if title:
         head = text.index(">") + 1
-        text = f'{text[: head - 1]} role="img">\n <title>{_escape(plain(title))}</title>{text[head:]}'
+        text = f'{text[: head - 1]} role="img">\n <title>{escape(plain(title), quote=False)}</title>{text[head:]}'
     return text
 
 
 def draw_heading(figure: Figure, title: str, subtitle: str) -> None:
-    """Write a chart's title and subtitle. The subtitle is a line below the title; both are at the top left."""
+    """Write a chart's title at the top left, and its subtitle below."""
     _, height = figure.get_size_inches()
     figure.text(0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center")
     figure.text(0.015, 1 - 0.47 / height, plain(subtitle), fontsize=8.5, va="center")
 
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
-    """Limits of an axis from 0 upwards. It ends a little above the greatest value.
+    """Limits of an axis from 0 to a little above the greatest value.
 
     >>> pad_limits([2.0, 4.0]), pad_limits([])
     ((0.0, 4.4), (0.0, 1.0))
@@ -156,7 +163,7 @@ def pad_limits(values: Sequence[float]) -> tuple[float, float]:
 
 
 def plain(text: str) -> str:
-    """Replace characters that cannot be printed by spaces. The text becomes one line."""
+    """Replace characters that cannot be printed, such as line ends, by spaces."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
@@ -174,16 +181,7 @@ def shorten(text: str, most: int) -> str:
 
 
 def _short_path(attribute: re.Match[str]) -> str:
-    """Round the coordinates of a path. They are rounded to a hundredth of a point, and spaces around the path's letters
-    are dropped."""
-    rounded = re.sub(r"-?\d+\.\d+", _hundredths, attribute[1])
+    """Round the coordinates of a path to a hundredth of a point, and drop spaces around its letters."""
+    rounded = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), attribute[1])
     short = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
     return f' d="{short}"'
-
-
-def _hundredths(number: re.Match[str]) -> str:
-    return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
-
-
-def _escape(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

@@ -1,7 +1,4 @@
-"""Curves: precision, point density and training progress.
-
-Precision is drawn over recall, and density is points on objects.
-"""
+"""Curves: precision over recall, points on objects, and training progress."""
 
 from __future__ import annotations
 
@@ -12,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Float, Int
-from toolkit.plots.canvas import blank_figure, house_style, plain, shorten, write_figure
-from toolkit.plots.palette import LINES
+from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
+from toolkit.plots.palette import LINES, PlotStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,12 +24,23 @@ def draw_pr_curves(
     curves: Mapping[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]], out: Path | str, *, title: str = ""
 ) -> None:
     """Draw precision over recall. curves: maps a legend entry to (recall, precision)."""
+    axes: PlotStyle = {"xlabel": "recall", "ylabel": "precision", "xlim": (0, 1.01), "ylim": (0, 1.01)}
+    _draw_curves(curves, out, title or "Precision over recall", axes)
+
+
+def _draw_curves(
+    curves: Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]],
+    out: Path | str,
+    title: str,
+    look: PlotStyle,
+    marker: str = "",
+) -> None:
     with house_style():
-        figure, axes = curve_axes(title or "Precision over recall", len(curves))
-        for number, (recall, precision) in enumerate(curves.values()):
+        figure, axes = curve_axes(title, len(curves))
+        for number, (x, y) in enumerate(curves.values()):
             colour, dashes = LINES[number % len(LINES)]
-            axes.plot(recall, precision, color=colour, linestyle=dashes)
-        axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1.01), ylim=(0, 1.01))
+            axes.plot(x, y, color=colour, linestyle=dashes, marker=marker, markersize=4)
+        axes.set(**look)
         name_curves(axes, list(curves))
         write_figure(figure, out)
 
@@ -68,18 +76,11 @@ def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
     (epochs, values)."""
     for picture, measured in (("losses.png", False), ("ap.png", True)):
         chosen = {name: curve for name, curve in curves.items() if name.startswith("AP") == measured}
-        if not chosen:
-            continue
-        with house_style():
-            figure, axes = curve_axes("AP of validation" if measured else "Losses of training", len(chosen))
-            for number, (epochs, values) in enumerate(chosen.values()):
-                colour, dashes = LINES[number % len(LINES)]
-                axes.plot(
-                    epochs, values, color=colour, linestyle=dashes, marker="o" if measured else None, markersize=4
-                )
-            axes.set(xlabel="epoch", ylabel="AP" if measured else "loss", yscale="linear" if measured else "log")
-            name_curves(axes, list(chosen))
-            write_figure(figure, Path(out) / picture)
+        title, marker = ("AP of validation", "o") if measured else ("Losses of training", "")
+        axes: PlotStyle = {"xlabel": "epoch", "ylabel": "AP" if measured else "loss"}
+        if chosen:
+            look = axes | {"yscale": "linear" if measured else "log"}
+            _draw_curves(chosen, Path(out) / picture, title, look, marker)
 
 
 def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
@@ -92,10 +93,7 @@ def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
 
 
 def name_curves(axes: Axes, names: Sequence[str]) -> None:
-    """Name the lines of the axes in a legend below. There it covers none of them."""
-    if not names:
-        return
-    lines = axes.get_lines()[: len(names)]
-    legend = axes.figure.legend(lines, [str(k) for k in range(len(names))], loc="outside lower left", handlelength=3.4)
-    for text, name in zip(legend.get_texts(), names, strict=True):
-        text.set_text(shorten(name, 80))  # the call above would drop names that begin with "_"
+    """Name the lines of the axes in a legend below, where it covers none of them."""
+    if names:
+        shown, lines = [shorten(name, 80) for name in names], axes.get_lines()[: len(names)]
+        add_legend(axes.figure, lines, shown, loc="outside lower left", handlelength=3.4)

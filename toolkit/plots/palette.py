@@ -1,6 +1,4 @@
-"""Colours of all pictures.
-
-There are colours of sensors, classes, outcomes and ground, and scales for counts.
+"""Colours of all pictures: of sensors, classes, outcomes and ground, and scales for counts.
 
 Sensors, classes and outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and
 for protanopia, deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it.
@@ -24,14 +22,14 @@ SENSORS = ("#279efb", "#f500c7", "#0b921a", "#8a4291", "#f57f7c", "#78683d", "#e
 BAR = SENSORS[7]  # of charts
 CLASS = {"vehicle": "#ae93ab", "cyclist": "#53d9ff", "pedestrian": "#9fca03", "heavy": "#f3d482"}
 GROUND = {"lanes": "#e3e3e6", "footways": "#f3efe6"}
-SOLID = {
+SOLID = {  # by kind, lowest solid first
     "pond": "#cfe4ee",
     "island": "#d9d9d2",
     "kerb": "#bdb9b0",
     "building": "#c9c2b8",
     "hedge": "#cfe0c3",
     "tree": "#cfe0c3",
-}  # by kind, lowest solid first
+}
 OTHER_SOLID = "#9a958c"
 POLE_INK = "#1a1a1a"
 BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}  # darker where blindness matters more

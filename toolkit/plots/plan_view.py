@@ -1,7 +1,4 @@
-"""Pictures of the junction from above.
-
-`draw_site` shows the site with its poles and sensors. `draw_frame` shows one frame with clouds, truth and detections.
-"""
+"""Pictures of the junction from above: the site with its poles and sensors, or one frame on it."""
 
 from __future__ import annotations
 
@@ -105,15 +102,13 @@ def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
     """Legend entries of sensors whose discs carry numbers. Discs with names need none."""
     from matplotlib.lines import Line2D
 
-    names = [sensor.name for sensor in sensors]
-    return [
-        (
-            Line2D([], [], color=sensor_colour(index), marker="o", markersize=8, markeredgecolor=INK, linestyle="none"),
-            f"{label}  {shorten(name, 34)}",
-        )
-        for index, (name, label) in enumerate(zip(names, sensor_labels(names), strict=True))
-        if name != label
-    ]
+    names, entries = [sensor.name for sensor in sensors], []
+    for index, (name, label) in enumerate(zip(names, sensor_labels(names), strict=True)):
+        if name != label:
+            mark: PlotStyle = {"marker": "o", "markersize": 8, "markeredgecolor": INK, "linestyle": "none"}
+            line = Line2D([], [], color=sensor_colour(index), **mark)
+            entries.append((line, f"{label}  {shorten(name, 34)}"))
+    return entries
 
 
 def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
@@ -132,14 +127,14 @@ def ground_entries(site: Site) -> list[Entry]:
     from toolkit.plots.palette import GROUND, SOLID
 
     kinds = {solid.kind for solid in site.solids}
-    there: list[tuple[str, str, object]] = [("lane", GROUND["lanes"], site.lanes)]
-    there += [("footway", GROUND["footways"], site.footways)]
-    there += [(kind, SOLID[kind], kind in kinds) for kind in ("building", "pond")]
-    there += [("trees, hedges", SOLID["tree"], kinds & {"tree", "hedge"})]
-    return [
-        (Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"),
-        *((Patch(facecolor=colour, edgecolor="#b0b0b0", linewidth=0.5), name) for name, colour, some in there if some),
-    ]
+    there: tuple[tuple[str, str, object], ...] = (
+        *(("lane", GROUND["lanes"], site.lanes), ("footway", GROUND["footways"], site.footways)),
+        *((kind, SOLID[kind], kind in kinds) for kind in ("building", "pond")),
+        ("trees, hedges", SOLID["tree"], kinds & {"tree", "hedge"}),
+    )
+    edge: PlotStyle = {"edgecolor": "#b0b0b0", "linewidth": 0.5}
+    entries = [(Patch(facecolor=colour, **edge), name) for name, colour, some in there if some]
+    return [(Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"), *entries]
 
 
 def _outlines(truth: Objects, found: Detections, outcome: FrameOutcome | None) -> dict[Outcome, np.ndarray]:
@@ -147,10 +142,8 @@ def _outlines(truth: Objects, found: Detections, outcome: FrameOutcome | None) -
     if outcome is None:
         return {"detection": found.boxes} if len(found) else {}
     if len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(found):
-        raise ValueError(
-            f"the outcome has {len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections, the frame "
-            f"{len(truth)} and {len(found)}: match the same frame"
-        )
+        given = f"{len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections"
+        raise ValueError(f"the outcome has {given}, the frame {len(truth)} and {len(found)}: match the same frame")
     return {
         "hit": found.boxes[outcome.detection_hit],
         "missed": truth.boxes[~outcome.truth_hit & ~outcome.truth_ignored],

@@ -212,7 +212,8 @@ class Scales:
         if colouring == "sensor":
             return "sensor"
         low, high = getattr(self, colouring)
-        return f"{colouring}, {low:.3g} to {high:.3g}{ {'height': ' m', 'age': ' s'}.get(colouring, '') }"
+        unit = {"height": " m", "age": " s"}.get(colouring, "")
+        return f"{colouring}, {low:.3g} to {high:.3g}{unit}"
 
 
 def find_newest(sample: DrawnSample) -> float:
