@@ -18,7 +18,7 @@ from models.weight_files import save_atomically
 from models.training.loop import add_figures
 from models.network.voxelnet import VoxelNet
 from models.weight_files import Header, save_weights
-from placement_env.fidelity.hits.hit_model import load_models, save_models, FOLDER
+from placement_env.fidelity.hit_model import load_models, save_models, FOLDER
 from placement_env.fidelity.table import load_table, save_table
 from toolkit.clouds import from_points, save
 from toolkit.detection.evaluation import Evaluation, save_evaluation

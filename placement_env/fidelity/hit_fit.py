@@ -1,7 +1,4 @@
-"""Fit a `HitModel` to a detector's hits and misses.
-
-The fit is by maximum likelihood over all objects and sensor sets.
-"""
+"""Fit a `HitModel` to a detector's hits and misses, by maximum likelihood over all objects and sensor sets."""
 
 from __future__ import annotations
 
@@ -13,8 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from placement_env.classes import VEHICLES, Classes
-from placement_env.fidelity.hits.hit_domain import build_domain
-from placement_env.fidelity.hits.hit_model import NUMBERS, RANGES, HitModel
+from placement_env.fidelity.hit_model import NUMBERS, RANGES, HitModel, build_domain
 from placement_env.fidelity.surrogate import Evidence, Surrogate, compute_expected_ap
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
@@ -40,8 +36,7 @@ LIFE = 4  # frames that show the same objects
 class Observed(NamedTuple):
     """Detections of sensor sets at one site.
 
-    It holds the sensors' visibility, the sets, the objects that each set hit, the AP of each, the site's hybrid radius
-    (m), and the kinds of the sensors' models.
+    hits: objects that each set hit; ap: of each set; radius: the site's hybrid radius (m); sensors: kinds of models.
     """
 
     visibility: Visibility
@@ -52,11 +47,7 @@ class Observed(NamedTuple):
     sensors: tuple[str, ...] = ()
 
 
-class _Weights(NamedTuple):
-    """Weights of each object and each set of a site."""
-
-    objects: Float64[np.ndarray, " O"]
-    sets: Float64[np.ndarray, " n"]
+_Weights = tuple[Float64[np.ndarray, " O"], Float64[np.ndarray, " n"]]  # of each object and each set of a site
 
 
 def fit(
@@ -69,107 +60,99 @@ def fit(
     resamples: int = 0,
     seed: int = 0,
 ) -> HitModel:
-    """Model that best explains the hits at some sites.
+    """Model that best explains the hits at some sites, and then has the least mean squared error of the AP.
 
-    It also minimises the mean squared error of the AP. label: class of the objects, for its name alone;
-    resamples: number of repeated fits, to sites, blocks of frames and sets drawn with replacement (a single site is
-    always kept), from which the model states its uncertainty; seed: of the resamples. Raises ValueError where the data
-    are empty; ModuleNotFoundError without SciPy.
+    label: class of the objects, for its name alone; resamples: number of repeated fits, to sites, blocks of frames and
+    sets drawn with replacement (a single site is always kept), from which the model states its uncertainty; seed: of
+    these. Raises ValueError where the data are empty; ModuleNotFoundError without SciPy.
     """
     for each in observed:
-        _check(each.visibility, each.subsets, each.hits, each.ap)
+        _check(each)
     hits = sum(int(each.hits.sum()) for each in observed)
     if not 0 < hits < sum(each.hits.size for each in observed):
         raise ValueError(f"a fit needs hits and misses, got {hits} hits of {sum(e.hits.size for e in observed)}")
     scheme = find_scheme(scheme)
-    fitting = _Fitting(observed, scheme, iou, source, label)
+    fitting = _Fitting(observed, scheme, {"iou": iou, "source": source, "label": label})
     norm = NORM_OF_BOXES if scheme.sends_boxes else NORM_OF_POINTS
     starts = [(-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 0.2, 3.0, float(np.log(FLOOR))) for reach in (0.0, 1.0)]
-    everything = [_Weights(np.ones(each.hits.shape[1]), np.ones(len(each.ap))) for each in observed]
-    best, model = min((fitting.fitted(np.array(start), everything) for start in starts), key=lambda end: end[2])[:2]
+    everything = [(np.ones(each.hits.shape[1]), np.ones(len(each.ap))) for each in observed]
+    best, model = min((fitting.fit(np.array(start), everything) for start in starts), key=lambda end: end[2])[:2]
     rng = np.random.default_rng(seed)
-    again = [fitting.fitted(best, _drawn(observed, rng))[1] for _ in range(resamples)]
-    domain = build_domain(
-        [each.visibility.points for each in observed],
-        [each.visibility.distance for each in observed],
-        [kind for each in observed for kind in each.sensors],
-        sum(len(each.ap) for each in observed),
-    )
+    again = [fitting.fit(best, _draw(observed, rng))[1] for _ in range(resamples)]
+    points, distance = ([getattr(each.visibility, name) for each in observed] for name in ("points", "distance"))
+    kinds = [kind for each in observed for kind in each.sensors]
+    domain = build_domain(points, distance, kinds, sum(len(each.ap) for each in observed))
     rows = tuple(tuple(float(f"{getattr(each, name):.6g}") for name in NUMBERS) for each in again)
     return replace(model, domain=domain, resampled=rows)
 
 
 class _Fitting:
-    """Likelihood and misfit of models. They are of one scheme, IoU threshold and class."""
+    """Likelihood and misfit of models of one scheme, IoU threshold and class."""
 
-    def __init__(self, observed: Sequence[Observed], scheme: Scheme, iou: float, source: str, label: str) -> None:
-        self._observed, self._scheme = observed, scheme
-        self._names: dict[str, Any] = {"iou": iou, "source": source, "label": label}
+    def __init__(self, observed: Sequence[Observed], scheme: Scheme, names: dict[str, Any]) -> None:
+        self._observed, self._names = observed, {"scheme": scheme.name, **names}
         self._evidence = [Evidence(each.visibility, scheme, each.radius) for each in observed]
         self._minimize, self._minimize_scalar = _scipy()
 
-    def fitted(
+    def fit(
         self, start: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
     ) -> tuple[Float64[np.ndarray, " p"], HitModel, float]:
-        """Best numbers from a start, and their model. The hits' unlikelihood under the model comes too."""
+        """Best numbers from a start, their model, and the hits' unlikelihood under it."""
         bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT, FLOOR_LOG]
         end = self._minimize(self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds)
         ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._model(end.x))]
-        misfit = self._minimize_scalar(
-            lambda rate: self._misfit(ranked, float(rate), weights), bounds=RANGES["false_alarms"], method="bounded"
-        )
-        return end.x, self._model(end.x, float(misfit.x)), float(end.fun)
+        total = max(sum(sets.sum() for _, sets in weights), 1.0)
+
+        def misfit(rate: float) -> float:
+            parts = zip(ranked, self._observed, weights, strict=True)
+            return sum(
+                float(np.square(compute_expected_ap(p, float(rate))[0] - each.ap) @ sets)
+                for p, each, (_, sets) in parts
+            ) / float(total)
+
+        rate = self._minimize_scalar(misfit, bounds=RANGES["false_alarms"], method="bounded").x
+        return end.x, self._model(end.x, float(rate)), float(end.fun)
 
     def _model(self, numbers: Float64[np.ndarray, " p"], false_alarms: float = 0.0) -> HitModel:
         named: dict[str, Any] = dict(zip(FITTED, map(float, numbers[:-2]), strict=True))
         ceiling, floor = float(1 / (1 + np.exp(-numbers[-2]))), float(np.exp(numbers[-1]))
-        named |= {"ceiling": ceiling, "floor": floor, "false_alarms": false_alarms}
-        return HitModel(scheme=self._scheme.name, **named, **self._names)
+        return HitModel(**self._names, **named, ceiling=ceiling, floor=floor, false_alarms=false_alarms)
 
     def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
-        return [
-            _probability(evidence, each.subsets, each.visibility.boxes, model)
-            for evidence, each in zip(self._evidence, self._observed, strict=True)
-        ]
+        found = []
+        for evidence, each in zip(self._evidence, self._observed, strict=True):
+            sums = MemberSums(evidence.rows(model, np.float64))(each.subsets)
+            found.append(model.probability(*evidence.joined(sums, model)) * model.of_size(each.visibility.boxes))
+        return found
 
     def _unlikelihood(self, numbers: Float64[np.ndarray, " p"], weights: Sequence[_Weights]) -> float:
         total = count = 0.0
-        for p, each, weight in zip(self._probabilities(self._model(numbers)), self._observed, weights, strict=True):
+        for p, each, (objects, _) in zip(
+            self._probabilities(self._model(numbers)), self._observed, weights, strict=True
+        ):
             p = np.clip(p, 1e-9, 1 - 1e-9)
-            total -= float((np.where(each.hits, np.log(p), np.log1p(-p)) @ weight.objects).sum())
-            count += float(weight.objects.sum()) * len(p)
+            total -= float((np.where(each.hits, np.log(p), np.log1p(-p)) @ objects).sum())
+            count += float(objects.sum()) * len(p)
         return total / max(count, 1.0)
 
-    def _misfit(self, ranked: Sequence[np.ndarray], rate: float, weights: Sequence[_Weights]) -> float:
-        errors = [
-            (np.square(compute_expected_ap(p, rate)[0] - each.ap) @ weight.sets, weight.sets.sum())
-            for p, each, weight in zip(ranked, self._observed, weights, strict=True)
-        ]
-        return float(sum(error for error, _ in errors) / max(sum(count for _, count in errors), 1.0))
 
-
-def _drawn(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weights]:
+def _draw(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weights]:
     """Sites drawn with replacement. In each of them blocks of frames and sets are drawn too."""
-    count = len(observed)
-    times = rng.multinomial(count, np.full(count, 1 / count))
+
+    def draw(total: int, count: int) -> np.ndarray:
+        return rng.multinomial(total, np.full(count, 1 / count)) if count else np.zeros(0, np.int64)
+
     weights = []
-    for each, often in zip(observed, times.tolist(), strict=True):
+    for each, often in zip(observed, draw(len(observed), len(observed)).tolist(), strict=True):
         blocks, place = np.unique(each.visibility.frame // LIFE, return_inverse=True)
-        drawn = (
-            rng.multinomial(len(blocks) * often, np.full(len(blocks), 1 / max(1, len(blocks))))
-            if len(blocks)
-            else place
-        )
-        sets = rng.multinomial(len(each.ap) * often, np.full(len(each.ap), 1 / len(each.ap)))
-        weights.append(_Weights(drawn[place].astype(np.float64), sets.astype(np.float64)))
+        drawn = draw(len(blocks) * often, len(blocks))
+        sets = draw(len(each.ap) * often, len(each.ap))
+        weights.append((drawn[place].astype(np.float64), sets.astype(np.float64)))
     return weights
 
 
 class Fitted(NamedTuple):
-    """A model and its root-mean-square AP error.
-
-    The error is against the detector, on the sets that the model was fitted to.
-    """
+    """A model and its root-mean-square AP error against the detector, on the sets that it was fitted to."""
 
     model: HitModel
     rms: float
@@ -185,9 +168,8 @@ def fit_detected(
 ) -> tuple[Fitted, ...]:
     """Models of each class at each IoU threshold.
 
-    The input at each site is the visibility, the detections of the same candidates, frames and classes, and the sets.
-    ious: of vehicles, from those of `Detected`, all where empty. Raises ValueError where the data of a class are empty,
-    and names that class.
+    found: at each site the visibility, the detections of the same candidates, frames and classes, and the sets; ious:
+    of vehicles, from those of `Detected`, all where empty. Raises ValueError where the data of a class are empty.
     """
     first = found[0][1]
     estimates = [detected.class_estimates(sets) for _, detected, sets in found]
@@ -210,22 +192,25 @@ def fit_detected(
                 for (seen, detected, sets), hit, estimate in zip(found, hits, estimates, strict=True)
                 if (seen.labels == label).any()
             ]
+            named: dict[str, Any] = {"scheme": first.scheme, "iou": at, "label": name, "source": source}
             try:
-                model = fit(
-                    observed, scheme=first.scheme, iou=at, label=name, source=source, resamples=resamples, seed=seed
-                )
+                model = fit(observed, resamples=resamples, seed=seed, **named)
             except ValueError as error:
                 raise ValueError(f"{name} at IoU {at:g} in {first.scheme.name} fusion: {error}") from None
-            fitted[name, at] = Fitted(model, _misfit(model, first.scheme, observed))
+            own, errors = Classes((model.label,)), []
+            for each in observed:
+                surrogate = Surrogate(each.visibility, first.scheme, model, radius=each.radius, classes=own)
+                errors.append(surrogate(each.subsets).ap - each.ap)
+            fitted[name, at] = Fitted(model, float(np.sqrt(np.square(np.concatenate(errors)).mean())))
     return tuple(fitted.values())
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sensors and sets for a fit.
+    """Sensors and sets for a fit, drawn at random at each site, beside the site's own.
 
-    They are drawn at each site, beside the site's own. poses: of the site's pool; sets: of 1 to 8 sensors; models: of
-    the poses, empty for the paper's camera; resamples: see `fit`. All are drawn at random.
+    poses: of the site's pool; sets: of 1 to 8 sensors; models: of the poses, empty for the paper's camera; resamples:
+    see `fit`.
     """
 
     poses: int = 60
@@ -245,11 +230,10 @@ def fit_sites(
     source: str = "",
     run: Run = Run(seed=1000),
 ) -> tuple[Fitted, ...]:
-    """Models of a detector's hits at some sites.
+    """Models of a detector's hits at some sites, for each scheme, class and IoU threshold.
 
-    There is one for each scheme, class and IoU threshold. ious: of vehicles; run: its seed, plus the place of a site in
-    the list, draws traffic, poses and sets; its cache keeps detections, so an interrupted run resumes. Raises
-    ValueError where a class is absent or is always hit.
+    ious: of vehicles; run: its seed, plus the place of a site in the list, draws traffic, poses and sets; its cache
+    keeps detections, so an interrupted run resumes. Raises ValueError where a class is absent or is always hit.
     """
     from placement_env.candidates.pool import own_and_random, random_sets
     from placement_env.fidelity.detector import Detected
@@ -290,23 +274,9 @@ def _report(report: Callable[[int], None], before: int, done: int) -> None:
     report(before + done)
 
 
-def _misfit(model: HitModel, scheme: Scheme, observed: Sequence[Observed]) -> float:
-    own = Classes((model.label,))
-    errors = [
-        Surrogate(each.visibility, scheme, model, radius=each.radius, classes=own)(each.subsets).ap - each.ap
-        for each in observed
-    ]
-    return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
-
-
-def _probability(evidence: Evidence, subsets: np.ndarray, boxes: np.ndarray, model: HitModel) -> np.ndarray:
-    sums = MemberSums(evidence.rows(model, np.float64))(subsets)
-    return model.probability(*evidence.joined(sums, model)) * model.of_size(boxes)
-
-
-def _check(visibility: Visibility, subsets: np.ndarray, hits: np.ndarray, ap: np.ndarray) -> None:
-    wanted = (len(subsets), visibility.points.shape[1])
-    if hits.shape != wanted or ap.shape != wanted[:1] or subsets.shape[1] != len(visibility.points):
+def _check(each: Observed) -> None:
+    wanted, ap, hits = (len(each.subsets), each.visibility.points.shape[1]), each.ap, each.hits
+    if hits.shape != wanted or ap.shape != wanted[:1] or each.subsets.shape[1] != len(each.visibility.points):
         raise ValueError(
             f"there must be a hit or miss for each of {wanted[0]} sets and {wanted[1]} objects and an AP for each set, "
             f"got hits {hits.shape}, ap {ap.shape}: were they made of the same frames?"

@@ -27,7 +27,7 @@ from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.fidelity.detector import Detected
-    from placement_env.fidelity.hits.hit_model import HitModel
+    from placement_env.fidelity.hit_model import HitModel
     from placement_env.fidelity.panorama.live import LiveView
     from placement_env.fidelity.table import Table
     from placement_env.fidelity.traffic import Traffic
@@ -241,7 +241,7 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
 
     Raises ValueError where a model is missing, FileNotFoundError where the file is missing.
     """
-    from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
+    from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
 
     classes, scheme, path = setting.counted, setting.fusion, setting.surrogate
     wanted = [(name, classes.get_iou(name, iou)) for name in classes.names]

@@ -18,7 +18,7 @@ import numpy as np
 
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import SentData
-from placement_env.fidelity.hits.hit_model import HitModel, shipped_model
+from placement_env.fidelity.hit_model import HitModel, shipped_model
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import MemberSums

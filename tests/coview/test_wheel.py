@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 LOADS = """
 import coview
 from models.detector import SHIPPED, load_detector
-from placement_env.fidelity.hits.hit_model import shipped_model
+from placement_env.fidelity.hit_model import shipped_model
 assert not coview.__file__.startswith({tree!r}), coview.__file__
 for path in SHIPPED.glob("*.safetensors"):
     load_detector(path.stem)

@@ -320,13 +320,13 @@ def _read_table(path: Path) -> None:
 
 
 def _surrogate(path: Path) -> None:
-    from placement_env.fidelity.hits.hit_model import FOLDER
+    from placement_env.fidelity.hit_model import FOLDER
 
     path.write_text(json.dumps(json.loads((FOLDER / "general.json").read_text())[:2]))
 
 
 def _read_surrogate(path: Path) -> None:
-    from placement_env.fidelity.hits.hit_model import load_models
+    from placement_env.fidelity.hit_model import load_models
 
     load_models(path)
 

@@ -10,7 +10,7 @@ import pytest
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.hits.hit_model import HitModel
+from placement_env.fidelity.hit_model import HitModel
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import Visibility

@@ -12,7 +12,7 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_fit import fit_detected
-from placement_env.fidelity.hits.hit_model import HitModel, load_models, save_models, shipped_model
+from placement_env.fidelity.hit_model import HitModel, load_models, save_models, shipped_model
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import TableFidelity, best_sets, load_table, make_table

@@ -12,7 +12,7 @@ from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_fit import fit_detected
-from placement_env.fidelity.hits.hit_model import load_models, save_models
+from placement_env.fidelity.hit_model import load_models, save_models
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.seeing import see

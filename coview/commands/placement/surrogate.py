@@ -81,7 +81,7 @@ def surrogate(
     """
     from coview.options import ClassOptions
     from placement_env.fidelity.hit_fit import Sampling, fit_sites
-    from placement_env.fidelity.hits.hit_model import save_models
+    from placement_env.fidelity.hit_model import save_models
     from toolkit.sensors.models import find_model
     from toolkit.sites.files import load_site
     from toolkit.sites.random import random_site

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from placement_env.fidelity.hits.hit_model import HitModel
+from placement_env.fidelity.hit_model import HitModel
 from placement_env.objective import ROUNDING, Objective
 from toolkit.arrays import Bool, Float, Int64
 

@@ -21,7 +21,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 if TYPE_CHECKING:
-    from placement_env.fidelity.hits.hit_model import HitModel
+    from placement_env.fidelity.hit_model import HitModel
     from placement_env.fidelity.visibility import Visibility
 
 BOOTSTRAPS = 2000
@@ -108,7 +108,7 @@ def main() -> None:
     arguments.add_argument("--model", type=Path)
     asked = arguments.parse_args()
 
-    from placement_env.fidelity.hits.hit_model import load_models
+    from placement_env.fidelity.hit_model import load_models
 
     visibility, sets, ap = of_table(asked)
     models = load_models(asked.model) if asked.model else ()

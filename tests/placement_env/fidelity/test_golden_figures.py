@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.coverage import Coverage
-from placement_env.fidelity.hits.hit_model import shipped_model
+from placement_env.fidelity.hit_model import shipped_model
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import SHIPPED, TableFidelity, hash_site, load_table

@@ -4,7 +4,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hits.hit_model import shipped_model
+from placement_env.fidelity.hit_model import shipped_model
 from placement_env.fidelity.surrogate import Surrogate, compute_expected_ap
 from placement_env.objective import Objective
 from placement_env.setting import Setting

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hits.hit_model import load_models
+from placement_env.fidelity.hit_model import load_models
 from placement_env.fidelity.table import load_table
 
 PINNED = json.loads(Path(__file__).with_name("pinned.json").read_text())

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from placement_env.fidelity.hits.hit_model import load_models
+from placement_env.fidelity.hit_model import load_models
 
 QUICK = ("--frames", 6, "--poses", 4, "--sets", 10, "--schemes", "early", "--resamples", 2)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hits.hit_model import HitModel
+from placement_env.fidelity.hit_model import HitModel
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective

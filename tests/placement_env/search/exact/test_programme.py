@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from placement_env.fidelity.hits.hit_model import HitModel
+from placement_env.fidelity.hit_model import HitModel
 from placement_env.search.exact.programme import (
     GAINS,
     Levels,

@@ -1,6 +1,4 @@
-"""`HitModel`: the probability that a detector finds an object.
-
-It depends on the points on the object and has a few numbers, kept as JSON.
+"""`HitModel`: the probability that a detector finds an object, given the points on it; a few numbers, kept as JSON.
 
 An object has heading ψ, N_i points from sensor i of a set, and distance d_i in metres. Its hit probability is
 
@@ -35,13 +33,12 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.fidelity.hits.hit_domain import HitDomain
-from toolkit.arrays import Float
+from toolkit.arrays import Float, Float32
 from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, VEHICLE
 from toolkit.runtime.files import read_json, write_text
 
-FOLDER = Path(__file__).parents[1] / "surrogates"
+FOLDER = Path(__file__).parent / "surrogates"
 RANGES = {
     "iou": (0.0, 1.0),
     "intercept": (-30.0, 30.0),
@@ -56,17 +53,68 @@ RANGES = {
 }
 NUMBERS = ("intercept", "density", "ceiling", "norm", "false_alarms", "reach", "oblique", "floor", "bulk")
 BULKY = 16.0  # m³
+LITTLE = 0.05  # share of the view that may lie outside the domain without a warning
+BEYOND = 1.1  # factor on a range before it counts as exceeded
 OPTIONAL = {"label", "floor", "bulk", "domain", "resampled"}  # older files lack these
 
 
 @dataclass(frozen=True)
-class HitModel:
-    """Numbers of the formula above.
+class HitDomain:
+    """Range of data that a hit model was fitted to.
 
-    They are for one scheme (its name), IoU threshold and class of objects. false_alarms: number of false alarms that
-    outrank a hit, for each object that is less surely found and not hit; source: description of the fitted data, in
-    words; domain: in figures, None where unknown; resampled: `NUMBERS` of fits to resamples of the same data, which
-    show the uncertainty of the fit, empty where not tried. Raises ValueError where one is out of range.
+    farthest: 99 % quantile of the distance (m) of everything the sensors saw; most_points: of the points on an object;
+    sensors: kinds of their models. Raises ValueError where a number is not positive.
+    """
+
+    farthest: float
+    most_points: float
+    sensors: tuple[str, ...]
+    sites: int
+    objects: int
+    sets: int
+
+    def __post_init__(self) -> None:
+        for name in ("farthest", "most_points", "sites", "objects", "sets"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+                raise ValueError(f"{name} must be a number above 0, got {value!r}")
+        if not all(isinstance(name, str) for name in self.sensors):
+            raise ValueError(f"sensors must be names of sensor models, got {self.sensors!r}")
+
+    def outside(
+        self, points: Float32[np.ndarray, "C O"], distance: Float32[np.ndarray, "C O"], sensors: Iterable[str] = ()
+    ) -> tuple[str, ...]:
+        """Sentences on how a question differs; empty if not. sensors: kinds of models.
+
+        >>> domain = HitDomain(50.0, 900.0, ("DepthCamera",), 1, 10, 5)
+        >>> domain.outside(np.float32([[30]]), np.float32([[20]]), ["DepthCamera"])
+        ()
+        >>> domain.outside(np.float32([[30]]), np.float32([[80]]))
+        ('100% of what the candidates see is beyond 50 m, farther than what the surrogate was fitted to',)
+        """
+        said = []
+        seen = points > 0
+        for figure, most, words in (
+            (distance, self.farthest, "is beyond {:.0f} m, farther than"),
+            (points, self.most_points, "has more than {:.0f} points, more than"),
+        ):
+            share = float((figure[seen] > BEYOND * most).mean()) if seen.any() else 0.0
+            if share > LITTLE:
+                beyond = words.format(most)
+                said.append(f"{share:.0%} of what the candidates see {beyond} what the surrogate was fitted to")
+        unlike = sorted(set(sensors) - set(self.sensors))
+        if unlike:
+            said.append(f"the surrogate was fitted to {', '.join(self.sensors)}, not to {', '.join(unlike)}")
+        return tuple(said)
+
+
+@dataclass(frozen=True)
+class HitModel:
+    """Numbers of the formula above, for one scheme (its name), IoU threshold and class of objects.
+
+    false_alarms: number of false alarms that outrank a hit, for each object that is less surely found and not hit;
+    source: the fitted data in words; domain: in figures, None where unknown; resampled: `NUMBERS` of fits to resamples
+    of the same data, which show the uncertainty of the fit. Raises ValueError where one is out of range.
     """
 
     scheme: str
@@ -105,10 +153,9 @@ class HitModel:
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """Hit probability p from Σ n_i ^ norm.
+        """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows.
 
-        It is for objects up to `BULKY` and grows with the sum. raw: Σ N_i ^ norm, for the floor; None for enough points
-        to meet it.
+        raw: Σ N_i ^ norm, for the floor; None for enough points to meet it.
         """
         z = np.log1p(powers)
         z *= -self.density / self.norm
@@ -128,10 +175,7 @@ class HitModel:
 
 
 def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) -> tuple[HitModel, ...]:
-    """Models of a file for schemes with these names.
-
-    Raises FileNotFoundError; ValueError, in one line, for any other kind of file.
-    """
+    """Models of a file for schemes with these names. Raises FileNotFoundError; ValueError for another kind of file."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no surrogate {path}: fit one with coview surrogate")
@@ -152,10 +196,9 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
 def shipped_model(
     scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = LABELS[VEHICLE]
 ) -> HitModel:
-    """Model that comes with coview for a shipped detector.
+    """Model that comes with coview for a shipped detector, or for the general one.
 
-    A detector without its own uses that of the general one. Raises ValueError, which lists the available models, for an
-    unknown scheme, IoU threshold or class.
+    Raises ValueError, which lists the available models, for an unknown scheme, IoU threshold or class.
     """
     own = FOLDER / f"{detector}.json"
     models = load_models(own if own.is_file() else FOLDER / "general.json")
@@ -163,31 +206,24 @@ def shipped_model(
 
 
 def chosen_model(models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str) -> HitModel:
-    """Model for a scheme, IoU threshold and class.
-
-    `source` holds the choices. Raises ValueError where none fits; it lists the choices and says how to fit one.
-    """
+    """Model for a scheme, IoU threshold and class. Raises ValueError where `source` has none, and lists the choices."""
     models = list(models)
     for model in models:
         if (model.scheme, model.label) == (scheme, label) and math.isclose(model.iou, iou):
             return model
-    there = ", ".join(f"{model.scheme} at {model.iou:g}{_of(model.label)}" for model in models)
+    of = {name: "" if name == LABELS[VEHICLE] else f" of {name}" for name in LABELS}
+    there = ", ".join(f"{model.scheme} at {model.iou:g}{of[model.label]}" for model in models)
     raise ValueError(
-        f"no surrogate of {source} for {scheme} at IoU {iou:g}{_of(label)}: choose among {there}; fidelity detector or "
+        f"no surrogate of {source} for {scheme} at IoU {iou:g}{of[label]}: choose among {there}; fidelity detector or "
         "coverage takes any, and coview surrogate fits one to a detector"
     )
 
 
-def _of(label: str) -> str:
-    """Words for a model's class, unless it is vehicles."""
-    return "" if label == LABELS[VEHICLE] else f" of {label}"
-
-
-def _model(row: Any, schemes: Collection[str]) -> HitModel:
+def _model(given: object, schemes: Collection[str]) -> HitModel:
     names = {field.name for field in fields(HitModel)}
-    if not isinstance(row, dict) or set(row) | OPTIONAL != names:
-        raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {row!s:.80}")
-    row = {"floor": 0.0, "bulk": 0.0} | row
+    if not isinstance(given, dict) or set(given) | OPTIONAL != names:
+        raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {given!s:.80}")
+    row: dict[str, Any] = {"floor": 0.0, "bulk": 0.0, "resampled": [], "domain": None, **given}
     for name in RANGES:
         if isinstance(row[name], bool) or not isinstance(row[name], int | float):
             raise ValueError(f"{name} must be a number, got {row[name]!r}")
@@ -198,27 +234,40 @@ def _model(row: Any, schemes: Collection[str]) -> HitModel:
         )
     if not isinstance(row.get("label", ""), str):
         raise ValueError(f"label must be one of {', '.join(LABELS)}, got {row['label']!r}")
-    resampled = row.get("resampled", [])
+    resampled = row["resampled"]
     if not isinstance(resampled, list) or not all(isinstance(each, list) for each in resampled):
         raise ValueError(f"resampled must be lists of numbers, got {resampled!s:.60}")
     try:
-        rows = tuple(tuple(float(number) for number in each) for each in resampled)
-        rows = tuple((*each, 0.0) if len(each) == len(NUMBERS) - 1 else each for each in rows)  # there was no bulk
-        domain = _domain(row.get("domain"))
+        rows = [tuple(float(number) for number in each) for each in resampled]
+        rows = [(*each, 0.0) if len(each) == len(NUMBERS) - 1 else each for each in rows]  # there was no bulk
+        row |= {"domain": _domain(row["domain"]), "resampled": tuple(rows)}
     except TypeError as error:
         raise ValueError(f"resampled must be numbers and domain a table of {error}") from None
-    model = HitModel(**row | {name: float(row[name]) for name in RANGES} | {"domain": domain, "resampled": rows})
+    model = HitModel(**row | {name: float(row[name]) for name in RANGES})
     _ = model.resamples  # in their ranges, too
     return model
 
 
-def _domain(row: Any) -> HitDomain | None:
+def _domain(row: object) -> HitDomain | None:
     if row is None:
         return None
-    if not isinstance(row, dict) or set(row) != {field.name for field in fields(HitDomain)}:
-        names = ", ".join(field.name for field in fields(HitDomain))
-        raise ValueError(f"domain must be null or have {names}, got {row!s:.60}")
+    names = [field.name for field in fields(HitDomain)]
+    if not isinstance(row, dict) or set(row) != set(names):
+        raise ValueError(f"domain must be null or have {', '.join(names)}, got {row!s:.60}")
     if not isinstance(row["sensors"], list):
         raise ValueError(f"sensors must be a list of names, got {row['sensors']!s:.60}")
     numbers = {name: float(row[name]) for name in ("farthest", "most_points")}
     return HitDomain(**row | numbers | {"sensors": tuple(row["sensors"])})
+
+
+def build_domain(
+    points: list[Float[np.ndarray, "_ _"]], distance: list[Float[np.ndarray, "_ _"]], sensors: Iterable[str], sets: int
+) -> HitDomain:
+    """Domain of the data that sensors of several sites saw."""
+    seen = np.concatenate([each[each > 0].ravel() for each in points])
+    away = np.concatenate([d[n > 0].ravel() for n, d in zip(points, distance, strict=True)])
+    if not len(seen):
+        raise ValueError("no sensor has a point on any object, so there is nothing to fit: take more frames or poses")
+    most, farthest = float(np.quantile(seen, 0.99)), float(np.quantile(away, 0.99))
+    objects = sum(each.shape[1] for each in points)
+    return HitDomain(round(farthest, 1), round(most, 1), tuple(sorted(set(sensors))), len(points), objects, sets)

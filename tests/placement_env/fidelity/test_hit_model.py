@@ -6,8 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hits.hit_domain import HitDomain
-from placement_env.fidelity.hits.hit_model import FOLDER, NUMBERS, RANGES, load_models, save_models, shipped_model
+from placement_env.fidelity.hit_model import FOLDER, NUMBERS, RANGES, HitDomain, load_models, save_models, shipped_model
 
 SCHEMES = ("early", "late", "hybrid")
 DOMAIN = {"farthest": 60.0, "most_points": 900.0, "sensors": ["DepthCamera"], "sites": 2, "objects": 30, "sets": 9}

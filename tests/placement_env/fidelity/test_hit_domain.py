@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hits.hit_domain import HitDomain, build_domain
+from placement_env.fidelity.hit_model import HitDomain, build_domain
 
 DOMAIN = HitDomain(50.0, 100.0, ("DepthCamera",), 2, 30, 9)
 NEAR = np.full((2, 50), 30.0, np.float32)
