@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ _Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
 
 @dataclass(frozen=True)
 class ProfileFidelities:
-    """Fidelities at one error profile. They are of all traffic, and of each level and IoU threshold."""
+    """Fidelities at one error profile, of all traffic, and of each level and IoU threshold."""
 
     whole: Fidelity
     levels: tuple[tuple[Fidelity, ...], ...]
@@ -32,7 +32,8 @@ class CasesFidelity:
     """
 
     def __init__(self, profiles: Sequence[ProfileFidelities], cases: Cases) -> None:
-        self._profiles, self.cases = tuple(profiles), cases
+        self._profiles, self.cases, self._first = tuple(profiles), cases, profiles[0].whole
+        self.detector = getattr(self._first, "detector", None)
 
     @property
     def name(self) -> str:
@@ -43,11 +44,6 @@ class CasesFidelity:
     def classes(self) -> Classes:
         """Classes that count."""
         return cast(ByClass, self._first).classes
-
-    @property
-    def detector(self) -> Any:
-        """Detector that scores, or None."""
-        return getattr(self._first, "detector", None)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set."""
@@ -60,27 +56,24 @@ class CasesFidelity:
         classes together.
         """
         found = self._at_profiles(subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows))
-        shares = self.cases.shares(np.stack([each.combined(self.classes).ap for each in found]))
-        ap, recall = ((shares[:, :, None] * np.stack(each)).sum(axis=0) for each in list(zip(*found, strict=True))[:2])
-        return ClassEstimates(ap, recall, (shares * np.stack([each.kbit for each in found])).sum(axis=0))
+        return ClassEstimates(*self._over_profiles(found, [each.combined(self.classes).ap for each in found]))
 
     def at_each(self, subsets: Bool[np.ndarray, "n C"]) -> dict[str, Estimate]:
-        """Figures of each set at each error profile. They are keyed by the profile's name."""
+        """Figures of each set at each error profile, by its name."""
         found = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
         return dict(zip(self.cases.names, found, strict=True))
-
-    @property
-    def _first(self) -> Fidelity:
-        return self._profiles[0].whole
 
     def _reduce(
         self, subsets: Bool[np.ndarray, "n C"], score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
     ) -> Estimate:
-        ap, recall, kbit = (
-            np.stack(each) for each in zip(*self._at_profiles(subsets, score), strict=True)
-        )  # each [profile, set]
-        shares = self.cases.shares(ap)
-        return Estimate(*((shares * each).sum(axis=0) for each in (ap, recall, kbit)))
+        found = self._at_profiles(subsets, score)
+        return Estimate(*self._over_profiles(found, [each.ap for each in found]))
+
+    def _over_profiles(self, found: list[_Estimated], ap: list[np.ndarray]) -> list[np.ndarray]:
+        """Figures over the error profiles, each set's by its share of each profile."""
+        shares = self.cases.shares(np.stack(ap))  # (profile, set)
+        figures = [np.stack(each) for each in zip(*found, strict=True)]
+        return [(shares.reshape(*shares.shape, *[1] * (each.ndim - 2)) * each).sum(axis=0) for each in figures]
 
     def _at_profiles(
         self, subsets: Bool[np.ndarray, "n C"], score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]

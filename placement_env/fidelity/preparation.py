@@ -247,7 +247,7 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
     wanted = [(name, classes.get_iou(name, iou)) for name in classes.names]
     if path is None:
         return tuple(shipped_model(surrogate_name(scheme), at, network, label=name) for name, at in wanted)
-    models = load_models(path, schemes={*SCHEMES, scheme.name})
+    models = load_models(path, schemes=(*SCHEMES, scheme.name))
     return tuple(chosen_model(models, surrogate_name(scheme), at, name, source=str(path)) for name, at in wanted)
 
 

@@ -60,35 +60,29 @@ class Traffic:
 def simulate_traffic(
     site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
 ) -> Traffic:
-    """Frames of simulated traffic, `frames` of them.
+    """Frames of simulated traffic, the same for the same seed. bodies: recurring ones, None to draw all afresh.
 
-    bodies: recurring bodies, None to draw every road user afresh. The same seed gives the same frames. Parked vehicles
-    stay for `LIFE` frames, like all others. Sets are compared by a bootstrap over blocks of that length, and a van
-    parked there throughout would bias the comparison unnoticed. Raises ValueError for fewer frames than one, and errors
-    of `toolkit.traffic.snapshots.simulate`.
+    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks of that length,
+    which a van parked there throughout would bias unnoticed. Raises ValueError for fewer frames than one, and errors of
+    `toolkit.traffic.snapshots.simulate`.
     """
     check_whole("frames", frames, least=1)
     drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1])) if bodies is None else bodies
-    return Traffic(
-        site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=bodies is None, mix=Mix(stay=LIFE)))
-    )
+    snapshots = simulate(site, drawn, frames=frames, seed=seed, once=bodies is None, mix=Mix(stay=LIFE))
+    return Traffic(site, drawn, tuple(snapshots))
 
 
 @lru_cache(maxsize=2)
 def build_renderer(traffic: Traffic) -> Renderer:
-    """Renderer of the traffic's site and bodies.
-
-    It has no sensors and is built once: assembling the standing scene takes longer than rendering it.
-    """
+    """Renderer of the traffic's site and bodies, without sensors, built once: assembling is slow."""
     from toolkit.rendering.renderer import Renderer
 
     return Renderer(traffic.site, traffic.bodies, (), threads=1)
 
 
 def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Bool[np.ndarray, " n"]:
-    """Mask of the objects that a detector is scored by.
+    """Mask of the objects of some classes (numbers) that a detector is scored by, those centred in the area.
 
-    They are of some classes (numbers), vehicles (no heavy ones) by default, and centred in the area, as in
-    `toolkit.detection.evaluation` with its exact protocol.
+    The same as in `toolkit.detection.evaluation` with its exact protocol.
     """
     return np.isin(objects.labels, labels) & has_centre_inside(objects.boxes, site.area)
