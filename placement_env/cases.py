@@ -19,12 +19,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast, get_args
 
 import numpy as np
 
 from placement_env.checks import check_iou, whole
-from placement_env.classes import COMBINE, Classes, Combine
+from placement_env.classes import Classes, Combine
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.sensors.error_profiles import PROFILES, get_profile, only_own_noise
 
@@ -71,17 +71,19 @@ class Cases:
         ious = _thresholds(self.iou)
         object.__setattr__(self, "iou", ious[0] if len(ious) == 1 else ious)
         errors = self.errors if isinstance(self.errors, tuple | list) else (self.errors,)
-        object.__setattr__(self, "errors", tuple(_shortest(each) for each in errors))
+        given = [get_profile(each) for each in errors]  # named where they have a name of their own
+        short = tuple(each.name if PROFILES.get(each.name) == each else each for each in given)
+        object.__setattr__(self, "errors", short)
         if not whole(self.failing) or not 0 <= self.failing <= MOST_FAILING:
             raise ValueError(f"failing must be 0 to {MOST_FAILING} sensors, got {self.failing!r}")
         if not whole(self.levels) or not 1 <= self.levels <= MOST_LEVELS:
             raise ValueError(f"traffic has 1 to {MOST_LEVELS} levels, got {self.levels!r}")
         for name in ("failures", "levels_by", "errors_by"):
-            if getattr(self, name) not in COMBINE:
+            if getattr(self, name) not in get_args(Combine):
                 raise ValueError(f"{name} must be mean or worst, got {getattr(self, name)!r}")
         if not len(self.profiles) == len(set(self.names)) == len({each.digest for each in self.profiles}) > 0:
-            given = ", ".join(self.names) or "none"
-            raise ValueError(f"error profiles must be different ones, got {given}: name each once")
+            names = ", ".join(self.names) or "none"
+            raise ValueError(f"error profiles must be different ones, got {names}: name each once")
 
     @property
     def ious(self) -> tuple[float, ...]:
@@ -108,11 +110,6 @@ class Cases:
         return tuple(each.name for each in self.profiles)
 
     @property
-    def level_names(self) -> tuple[str, ...]:
-        """Names of the levels, thin traffic first."""
-        return LEVEL_NAMES[self.levels]
-
-    @property
     def plain(self) -> bool:
         """True for one threshold, no failures and undivided traffic, whatever the errors."""
         return len(self.ious) == 1 and not self.failing and self.levels == 1
@@ -123,14 +120,14 @@ class Cases:
         return all(map(only_own_noise, self.profiles))
 
     @property
-    def origin(self) -> dict[str, Any]:
+    def origin(self) -> dict[str, object]:
         """Thresholds, failures and levels as results state them."""
         failing = {"failing": {"sensors": self.failing, "combine": self.failures}} if self.failing else {}
         levels = {"levels": {"count": self.levels, "combine": self.levels_by}} if self.levels > 1 else {}
         return {"iou": self.iou if len(self.ious) == 1 else list(self.ious), **failing, **levels}
 
     @property
-    def errors_origin(self) -> dict[str, Any]:
+    def errors_origin(self) -> dict[str, object]:
         """Error profiles as results state them."""
         if len(self.profiles) == 1:
             return dict(self.profiles[0].origin)
@@ -149,26 +146,18 @@ class Cases:
     def describe_failures(self) -> str:
         """Words for what is left of a set.
 
-        >>> Cases(failing=1).describe_failures(), Cases(failing=2, failures="mean").describe_failures()
-        ('what is left in the worst case when 1 sensor fails', 'what is left on average when 2 sensors fail')
+        >>> Cases(failing=2, failures="mean").describe_failures()
+        'what is left on average when 2 sensors fail'
         """
         what = "1 sensor fails" if self.failing == 1 else f"{self.failing} sensors fail"
         return f"what is left {'in the worst case' if self.failures == 'worst' else 'on average'} when {what}"
 
     def describe_levels(self) -> str:
-        """Words for how levels of traffic become one.
-
-        >>> Cases(levels=3).describe_levels(), Cases(levels=2, levels_by="mean").describe_levels()
-        ('at the worst of 3 levels of traffic', 'averaged over 2 levels of traffic')
-        """
+        """Words for how levels of traffic become one."""
         return f"{_HOW[self.levels_by]} {self.levels} levels of traffic"
 
     def describe_errors(self) -> str:
-        """Words for how error profiles become one.
-
-        >>> Cases(errors=("paper", "poor"), errors_by="mean").describe_errors()
-        'averaged over the error profiles paper and poor'
-        """
+        """Words for how error profiles become one."""
         return f"{_HOW[self.errors_by]} the error profiles {self.errors_text}"
 
     def class_ious(self, classes: Classes, name: str) -> IoUs:
@@ -188,21 +177,16 @@ class Cases:
     def expand(self, sets: Bool[np.ndarray, "n C"]) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
         """Sets followed by what each failure leaves of them, and the set that each row belongs to.
 
-        Without failures these are the sets. A set that may lose all its sensors has one case, the empty set.
+        A set that may lose all its sensors has one case, the empty set.
         """
-        owners = np.arange(len(sets))
-        if not self.failing:
-            return sets, owners
-        rows, belongs = [*sets], owners.tolist()
-        for n, row in enumerate(sets):
+        rows, owners = [*sets], list(range(len(sets)))
+        for n, row in enumerate(sets) if self.failing else ():
             members = np.flatnonzero(row)
-            losses = combinations(members.tolist(), self.failing) if len(members) > self.failing else [members]
-            for lost in losses:
-                left = row.copy()
-                left[list(lost)] = False
-                rows.append(left)
-                belongs.append(n)
-        return np.array(rows, np.bool_).reshape(len(rows), sets.shape[1]), np.array(belongs, np.int64)
+            for lost in combinations(members.tolist(), self.failing) if len(members) > self.failing else [members]:
+                rows.append(row.copy())
+                rows[-1][list(lost)] = False
+                owners.append(n)
+        return np.array(rows, np.bool_).reshape(len(rows), sets.shape[1]), np.array(owners, np.int64)
 
     def over_levels(self, figures: Float64[np.ndarray, "levels *rest"]) -> Float64[np.ndarray, "*rest"]:
         """Figures of the levels as one; NaN, nothing to find, only where all are."""
@@ -237,11 +221,7 @@ class Cases:
         return np.asarray(figures.min(axis=0) if self.errors_by == "worst" else figures.mean(axis=0))
 
     def shares(self, ap: Float64[np.ndarray, "P n"]) -> Float64[np.ndarray, "P n"]:
-        """Share with which each error profile counts for each set: all for that of least AP, or all alike.
-
-        >>> Cases(errors=("paper", "poor")).shares(np.array([[0.9, 0.5], [0.8, 0.5]])).tolist()
-        [[0.0, 1.0], [1.0, 0.0]]
-        """
+        """Share with which each error profile counts for each set: all for that of least AP, or all alike."""
         if self.errors_by == "mean":
             return np.full(ap.shape, 1 / len(ap))
         return (np.arange(len(ap))[:, None] == ap.argmin(axis=0)).astype(np.float64)
@@ -250,33 +230,23 @@ class Cases:
 _HOW = {"worst": "at the worst of", "mean": "averaged over"}
 
 
-def _shortest(errors: ErrorProfile | str) -> ErrorProfile | str:
-    """Name of a profile that has one of its own, else the profile."""
-    profile = get_profile(errors)
-    return profile.name if PROFILES.get(profile.name) == profile else profile
-
-
 def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
     if isinstance(iou, str):
-        return _parse_range(iou)
+        try:
+            ends = [float(each) for each in iou.split(":")]
+        except ValueError:
+            ends = []
+        if len(ends) not in (1, 2) or not 0 < ends[0] <= ends[-1] <= 1:
+            raise ValueError(f"iou must lie in (0, 1], as 0.7 or 0.5:0.95, got {iou}")
+        if len(ends) == 1:
+            return (ends[0],)
+        return tuple(np.round(np.arange(ends[0], ends[1] + COCO_STEP / 2, COCO_STEP), 2).tolist())
     found: tuple[float, ...] = tuple(sorted(iou)) if isinstance(iou, Iterable) else (iou,)
     for each in found:
         check_iou(each)
     if not found or len(set(found)) < len(found):
         raise ValueError(f"IoU thresholds must be one or several different ones, got {iou!r}")
     return tuple(float(each) for each in found)
-
-
-def _parse_range(text: str) -> tuple[float, ...]:
-    try:
-        ends = [float(each) for each in text.split(":")]
-    except ValueError:
-        ends = []
-    if len(ends) not in (1, 2) or not 0 < ends[0] <= ends[-1] <= 1:
-        raise ValueError(f"iou must lie in (0, 1], as 0.7 or 0.5:0.95, got {text}")
-    if len(ends) == 1:
-        return (ends[0],)
-    return tuple(np.round(np.arange(ends[0], ends[1] + COCO_STEP / 2, COCO_STEP), 2).tolist())
 
 
 def iou_text(iou: IoUs) -> str:

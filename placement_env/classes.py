@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, VEHICLE, label_index
 from toolkit.runtime.cache import make_key
 
 Combine = Literal["mean", "worst"]
-COMBINE: tuple[Combine, ...] = get_args(Combine)
 SMALL = (LABELS[CYCLIST], LABELS[PEDESTRIAN])
 SMALL_IOU = 0.5
 
@@ -34,9 +33,8 @@ SMALL_IOU = 0.5
 class Classes:
     """Classes of road users that count.
 
-    names: of `toolkit.objects.LABELS`, kept in that order; weights: of each, equal if none are given, scaled to sum to
-    1; combine: mean or worst; ious: of each, None for the usual one. Raises ValueError in one line where these do not
-    fit.
+    names: of `toolkit.objects.LABELS`, in that order; weights: of each, equal if none are given, scaled to sum to 1;
+    ious: of each, None for the usual one. Raises ValueError where these do not fit.
 
     >>> Classes(("pedestrian", "vehicle"), (1.0, 3.0))
     Classes(names=('vehicle', 'pedestrian'), weights=(0.75, 0.25), combine='mean', ious=(None, None))
@@ -60,8 +58,8 @@ class Classes:
                 f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}: leave out a class "
                 "that does not count"
             )
-        if self.combine not in COMBINE:
-            raise ValueError(f"combine must be one of {', '.join(COMBINE)}, got {self.combine!r}")
+        if self.combine not in get_args(Combine):
+            raise ValueError(f"combine must be one of {', '.join(get_args(Combine))}, got {self.combine!r}")
         if self.combine == "worst" and len(set(weights)) > 1:
             raise ValueError(
                 f"the worst class takes no weights, got {self.weights}: leave them out, or combine by mean"
@@ -89,7 +87,7 @@ class Classes:
         return tuple(label_index(name) for name in self.names)
 
     @property
-    def origin(self) -> dict[str, Any]:
+    def origin(self) -> dict[str, object]:
         """Description kept in results."""
         return {"names": self.names, "weights": self.weights, "combine": self.combine, "ious": self.ious}
 
@@ -104,9 +102,7 @@ class Classes:
         return own if own is not None else SMALL_IOU if name in SMALL else iou
 
     def described(self, iou: float | tuple[float, ...] | None = None) -> str:
-        """Describe in words: a class, or the mean or worst of several.
-
-        iou: of the objective, several if their mean counts; other ones are named beside it, None to name none.
+        """Describe in words. iou: of the objective; other ones are named beside a class, None to name none.
 
         >>> Classes(("vehicle", "pedestrian"), combine="worst").described(0.7)
         'worst of vehicle and pedestrian (IoU 0.5)'

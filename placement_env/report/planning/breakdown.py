@@ -12,6 +12,7 @@ import numpy as np
 
 from placement_env.analysis.approaches import compass, find_approaches
 from placement_env.analysis.intervals import Tally
+from placement_env.cases import LEVEL_NAMES
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Detected
@@ -153,7 +154,7 @@ def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ..
 
 def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
     """Judge each level of traffic. No row if it is undivided."""
-    each = zip(judge.cases.level_names, judge.by_level(chosen), judge.levels, strict=False)
+    each = zip(LEVEL_NAMES[judge.cases.levels], judge.by_level(chosen), judge.levels, strict=False)
     frame, points = scored.truth_frame, scored.points
     return tuple(_row(name, judged, points[np.isin(frame, part)]) for name, judged, part in each)
 
