@@ -3,14 +3,14 @@
 Reward = AP − λ_comm · kbit per sensor − λ_price · price.
 
 kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of a set sends in a
-frame, averaged over frames and sensors. The total of the whole set is reported beside it. A set is feasible when its
-mounts have room for its sensors, no sensor sends more than the link of its mount carries (where the scheme sends
-points), and the set costs no more than the money available. Its price is that of its mounts and its sensors.
+frame, averaged over frames and sensors. A set is feasible when its mounts have room for its sensors, no sensor sends
+more than the link of its mount carries (where the scheme sends points), and its mounts and sensors cost no more than
+the money available.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -21,7 +21,7 @@ import numpy as np
 from placement_env.candidates.candidates import extra_prices, fit_together, room_beside
 from placement_env.cases import USUAL_CASES
 from placement_env.classes import VEHICLES, Classes
-from placement_env.protocol import ByClass, ByFrames, Estimate
+from placement_env.protocol import ByClass, ByFrames
 from placement_env.racing import Race, race
 from placement_env.setting import Setting, Weights
 from placement_env.subsets import find_index
@@ -43,11 +43,7 @@ MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memor
 
 @dataclass(frozen=True)
 class Score:
-    """Score of one set.
-
-    subset: indices of its candidates, ascending; `terms` add up to the reward; cache_hit: whether the fidelity already
-    knew this set; class_ap: AP of each class, NaN where the class has no objects.
-    """
+    """Score of one set (ascending indices). Its `terms` add up to the reward; class_ap: NaN without an object."""
 
     subset: tuple[int, ...]
     ap: float
@@ -75,11 +71,10 @@ class Scores(NamedTuple):
 
 
 class Objective:
-    """Score sets of candidate sensors for a setting.
+    """Score sets of candidate sensors for a setting, a site or the name of one.
 
-    setting: the question, or just a site or its name; run: how it is computed; visibility: what the candidates see, for
-    a setting with a custom fidelity. Without it, each candidate is scored alone to find how much it sends. Raises
-    ValueError where the fidelity cannot score the setting this way.
+    visibility: what the candidates see, for a setting with a custom fidelity. Without it, each candidate is scored
+    alone to find how much it sends. Raises ValueError where the fidelity cannot score the setting this way.
     """
 
     def __init__(
@@ -103,19 +98,19 @@ class Objective:
         self.classes: Classes = getattr(self.scored_by, "classes", VEHICLES)
         several = len(self.classes.names) if isinstance(self.scored_by, ByClass) else 1
         self._width = 3 if several == 1 else 3 + several
-        self._known = self._forgotten()
+        self.forget()
 
     @classmethod
     def of_moved(
         cls, preparation: Preparation, candidates: Candidates, visibility: Visibility, weights: Weights
     ) -> Objective:
-        """Objective of other candidates in a preparation's traffic. Their visibility is already known."""
+        """Objective of other candidates, whose visibility is known, in a preparation's traffic."""
         fidelity = preparation.at(candidates, visibility).fidelity()
         setting = replace(preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights)
         return cls(setting, preparation.run, visibility=visibility)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_known": self._forgotten()}
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_known": self._empty()}
 
     @property
     def site(self) -> Site | None:
@@ -133,10 +128,7 @@ class Objective:
         return self.setting.most_price
 
     def weighed(self, weights: Weights, *, most_price: float | None = None) -> Objective:
-        """Same objective with other weights.
-
-        `most_price` is replaced too where given. The new objective has its own memory.
-        """
+        """Same objective with other weights, a price limit where given, and its own memory."""
         other = copy(self)
         most = self.most_price if most_price is None else most_price
         other.setting = replace(self.setting, weights=weights, most_price=most)
@@ -146,13 +138,10 @@ class Objective:
 
     def forget(self) -> None:
         """Empty the memory of scored sets."""
-        self._known = self._forgotten()
+        self._known = self._empty()
 
-    def _forgotten(self) -> dict[bytes, tuple[float, ...]]:
-        """Memory that holds the empty set alone.
-
-        It keeps AP, recall, kbit and, for several classes, the AP of each, under the set's bits.
-        """
+    def _empty(self) -> dict[bytes, tuple[float, ...]]:
+        """Memory of the empty set alone: AP, recall, kbit and the AP of each of several classes under a set's bits."""
         return {bytes(-(-len(self.candidates) // 8)): (0.0,) * self._width}
 
     @property
@@ -163,18 +152,19 @@ class Objective:
     @property
     def provenance(self) -> dict[str, Any]:
         """Origin of its scores. It names site, candidates, traffic, fidelity, detector, scheme, codec and version."""
-        made, cases = self.preparation, self.setting.cases
-        site = {} if self.site is None else {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
-        traffic = {} if made is None else {"frames": made.frames, "seed": self.run.seed}
-        counted = {} if made is None and cases == USUAL_CASES else cases.origin
-        errors = {} if made is None else {"errors": cases.errors_origin}
-        detector = getattr(self.scored_by, "detector", None)
+        made, cases, detector = self.preparation, self.setting.cases, getattr(self.scored_by, "detector", None)
+        known: dict[str, Any] = {}
+        if self.site is not None:
+            known |= {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
+        if made is not None:
+            known |= {"frames": made.frames, "seed": self.run.seed}
+        if made is not None or cases != USUAL_CASES:
+            known |= cases.origin
+        if made is not None:
+            known["errors"] = cases.errors_origin
         return settings_origin(
             self.codec,
-            **site,
-            **traffic,
-            **counted,
-            **errors,
+            **known,
             candidates=self.candidates.digest(),
             scheme=self.scheme.digest,
             fidelity=self.fidelity,
@@ -203,10 +193,7 @@ class Objective:
         return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
 
     def score(self, subset: Members) -> Score:
-        """Score of one set.
-
-        The set is given as indices or names of candidates in any order. Raises ValueError for an unknown one.
-        """
+        """Score of one set, given as indices or names of candidates. Raises ValueError for an unknown one."""
         row = self.row(subset)
         scores = self.scores(row[None])
         ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
@@ -217,15 +204,12 @@ class Objective:
         return Score(members, *figures, terms, self.fidelity, bool(scores.cache_hit[0]), by_class)
 
     def class_ap(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, "n k"]:
-        """AP of each class for each set. Sets are rows of booleans. A class without objects has NaN."""
+        """AP of each class for each set, NaN for a class without objects."""
         figures, _ = self._figures(subsets)
         return figures[:, 3:] if self._width > 3 else figures[:, :1]
 
     def scores(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
-        """Scores of sets, feasible or not.
-
-        Sets are rows of booleans. A known set is not scored again, and the empty set scores 0.
-        """
+        """Scores of sets, feasible or not. A known set is not scored again, and the empty set scores 0."""
         figures, cache_hit = self._figures(subsets)
         ap, recall, kbit = figures.T[:3]
         per_sensor, price, reward = self._weigh(subsets, ap, kbit)
@@ -234,10 +218,9 @@ class Objective:
     def race(
         self, subsets: Bool[np.ndarray, "n C"], *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
     ) -> Race:
-        """Sets of the greatest reward, `keep` of them.
+        """Sets of the greatest reward, most others dropped after a few frames: arguments as of `racing.race`.
 
-        Most others are dropped after a few frames; `placement_env.racing.race` explains the other arguments. Raises
-        ValueError for a fidelity that cannot score a subset of the frames; the detector's can.
+        Raises ValueError for a fidelity that cannot score a subset of the frames; the detector's can.
         """
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):
@@ -259,7 +242,7 @@ class Objective:
         return per_sensor, price, ap - self.weights.comm * per_sensor - self.weights.price * price
 
     def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Price of the mounts and sensors of each set. A mount that carries two sensors is paid once."""
+        """Price of the mounts, each paid once, and sensors of each set."""
         built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
         row, candidate = subsets.nonzero()
         built[row, self.candidates.mount[candidate]] = True
@@ -270,49 +253,43 @@ class Objective:
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
-        """Mask of sets that may be built.
-
-        No mount holds more sensors or kbit than it carries, and no set costs more than `most_price`.
-        """
+        """Mask of sets that may be built."""
         together = fit_together(self.candidates, subsets, self.shared_links)
         return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that keep a set feasible.
-
-        Their mounts have room, and the remaining money pays for them.
-        """
+        """Mask of candidates that keep a set feasible: with room on their mounts, and money left for them."""
         row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
         price = self.price(row[None])[0] + extra_prices(self.candidates, row)
         return np.asarray(room_beside(self.candidates, row, self.shared_links) & self.linked & self.affordable(price))
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:
-        """kbit of each candidate where links may be overloaded.
-
-        None unless sensors share the link of a mount and together may send too much.
-        """
+        """kbit of each candidate, None unless sensors share the link of a mount and may send too much together."""
         return self.sent if self.candidates.several and self.scheme.sends_points else None
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
-        """A set as a row of booleans. The set is given as indices or names of candidates."""
+        """Row of booleans of a set of indices or names of candidates."""
         row = np.zeros(len(self.candidates), np.bool_)
         for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
             row[find_index(member, self.names)] = True
         return row
 
     def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n _"], Bool[np.ndarray, " n"]]:
-        """AP, recall and kbit of each set.
-
-        For several classes, the AP of each class comes too. The last value marks the sets that were known before.
-        """
+        """AP, recall, kbit and the AP of each of several classes of each set, and whether it was known before."""
         if len(self._known) > MOST_REMEMBERED:
             self.forget()
         keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
         cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
         fresh = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
         if fresh:
-            estimate, of_classes = self._estimate(subsets[list(fresh.values())])
+            sets = subsets[list(fresh.values())]
+            of_classes: tuple[np.ndarray, ...] = ()
+            if self._width == 3:
+                estimate = self.scored_by(sets)
+            else:
+                each = cast(ByClass, self.scored_by).by_class(sets)
+                estimate, of_classes = each.combined(self.classes), tuple(each.ap.T)
             if not np.isfinite(estimate.ap).all():
                 there = " or ".join(self.classes.names)
                 raise ValueError(f"there is no {there} to find in these frames: say more --frames, or another --seed")
@@ -323,13 +300,6 @@ class Objective:
             self._known.update(zip(fresh, figures, strict=True))
             self._tell(len(fresh))
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width), cache_hit
-
-    def _estimate(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Estimate, Sequence[Float64[np.ndarray, " n"]]]:
-        """Estimate of sets, with AP per class. AP per class is given for several classes only."""
-        if self._width == 3:
-            return self.scored_by(subsets), ()
-        each = cast(ByClass, self.scored_by).by_class(subsets)
-        return each.combined(self.classes), list(each.ap.T)
 
     def _tell(self, scored: int) -> None:
         """Count newly scored sets, on some frames or all."""

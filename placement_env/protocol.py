@@ -15,10 +15,7 @@ FIDELITIES: tuple[FidelityName, ...] = get_args(FidelityName)
 
 
 class Estimate(NamedTuple):
-    """Figures of n sensor sets.
-
-    ap, recall: 0 to 1, of the scored objects; kbit: sent by all sensors of a set in a frame, mean over the frames.
-    """
+    """Figures of n sensor sets. kbit: sent by all sensors of a set in a frame, mean over the frames."""
 
     ap: Float64[np.ndarray, " n"]
     recall: Float64[np.ndarray, " n"]
@@ -30,10 +27,7 @@ class Estimate(NamedTuple):
 
 
 class ClassEstimates(NamedTuple):
-    """Figures of n sensor sets for each of k classes.
-
-    ap, recall: NaN where a class has nothing to find; kbit: of the whole set.
-    """
+    """Figures of n sensor sets for each of k classes, NaN where one has nothing to find. kbit: of the whole set."""
 
     ap: Float64[np.ndarray, "n k"]
     recall: Float64[np.ndarray, "n k"]
@@ -88,10 +82,7 @@ class Doubting(Fidelity, Protocol):
         """Standard deviation of each set's AP over resamples of the fitted data; NaN if unknown."""
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
-        """List the ways in which a question differs from the fitted data, a sentence each.
-
-        sensors: kinds of their models.
-        """
+        """Sentences on how a question differs from the fitted data. sensors: kinds of their models."""
 
 
 def check_fidelity(fidelity: object) -> None:

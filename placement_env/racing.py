@@ -1,6 +1,4 @@
-"""Racing: find the best of many sensor sets cheaply.
-
-Not every set is scored on all frames, or with an accurate fidelity.
+"""Racing: find the best of many sensor sets without scoring all on all frames, or with an accurate fidelity.
 
 `race` is successive halving (Karnin, Koren and Somekh 2013; Jamieson and Talwalkar 2016) with frames as the budget. All
 sets are scored on a few frames, the best 1/eta of them on eta times as many, and so on; the last few are scored on all
@@ -41,8 +39,8 @@ class Rung:
 class Race:
     """Course of a race.
 
-    winners: rows of the best sets, best first, including ties with the last; scores: of each, from all frames; spent:
-    set-frames scored, each frame counted once per set; full: set-frames that scoring all sets on all frames would take.
+    winners: rows of the best sets, best first, including ties with the last; scores: of each, from all frames; spent,
+    full: set-frames scored, and those that scoring all sets on all frames would take.
     """
 
     winners: Int64[np.ndarray, " k"]
@@ -53,11 +51,9 @@ class Race:
 
 
 class Resampled(NamedTuple):
-    """Figures of n sets, and their resamples.
+    """Figures of n sets on some frames, and their resamples, which draw blocks of these frames, the same for all sets.
 
-    Both are from some of the frames. Each resample draws blocks of these frames, the same for all sets. frames: number
-    of requested frames used, from the first, where time ran out; None for all; blocks: number of blocks to draw from,
-    inf for very many.
+    frames: requested frames used, from the first, where time ran out; None for all; blocks: number to draw from.
     """
 
     figure: Float64[np.ndarray, " n"]
@@ -73,10 +69,9 @@ ResampledScores = Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"
 class Contest:
     """Course of a race until a confidence.
 
-    ranking: rows of all different sets, best first; dropped sets come last, the last dropped first among them; figures:
-    of each in that order, from the frames it was scored on; frames: number of these; confidence: that no set is better
-    than the first by more than the tolerance; spent: set-frames scored; expected: likeliest figure of each, given these
-    frames and the predictions.
+    ranking: rows of all different sets, best first, dropped ones last; figures: of each in that order, from the frames
+    it was scored on; frames: number of these; confidence: that no set beats the first by more than the tolerance;
+    spent: set-frames scored; expected: likeliest figure of each, given these frames and the predictions.
     """
 
     ranking: Int64[np.ndarray, " k"]
@@ -106,14 +101,13 @@ def race(
     keep: int = 1,
     seed: int | np.random.Generator = 0,
 ) -> Race:
-    """Best sets of n by their score on all frames.
+    """Best `keep` sets of n by their score on all frames, most others dropped after a few frames.
 
-    Returns `keep` sets; most others are dropped after a few frames. partial_scores is called with sets and some of the
-    frames 0 … frames-1. Each rung passes the frames of the one before, in the same order, and more, so earlier fusion
-    and detection can be reused. eta: factor by which a rung multiplies frames and divides sets. first: frames of the
-    first rung. Sets that tie with the last one to advance also advance, as do all sets while no score is defined (no
-    object yet). Equal rows are scored once; the first stands for all. Raises ValueError without a set or frame, for eta
-    below 2, and for first or keep below 1.
+    partial_scores is called with sets and some of the frames 0 … frames-1. Each rung passes the frames of the one
+    before, in the same order, and more, so earlier work can be reused. eta: factor by which a rung multiplies frames
+    and divides sets; first: frames of the first rung. Sets that tie with the last one to advance also advance, as do
+    all while no score is defined. Equal rows are scored once; the first stands for all. Raises ValueError without a set
+    or frame, for eta below 2, and for first or keep below 1.
 
     >>> ap = np.array([0.3, 0.9, 0.5])
     >>> race(lambda sets, frames: sets @ ap, np.eye(3, dtype=bool), frames=20).winners
@@ -179,14 +173,13 @@ def race_until(
     """Race sets until the best is known confidently enough, or all frames are used.
 
     scores: called with sets and the first frames of `order`, more each time; if it uses fewer, the race ends with
-    these; predicted: prior figure of each set. With predictions, sets are
-    ranked by the estimate that `placement_env.analysis.shrinkage.shrink` makes from both.
+    these; predicted: prior figure of each set; sets are then ranked by what `placement_env.analysis.shrinkage.shrink`
+    makes of both.
 
-    A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. The remaining doubt
-    has two parts: the share of resamples in which a set still in the race is better than the winner by more than the
-    tolerance, and the sum of these shares for dropped sets at the time they were dropped. Where time ran out it is at
-    least 2^-blocks, the chance that the same of two equal sets is the better one in every block. Raises ValueError
-    without a set or frame.
+    A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. The remaining doubt is
+    the share of resamples in which a set still in the race beats the winner by more than the tolerance, plus these
+    shares of dropped sets at the time they were dropped. Where time ran out it is at least 2^-blocks, the chance that
+    the same of two equal sets is the better one in every block. Raises ValueError without a set or frame.
 
     >>> ap = np.array([0.3, 0.9, 0.5])
     >>> def scores(sets, frames):
@@ -236,10 +229,9 @@ def race_until(
 
 
 def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, tolerance: float) -> float:
-    """Chance that some set clearly beats the winner.
+    """Chance that some set beats the winner by more than the tolerance.
 
-    It must be better by more than the tolerance. Sets of the last rung contribute the share of resamples in which any
-    of them is. Each set dropped earlier adds its share in the rung after which it was dropped.
+    It is the share of resamples in which any set of the last rung does, plus that of each set in its last rung.
     """
     doubt = 0.0
     going_on = np.zeros(0, np.int64)
@@ -252,10 +244,10 @@ def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, 
 
 
 def verify(fast: SetFunction, accurate: SetFunction, sets: Bool[np.ndarray, "n C"], *, best: int = 5) -> Verified:
-    """Best sets by a fast figure, ranked accurately.
+    """Best sets by a fast figure, and any that tie with the last of them, ranked accurately.
 
-    Takes the `best` sets and any that tie with the last of them. Equal sets are scored once. Where accurate figures are
-    equal, the set with the greater fast one goes first. Raises ValueError without a set, or for best below 1.
+    Equal sets are scored once; where accurate figures are equal, the fast one decides. Raises ValueError without a set,
+    or for best below 1.
 
     >>> sets = np.eye(3, dtype=bool)
     >>> verify(lambda s: s @ np.array([0.3, 0.8, 0.9]), lambda s: s @ np.array([0.2, 0.7, 0.6]), sets, best=2).accurate
@@ -278,9 +270,7 @@ def _best_first(scores: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
 
 
 def _with_ties(descending: Float64[np.ndarray, " n"], places: int) -> int:
-    """Number of sets that share the first `places`.
-
-    Sets that equal the last of them count too.
+    """Number of sets that share the first `places`, ties with the last included.
 
     >>> _with_ties(np.array([0.9, 0.5, 0.5, 0.1]), 2), _with_ties(np.array([0.9, np.nan, np.nan]), 2)
     (3, 3)

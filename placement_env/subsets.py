@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float64, Int64, Shaped
+from toolkit.arrays import Bool, Float64, Shaped
 
 SetFunction = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # a figure of each of n sensor sets
 MOST_SENSORS = 16  # all whose sets can be listed: 65536
@@ -37,10 +37,9 @@ def find_index(member: object, names: Sequence[str]) -> int:
 
 
 class MemberSums:
-    """Sums of the rows (C, w) of each set's members, in the type of the rows, which must hold the sum.
+    """Sums of the rows (C, w) of each set's members, in the type of the rows, the same beside any other sets.
 
-    A set has the same sum, to the bit, beside any other sets. Raises ValueError unless sets are rows of one boolean per
-    candidate.
+    Raises ValueError unless sets are rows of one boolean per candidate.
 
     >>> MemberSums(np.array([[1, 0], [2, 5]]))(np.array([[True, True], [False, False]]))
     array([[3, 5],
@@ -56,8 +55,12 @@ class MemberSums:
         return self._rows[:-1]
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"]) -> Shaped[np.ndarray, "n w"]:
-        """The sum of each set."""
-        members = _members(subsets)
+        """Sum of each set."""
+        n, candidates = subsets.shape
+        owner, member = np.divmod(np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1))
+        sizes = np.bincount(owner, minlength=n)
+        members = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)  # of each set, at least one column
+        members[owner, np.arange(len(owner)) - np.repeat(np.cumsum(sizes) - sizes, sizes)] = member
         sums = self._rows[members[:, 0]]
         for column in members.T[1:]:
             sums += self._rows.take(column, axis=0)
@@ -74,13 +77,3 @@ class MemberSums:
         step = max(1, BLOCK // max(1, self._rows.shape[1]))
         blocks = (slice(first, first + step) for first in range(0, len(subsets), step))
         return ((block, self(subsets[block])) for block in blocks)
-
-
-def _members(subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, "n k"]:
-    """Indices of each set's members, C where a set has fewer than the largest; one column at least."""
-    n, candidates = subsets.shape
-    sets, members = np.divmod(np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1))
-    sizes = np.bincount(sets, minlength=n)
-    table = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)
-    table[sets, np.arange(len(sets)) - np.repeat(np.cumsum(sizes) - sizes, sizes)] = members
-    return table
