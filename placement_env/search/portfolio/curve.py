@@ -100,7 +100,7 @@ def budget_curve(
     kept: KeptState = races.load() or {"ended": 0, "winners": []}
     winners = [_Winner(**won) for won in kept["winners"]]
     for n, (money, found) in enumerate(groups[kept["ended"] :], kept["ended"]):
-        timed = schedule.racing(racing, len(groups) - n)
+        timed = schedule.limit(racing, 1 / (len(groups) - n + 1), 1)
         before = as_rows([winners[-1].members] if amounts and winners else [], count)
         sets = np.concatenate([found.sets, before])
         enough = SET_FRAMES if seconds is None else math.inf
@@ -115,7 +115,7 @@ def budget_curve(
         return ()
     rows = as_rows([won.members for won in winners], count)
     order = np.arange(final.frames) if seconds is None else race_order(final.frames)
-    judged = schedule.judging(final).evaluate(rows, order, objective.run.stage("judging", final.frames))
+    judged = schedule.limit(final).evaluate(rows, order, objective.run.stage("judging", final.frames))
     by_errors = aps_at_profiles(final, rows, order[: judged.frames])
     price = objective.price(rows)
     points = []

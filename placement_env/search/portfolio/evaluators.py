@@ -14,7 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,60 +38,26 @@ Report = Callable[[int], None]
 
 
 class Evaluated(NamedTuple):
-    """Figures of n sets on some frames. The draws of the resampled AP are the same for all sets.
+    """Figures of n sets on some frames, at each of several IoU thresholds or over them.
 
-    frames: number of requested frames used, from the first, where time ran out; None for all.
+    The draws of the resampled AP are the same for all sets. frames: number of requested frames used, from the first,
+    where time ran out; None for all.
     """
 
-    ap: Float64[np.ndarray, " n"]
+    ap: Float64[np.ndarray, "*ious n"]
     kbit: Float64[np.ndarray, " n"]
-    resamples: Float64[np.ndarray, "n resamples"]
+    resamples: Float64[np.ndarray, "*ious n resamples"]
     frames: int | None = None
-
-
-class ThresholdFigures(NamedTuple):
-    """`Evaluated` at each of several IoU thresholds."""
-
-    ap: Float64[np.ndarray, "ious n"]
-    kbit: Float64[np.ndarray, " n"]
-    resamples: Float64[np.ndarray, "ious n resamples"]
-
-
-class _Traffic(Protocol):
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def frames(self) -> int: ...
-
-    def count_objects(self, frames: Frames) -> int: ...
-
-
-class Evaluator(_Traffic, Protocol):
-    """Score sets of candidates on traffic that no search saw."""
-
-    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
-        """Figures of the sets on these frames. progress: called with the number of frames done."""
-        ...
-
-
-class ProfileEvaluator(_Traffic, Protocol):
-    """Score sets at one error profile."""
-
-    def at_thresholds(self, sets: Sets, frames: Frames, progress: Report | None = None) -> ThresholdFigures:
-        """Figures of the sets on these frames at every IoU threshold."""
-        ...
 
 
 def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: int = 0) -> CasesEvaluator:
     """Evaluator of a preparation's traffic by a fidelity, over the cases of its setting. seed: of the resamples."""
     cases = preparation.setting.cases
-    profiles: tuple[ProfileEvaluator, ...]
-    if fidelity == "detector":
-        profiles = tuple(DetectorEvaluator(preparation.detected(each), cases.ious, seed) for each in cases.profiles)
-    else:
+    if fidelity != "detector":
         profiles = (FastEvaluator(preparation, fidelity, seed),) * len(cases.profiles)
-    return CasesEvaluator(profiles, cases, preparation.levels)
+        return CasesEvaluator(profiles, cases, preparation.levels)
+    detectors = tuple(DetectorEvaluator(preparation.detected(each), cases.ious, seed) for each in cases.profiles)
+    return CasesEvaluator(detectors, cases, preparation.levels)
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
@@ -101,8 +67,7 @@ def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
     """
     rng = np.random.default_rng(seed)
     blocks = rng.permutation(-(-frames // BLOCK_FRAMES))
-    rounds = [blocks * BLOCK_FRAMES + place for place in rng.permutation(BLOCK_FRAMES)]
-    order = np.concatenate(rounds).astype(np.int64)
+    order = (blocks * BLOCK_FRAMES + rng.permutation(BLOCK_FRAMES)[:, None]).ravel()
     return order[order < frames]
 
 
@@ -114,7 +79,7 @@ class CasesEvaluator:
     resample draws each level from its own blocks, and the worst case is found within the resample.
     """
 
-    profiles: tuple[ProfileEvaluator, ...]
+    profiles: tuple[DetectorEvaluator | FastEvaluator, ...]
     cases: Cases = USUAL_CASES
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
 
@@ -133,11 +98,10 @@ class CasesEvaluator:
         return self.profiles[0].count_objects(frames)
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
-        """Figures of the sets on these frames."""
+        """Figures of the sets on these frames. progress: called with the number of frames done."""
         ap, kbit, resamples = self._at_profiles(sets, frames, progress)
         shares = self.cases.shares(ap)
-        over = self.cases.over_errors(resamples)
-        return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), over)
+        return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), self.cases.over_errors(resamples))
 
     def at_each(self, sets: Sets, frames: Frames) -> dict[str, Evaluated]:
         """Figures of the sets at each error profile, by name."""
@@ -149,7 +113,7 @@ class CasesEvaluator:
     ) -> tuple[Float64[np.ndarray, "P n"], Float64[np.ndarray, "P n"], Float64[np.ndarray, "P n resamples"]]:
         rows, owners = self.cases.expand(sets)
         parts = [own for own in (frames[np.isin(frames, level)] for level in self.levels) if len(own)] or [frames]
-        found: list[list[ThresholdFigures]] = []
+        found: list[list[Evaluated]] = []
         begun = 0
 
         def report(done: int) -> None:
@@ -185,7 +149,7 @@ class DetectorEvaluator:
         """Number of objects to be found in these frames."""
         return int(sum(self.detected.scored(k).sum() for k in frames.tolist()))
 
-    def at_thresholds(self, sets: Sets, frames: Frames, progress: Report | None = None) -> ThresholdFigures:
+    def at_thresholds(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Figures of the sets on these frames."""
         detected = self.detected.at(self.ious[0], self.ious)
         classes, numbers = detected.classes, frames.tolist()
@@ -203,7 +167,7 @@ class DetectorEvaluator:
                 ap[i, n] = classes.combined(np.array([[tally.ap for tally in tallies]]))[0]
                 drawn = np.stack([tally.resamples(draws=draws) for tally in tallies], axis=1)
                 resamples[i, n] = classes.combined(drawn)
-        return ThresholdFigures(ap, kbit, resamples)
+        return Evaluated(ap, kbit, resamples)
 
 
 class FastEvaluator:
@@ -214,20 +178,17 @@ class FastEvaluator:
     """
 
     def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int = 0) -> None:
-        self.name: str = fidelity
-        self._fidelity: FidelityName = fidelity
-        self._preparation, self._seed = preparation, seed
-        self.frames = len(preparation.traffic)
+        self.name: FidelityName = fidelity
+        self._preparation, self._seed, self.frames = preparation, seed, len(preparation.traffic)
         self._seen: dict[bytes, Visibility] = {}
 
     def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
         return int(np.isin(self._look(np.array([0])).frame, frames).sum())
 
-    def at_thresholds(self, sets: Sets, frames: Frames, progress: Report | None = None) -> ThresholdFigures:
+    def at_thresholds(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Figures of the sets on these frames."""
-        used = np.flatnonzero(sets.any(axis=0))
-        used = used if len(used) else np.array([0])
+        used = np.flatnonzero(sets.any(axis=0)) if sets.any() else np.array([0])
         whole = self._score(sets, used, frames)
         blocks = frames // BLOCK_FRAMES
         different = np.unique(blocks)
@@ -239,12 +200,12 @@ class FastEvaluator:
         resamples = parts @ draws.T
         if progress is not None:
             progress(len(frames))
-        return ThresholdFigures(ap, whole[0].kbit, resamples - (parts.mean(axis=2) - ap)[:, :, None])
+        return Evaluated(ap, whole[0].kbit, resamples - (parts.mean(axis=2) - ap)[:, :, None])
 
     def _score(self, sets: Sets, used: Int64[np.ndarray, " u"], frames: Frames) -> list[Estimate]:
         made = self._preparation
         there = made.at(made.setting.pool.select(used), of_frames(self._look(used), np.sort(frames)))
-        fidelities = there.at_thresholds(self._fidelity, made.setting.cases.profiles[0])
+        fidelities = there.at_thresholds(self.name, made.setting.cases.profiles[0])
         return [fidelity(sets[:, used]) for fidelity in fidelities]
 
     def _look(self, used: Int64[np.ndarray, " u"]) -> Visibility:
@@ -263,7 +224,7 @@ class TimedEvaluator:
     at_once: frames between two looks at the clock; least: frames done regardless of time.
     """
 
-    evaluator: Evaluator
+    evaluator: CasesEvaluator
     until: float
     at_once: int = 1
     least: int = 1
@@ -285,6 +246,9 @@ class TimedEvaluator:
         counted = min(self.done, len(frames))
         found = self.evaluator.evaluate(sets, frames[:counted])
         return found._replace(frames=None if counted == len(frames) else counted)
+
+
+Timed = CasesEvaluator | TimedEvaluator
 
 
 @dataclass(frozen=True)
@@ -316,15 +280,8 @@ class Schedule:
         blocks = int(frames * self.seconds / LONG_ENOUGH) // BLOCK_FRAMES
         return min(frames, max(FEWEST, blocks * BLOCK_FRAMES))
 
-    def racing(self, evaluator: Evaluator, races: int = 1) -> Evaluator | TimedEvaluator:
-        """Evaluator of a race that begins now. The number of races still to come includes this one."""
-        return self._limit(evaluator, self.left / (races + 1), 1)
-
-    def judging(self, evaluator: Evaluator) -> Evaluator | TimedEvaluator:
-        """Evaluator of sets that are judged from now on. It uses at least `FEWEST` frames: fewer say nothing."""
-        return self._limit(evaluator, self.left, FEWEST)
-
-    def _limit(self, evaluator: Evaluator, seconds: float, least: int) -> Evaluator | TimedEvaluator:
+    def limit(self, evaluator: CasesEvaluator, share: float = 1.0, least: int = FEWEST) -> Timed:
+        """Evaluator within a share of the time that is left, but on at least some frames: fewer say nothing."""
         if self.seconds is None:
             return evaluator
-        return TimedEvaluator(evaluator, time.monotonic() + seconds, self.at_once, least)
+        return TimedEvaluator(evaluator, time.monotonic() + share * self.left, self.at_once, least)

@@ -25,12 +25,11 @@ from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, 
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     Evaluated,
-    Evaluator,
     Frames,
     Report,
     Schedule,
     Sets,
-    TimedEvaluator,
+    Timed,
     build_evaluator,
     race_order,
 )
@@ -64,7 +63,7 @@ class Judging:
     final_frames: int = JUDGED_FRAMES
     neighbours: int = ENTRANTS
     setting: Setting | None = None
-    evaluators: tuple[Evaluator, Evaluator] | None = None
+    evaluators: tuple[CasesEvaluator, CasesEvaluator] | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.confidence < 1:
@@ -72,7 +71,7 @@ class Judging:
 
     def build_evaluators(
         self, objective: Objective, schedule: Schedule, *, seed: int = 0
-    ) -> tuple[Evaluator, Evaluator]:
+    ) -> tuple[CasesEvaluator, CasesEvaluator]:
         """Evaluators of race and assessment, on as many frames as a schedule allows. seed: of the resamples.
 
         Raises ValueError where the objective has no site, and so no fresh traffic.
@@ -121,7 +120,7 @@ def search(
 
     if not len(found.sets):
         return answer([], "no search found a set that may be built and pays")
-    timed = schedule.racing(racing)
+    timed = schedule.limit(racing, 1 / 2, 1)
     most = SET_FRAMES if seconds is None else math.inf
     ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most)
     if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
@@ -135,7 +134,7 @@ def search(
 def contest(
     objective: Objective,
     sets: Sets,
-    evaluator: Evaluator | TimedEvaluator,
+    evaluator: Timed,
     *,
     confidence: float = 0.95,
     seed: int = 0,
@@ -168,7 +167,7 @@ def find_entrants(objective: Objective, effort: Effort, seed: int, checkpoint: C
 
 
 def _assess(
-    objective: Objective, found: Entrants, ran: Contest, judging: tuple[Evaluator, Schedule], *, asked: float
+    objective: Objective, found: Entrants, ran: Contest, judging: tuple[CasesEvaluator, Schedule], *, asked: float
 ) -> Assessment:
     """Judge the winner first, then each search's answer as far as time allows, on the third part of the traffic."""
     winner, (final, schedule) = int(ran.ranking[0]), judging
@@ -199,13 +198,13 @@ def _assess(
         contenders=tuple(each for each in contenders if each.searches),
         expected=float(ran.expected[0] + weigh_costs(objective, chosen, judged.kbit[:1])[0]),
         by_errors=by_errors,
-        errors_by=final.cases.errors_by if by_errors and isinstance(final, CasesEvaluator) else "",
+        errors_by=final.cases.errors_by if by_errors else "",
     )
 
 
-def aps_at_profiles(final: Evaluator, sets: Sets, frames: Frames) -> list[tuple[ProfileAP, ...]]:
+def aps_at_profiles(final: CasesEvaluator, sets: Sets, frames: Frames) -> list[tuple[ProfileAP, ...]]:
     """AP of each set at each of several error profiles separately."""
-    if not isinstance(final, CasesEvaluator) or len(final.profiles) == 1:
+    if len(final.profiles) == 1:
         return [()] * len(sets)
     each = final.at_each(sets, frames)
     return [
@@ -217,16 +216,18 @@ def aps_at_profiles(final: Evaluator, sets: Sets, frames: Frames) -> list[tuple[
     ]
 
 
-def _judge_in_time(sets: Sets, final: Evaluator, schedule: Schedule, report: Report | None) -> tuple[Evaluated, Frames]:
+def _judge_in_time(
+    sets: Sets, final: CasesEvaluator, schedule: Schedule, report: Report | None
+) -> tuple[Evaluated, Frames]:
     """Figures of the sets judged in time, the first in any case, and the frames, the same for all."""
     every = np.arange(final.frames)
     if schedule.seconds is None:
         return final.evaluate(sets, every, report), every
     order = race_order(final.frames)
-    frames = order[: schedule.judging(final).evaluate(sets[:1], order, report).frames]
+    frames = order[: schedule.limit(final).evaluate(sets[:1], order, report).frames]
     done = 1
     while done < len(sets) and schedule.left > 0:
-        if schedule.judging(final).evaluate(sets[done : done + 1], frames).frames is not None:
+        if schedule.limit(final).evaluate(sets[done : done + 1], frames).frames is not None:
             break
         done += 1
     return final.evaluate(sets[:done], frames), frames

@@ -9,7 +9,7 @@ from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.search.portfolio import portfolio
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated, ThresholdFigures
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting, Weights
 from toolkit.runtime.run import Run
@@ -20,7 +20,7 @@ VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in t
 class Truth:
     """AP of a set: the sum of its sensors' values, in frames with noise."""
 
-    name = "detector"
+    name, profiles = "detector", ("itself",)
 
     def __init__(self, frames=48, shift=0.0, noise=0.01, seconds=0.0):
         self.frames, self.shift, self.noise, self.asked = frames, shift, noise, []
@@ -42,7 +42,7 @@ class Truth:
 
     def at_thresholds(self, sets, frames, progress=None):
         found = self.evaluate(sets, frames, progress)
-        return ThresholdFigures(found.ap[None], found.kbit, found.resamples[None])
+        return Evaluated(found.ap[None], found.kbit, found.resamples[None])
 
 
 class Deceived:

@@ -74,11 +74,15 @@ def test_searches_races_and_judgement_share_the_time():
     whole, slow = Schedule(100.0), Slow()
     assert whole.searching(5) == pytest.approx(6.0)
     now, least = time.monotonic(), []
-    for timed, seconds in ((whole.racing(slow), 50), (whole.racing(slow, 3), 25), (whole.judging(slow), 100)):
+    for timed, seconds in (
+        (whole.limit(slow, 1 / 2, 1), 50),
+        (whole.limit(slow, 1 / 4, 1), 25),
+        (whole.limit(slow), 100),
+    ):
         assert isinstance(timed, TimedEvaluator)
         assert timed.until - now == pytest.approx(seconds, abs=1)
         least.append(timed.least)
     assert least == [1, 1, 8]
     free = Schedule()
     assert (free.searching(5), free.left) == (None, np.inf)
-    assert free.racing(slow) is free.judging(slow) is slow
+    assert vars(free.limit(slow)) is vars(slow)
