@@ -1,10 +1,9 @@
 """Intervals of figures over frames, by a block bootstrap.
 
-Objects of the simulated traffic live four frames (paper section III; in `placement_env.fidelity.traffic` parked ones
-too), so frames are not independent but blocks of four are nearly. Frames 0-3, 4-7 and so on form the blocks, the last
-of which may be shorter; blocks are drawn with replacement, as many as there are, the figure is computed from the draw,
-and the interval holds the middle share of these figures (percentile bootstrap; Efron and Tibshirani 1993, chapter 13;
-blocks: Künsch 1989). Draws that leave a figure undefined, such as AP without a vehicle, are left out. The same seed
+Objects of the simulated traffic live four frames (paper section III; parked ones too), so frames are not independent
+but blocks of four are nearly: 0-3, 4-7 and so on. Blocks are drawn with replacement, as many as there are, and the
+interval holds the middle share of the figures of the draws (percentile bootstrap; Efron and Tibshirani 1993, chapter
+13; blocks: Künsch 1989). Draws that leave a figure undefined, such as AP without a vehicle, are left out. The same seed
 gives the same draws, so figures of several sensor sets on the same frames can be compared draw by draw.
 """
 
@@ -62,38 +61,6 @@ def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RE
     shares = np.full(len(different), 1 / len(different))
     drawn = np.random.default_rng(seed).multinomial(len(different), shares, size=resamples)
     return np.asarray(drawn[:, place], np.int64)
-
-
-def ap_interval(
-    scores: Sequence[ArrayLike],
-    hits: Sequence[ArrayLike],
-    to_find: Sequence[int],
-    *,
-    seed: int = 0,
-    draws: Draws | None = None,
-    confidence: float = 0.95,
-) -> Interval:
-    """Return the interval of the AP (`toolkit.detection.metrics`) over consecutive frames.
-
-    scores, hits: per frame, score of each detection that is not ignored, and True where it hit a truth; to_find: number
-    of truths in each frame; draws: counts of `block_draws`, None for 1000 of blocks of `BLOCK_FRAMES`. Raises
-    ValueError where these do not fit.
-
-    >>> ap_interval([[0.9], [0.8, 0.7]], [[True], [False, True]], [1, 1], draws=block_draws(2, block=1))
-    Interval(low=0.5, high=1.0)
-    """
-    score, hit = [np.asarray(each, np.float64) for each in scores], [np.asarray(each, bool) for each in hits]
-    fits = all(s.shape == h.shape and s.ndim == 1 for s, h in zip(score, hit, strict=False))
-    if not len(score) == len(hit) == len(to_find) > 0 or not fits:
-        raise ValueError(
-            "there must be scores, hits and a number to find for each frame, one hit per score, "
-            f"got {len(score)}, {len(hit)} and {len(to_find)} frames"
-        )
-    for k, (each, truths) in enumerate(zip(hit, to_find, strict=True)):
-        if not each.sum() <= truths:
-            raise ValueError(f"frame {k} has {each.sum()} hits, more than the {truths} there are to find")
-    tally = Tally.of_frames(score, hit, to_find)
-    return percentiles(tally.resamples(seed=seed, draws=draws), confidence=confidence)
 
 
 def ratio_interval(
@@ -187,8 +154,7 @@ class Tally:
     def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Float64[np.ndarray, " resamples"]:
         """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find.
 
-        One seed draws the same blocks for every tally. draws: counts of `draws_of_blocks`, None for blocks of
-        consecutive frames.
+        One seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames.
         """
         draws = block_draws(len(self.truths), seed=seed) if draws is None else draws
         order = np.argsort(-self.scores, kind="stable")

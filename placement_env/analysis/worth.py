@@ -8,9 +8,8 @@ With v a set function, such as the AP of a sensor set, N the n sensors and s = |
 (Shapley 1953; Grabisch and Roubens 1999). The shares add up to v(N) - v(∅). `synergy` is I: above 0 two sensors are
 worth more together than apart, below 0 one makes up for the other. Both are exact from the values of all 2^n sets, or
 sampled: put the sensors in in random order; a sensor's gain averages to φ, and what two neighbours gain together
-beyond their single gains averages to I. A round of the sampling is a Williams square under a random renaming: n orders
-in which every sensor takes every place once and every two sensors are neighbours twice, so each round is an unbiased
-sample of every φ and I, stratified by the size of S, and independent of the other rounds.
+beyond their single gains averages to I. A round of the sampling is a Williams square under a random renaming, so it is
+an unbiased sample of every φ and I, stratified by the size of S, and independent of the other rounds.
 """
 
 from __future__ import annotations
@@ -46,10 +45,9 @@ class Worth:
 
 
 def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
-    """Return each sensor's exact Shapley value.
+    """Return each sensor's exact Shapley value from the values of all 2^n sets in the order of `all_subsets`.
 
-    values: of all 2^n sets in the order of `all_subsets`. Raises ValueError if their number is not 2^n with n <= 16, or
-    one is not finite.
+    Raises ValueError if their number is not 2^n with n <= 16, or one is not finite.
 
     >>> shapley(np.array([0.0, 0.5, 0.25, 0.75]))
     array([0.5 , 0.25])
@@ -92,11 +90,10 @@ def exact_worth(value: SetFunction, sensors: int) -> Worth:
 def estimate_worth(
     value: SetFunction, sensors: int, *, rounds: int = 32, confidence: float = 0.95, seed: int | np.random.Generator = 0
 ) -> Worth:
-    """Estimate each sensor's worth from `rounds` independent Williams squares of orders.
+    """Estimate each sensor's worth from `rounds` independent Williams squares of orders, at most 2 n² sets each.
 
-    At most 2 n² sets are scored a round, each set once, all in one call. Margins are Student's over the rounds; as with
-    any sample they miss what no round has seen, such as a rare set of great value.
-    Raises ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1), or values that are not finite.
+    Margins are Student's over the rounds; they miss what no round has seen, such as a rare set of great value. Raises
+    ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1), or values that are not finite.
     """
     if rounds < FEWEST_ROUNDS or sensors < 1 or not 0 < confidence < 1:
         raise ValueError(
@@ -128,13 +125,8 @@ def estimate_worth(
     together += together.swapaxes(1, 2)
 
     scale = _student(confidence, rounds - 1) / np.sqrt(rounds)
-    return Worth(
-        gains.mean(axis=0),
-        together.mean(axis=0),
-        scale * gains.std(axis=0, ddof=1),
-        scale * together.std(axis=0, ddof=1),
-        len(packed),
-    )
+    margins = (scale * each.std(axis=0, ddof=1) for each in (gains, together))
+    return Worth(gains.mean(axis=0), together.mean(axis=0), *margins, len(packed))
 
 
 def format_worth(worth: Worth, names: Sequence[str]) -> str:

@@ -1,10 +1,9 @@
 """Portfolio: several searches whose answers, and neighbours of these, race by the detector on traffic of its own.
 
-Traffic has three parts. The searches see the
-objective's own; the entrants race on the second until the best is known confidently enough
-(`placement_env.racing.race_until`); the figures of the answer come from the third. So the stated AP carries neither the
-optimism of the searches nor that of the race. Picking the best of many by noisy or biased scores overrates it (the
-winner's curse), by the amount that `Contender.curse` gives for each search.
+Traffic has three parts. The searches see the objective's own; the entrants race on the second until the best is known
+confidently enough (`placement_env.racing.race_until`); the figures of the answer come from the third. So the stated AP
+carries neither the optimism of the searches nor that of the race. Picking the best of many by noisy or biased scores
+overrates it (the winner's curse), by the amount that `Contender.curse` gives for each search.
 """
 
 from __future__ import annotations
