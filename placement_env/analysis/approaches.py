@@ -1,8 +1,8 @@
 """Approaches: the lanes that lead motor vehicles to a junction.
 
 A junction is a node from which roads go to three neighbours or more; the nodes of a roundabout count as one. An
-approach is an edge that ends in a junction, together with the edges before it back to the previous junction; an edge
-that leaves a junction without reaching another is an exit. Edges within a roundabout or a node belong to the junction.
+approach is an edge that ends in a junction, with the edges before it back to the previous junction; one that leaves a
+junction without reaching another is an exit. Edges within a roundabout or a node belong to the junction.
 """
 
 from __future__ import annotations
@@ -24,10 +24,7 @@ EXIT, JUNCTION, PARKED = "leaving", "junction", "parked"
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """Places of a road network where a vehicle can be: approaches, by the direction they come from, and others.
-
-    lanes: centre lines of each place but the last, which is `PARKED`; bays: parking bays.
-    """
+    """Places of a road network where a vehicle can be. lanes: centre lines of each but the last, which is `PARKED`."""
 
     names: tuple[str, ...]
     lanes: tuple[shapely.Geometry, ...]

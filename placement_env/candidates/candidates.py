@@ -27,8 +27,7 @@ ROUNDED = 1e-9  # share of a link's capacity by which rounding may exceed it
 class Axes:
     """Values of the factors after the mount: heights (m), headings and tilts (rad), models.
 
-    prices: of each model, in the unit of the mounts' prices; empty where sensors cost nothing beside their mounts.
-    Raises ValueError unless there is one, finite and not negative, for each model.
+    prices: of each model, in the unit of the mounts' prices, or none. Raises ValueError where they do not fit.
     """
 
     heights: Float64[np.ndarray, " H"]

@@ -1,11 +1,10 @@
 """Poles of a city as mounts, and keep-out areas, from GeoJSON.
 
-Point features are poles, and so is every point of a MultiPoint; several in one feature are numbered from 1.
-Properties, all optional: name, height or max_height and min_height (m above the foot), price (in units of one ordinary
-mount), capacity_kbit (of the link, per frame). Polygons and multipolygons with `keep_out: true` or `kind: "keep_out"`
-are keep-out areas. Other geometries are ignored; other properties too, with a warning that names them and, since GIS
-exports call things as their owners do (`Height`, `cost_eur`, `Höhe_m`), the property they may mean: none is guessed
-into a plan. Sensors and parking bays of files that coview wrote (`layer`) are no poles.
+Point features are poles, and so is every point of a MultiPoint; several in one feature are numbered from 1. Properties,
+all optional: name, height or max_height and min_height (m above the foot), price (in units of one ordinary mount),
+capacity_kbit (of the link, per frame). Polygons and multipolygons with `keep_out: true` or `kind: "keep_out"` are
+keep-out areas. Other geometries are ignored; other properties too, with a warning that names them and what they may
+mean. Sensors and parking bays of files that coview wrote (`layer`) are no poles.
 
 Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, as poles stand on the ground of the site.
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
@@ -61,9 +60,8 @@ def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
     """Load the poles in `path` where sensors may hang at `site`.
 
     Unnamed ones are called pole and their number in the file; a "/" in a name becomes "-". Poles in a keep-out area of
-    the file or on the carriageway are left out. Warnings name these, and properties that are not understood.
-    Raises ValueError in one line if the file is damaged, has no pole, the same one twice, or one far from the site;
-    ImportError if the site's map projection is not coview's own and pyproj is missing.
+    the file or on the carriageway are left out, with a warning. Raises ValueError in one line if the file is damaged,
+    has no pole, the same one twice, or one far from the site; ImportError if the site's map projection needs pyproj.
     """
     collection, where = _read(Path(path)), str(path)
     features = list(_features(collection, where))

@@ -35,8 +35,7 @@ class NoCandidates(ValueError):
 def paper_candidates(site: Site) -> Candidates:
     """Return the present sensors of `site`, each on its own mount. Raises ValueError if the site has none.
 
-    That is the nearest mount of the site, if within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where
-    the sensor is.
+    That is the nearest within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where the sensor is.
     """
     if not site.sensors:
         raise ValueError(f"site {site.name!r} has no sensors of its own: take candidates from pool(site)")
@@ -75,10 +74,8 @@ def pool(
 
     heights: m, clipped to the range of the mount, those that then coincide kept once; headings: number of them, evenly
     spaced from +x on; tilts: rad below the horizon; models: with their prices, or without if only mounts cost;
-    keep_out: areas whose mounts are not used; mounts: None for the site's; blind: keep poses whose field of view
-    misses the whole detection area (whatever stands in between).
-
-    Raises ValueError where an argument does not fit, `NoCandidates` where nothing is left.
+    keep_out: areas whose mounts are not used; mounts: None for the site's; blind: keep poses whose field of view misses
+    the whole detection area. Raises ValueError where an argument does not fit, `NoCandidates` where nothing is left.
     """
     chosen = _usable(site.mounts if mounts is None else mounts, keep_out, site.name)
     axes = _axes(heights, headings, tilts, models)
@@ -115,9 +112,8 @@ def choose_candidates(
     """Return the candidates that a user names.
 
     which: "pool" for every pose on the site's mounts, "paper" for the site's own sensors, else a GeoJSON file of poles;
-    models: to mount at each pose, none for the paper's camera; prices: of these, none if only mounts cost; keep_out:
-    areas whose mounts are not used, beside those of the file. Raises ValueError if models are given for sensors that
-    hang already, and what `load_poles` and `pool` raise.
+    models: none for the paper's camera; prices: of these, none if only mounts cost; keep_out: areas beside those of the
+    file. Raises ValueError if models are given for sensors that hang already, and what `load_poles` and `pool` raise.
     """
     if which == "paper":
         if models:
@@ -141,8 +137,7 @@ def own_and_random(
 ) -> Candidates:
     """Return the site's own sensors, each on a mount of its own, then random poses of its pool.
 
-    models: to draw from, none for the paper's camera. Raises ValueError where the pool has fewer poses, or there would
-    be no sensor.
+    models: none for the paper's camera. Raises ValueError where the pool has fewer poses, or there would be no sensor.
     """
     more, least = pool(site, models=tuple(models) or PAPER), 0 if site.sensors else 1
     if not least <= poses <= len(more):

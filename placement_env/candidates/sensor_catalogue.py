@@ -38,10 +38,7 @@ class PricedModel:
 
 @dataclass(frozen=True)
 class SensorCatalogue:
-    """Models that may be bought. currency: of all prices; pole_price: of one ordinary mount; digest: SHA-256.
-
-    Without a pole price, prices of mounts are in the currency already.
-    """
+    """Models that may be bought. pole_price: of one ordinary mount; None if mounts are priced in the currency."""
 
     models: tuple[PricedModel, ...]
     currency: str = ""

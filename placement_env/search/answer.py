@@ -1,7 +1,4 @@
-"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture, or those of a budget curve.
-
-The answer is smaller than a plan: nothing is judged on traffic that the search did not see.
-"""
+"""Files of a search's answer: the site with the chosen sensors, schedule, map and picture, or those of a curve."""
 
 from __future__ import annotations
 
@@ -149,10 +146,9 @@ def _site_file(n: int) -> str:
 
 
 def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, currency: str = "") -> None:
-    """Write the picture as PNG or SVG, by suffix.
+    """Write the picture as PNG or SVG, by suffix. judge: fidelity that measured the AP.
 
-    The line goes through the sets that pay; other sets are hollow, and crosses show predictions. judge: fidelity that
-    measured the AP.
+    The line goes through the sets that pay; other sets are hollow, and crosses show predictions.
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator

@@ -80,8 +80,8 @@ def unfinished(
 ) -> Iterator[Checkpoint]:
     """Checkpoint of a search in a folder of its own, which is removed when the block ends normally.
 
-    question: JSON values; code: module of the search. Raises FileExistsError where the folder holds an unfinished
-    search of another question and may not be overwritten, and where another process is working in it.
+    code: module of the search. Raises FileExistsError where the folder holds an unfinished search of another question
+    and may not be overwritten, and where another process is working in it.
     """
     asked = json.loads(json.dumps(replace_infinite(dict(question))))
     shards = ShardFolder(folder, asked)

@@ -1,13 +1,11 @@
 """Continuous sensor poses, optimised by CMA-ES (Hansen and Ostermeier 2001, `cma`).
 
-`search` starts at greedy's set, `improve` at any set, with any scoring function.
-
 A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from its first direction,
 without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts
-(0 to 1 each). These mean the nearest mount where earlier sensors have left a place. A moved sensor has another view, so
-every vector is rendered: in panoramas of the mounts where the preparation makes these (`Preparation.live`), else by
-rays, which is affordable for a few hundred vectors. The start should be good, greedy's for instance. Panoramas nearly
-always agree with rays within 3 % or 8 points of an object; in the end the answer is scored by rays beside its start.
+(0 to 1 each), which mean the nearest mount where earlier sensors have left a place. Every vector is rendered: in
+panoramas of the mounts where the preparation makes these (`Preparation.live`), else by rays, which is affordable for a
+few hundred vectors. So the start should be good. Panoramas nearly always agree with rays within 3 % or 8 points of an
+object.
 """
 
 from __future__ import annotations
@@ -57,10 +55,10 @@ def search(
 ) -> Result:
     """Greedy's set with turned, tilted and lifted sensors; `Result.best` names the candidates they come from.
 
-    The limits hold for the moved sets, seconds for both stages; roam, checkpoint: see `improve`. If greedy search finds
-    that no sensor pays, that is the answer. Poses that were seen in panoramas are scored by rays in the end; the answer
-    is the start where that is better. Raises ValueError for an objective without a site, which cannot render a moved
-    sensor, and for several IoU thresholds, failures or levels of traffic.
+    The limits hold for the moved sets, seconds for both stages; roam, checkpoint: see `improve`. If no sensor pays,
+    that is the answer. Poses seen in panoramas are scored by rays in the end; the answer is the start where that is
+    better. Raises ValueError for an objective without a site, and for several IoU thresholds, failures or levels of
+    traffic.
     """
     made = objective.preparation
     if made is None:
@@ -105,12 +103,11 @@ def improve(
 ) -> Result:
     """Turn, tilt and lift the sensors of `start` to raise their score.
 
-    start: such as `objective.candidates.select(result.best.subset)`, on separate mounts; roam: whether a sensor may go
-    to another of `start.mounts`; checkpoint: where the costs of all steps are kept, so that a killed search can resume;
-    without a limit 300 vectors are scored. The answer is never worse than the start, which is scored first. When the
-    search has settled it restarts at the best with twice the population. `Result.sensors` are the poses,
-    `Result.best.subset` just counts them. Raises ValueError without a sensor, where two share a mount or where the
-    start may not be built, and ImportError without `cma`.
+    start: on separate mounts; roam: whether a sensor may go to another of `start.mounts`; checkpoint: where the costs
+    of all steps are kept; without a limit 300 vectors are scored. The answer is never worse than the start, which is
+    scored first. When the search has settled it restarts at the best with twice the population. `Result.best.subset`
+    just counts the sensors. Raises ValueError without a sensor, where two share a mount or where the start may not be
+    built, and ImportError without `cma`.
     """
     if not len(start) or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any():
         raise ValueError(

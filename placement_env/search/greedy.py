@@ -1,13 +1,12 @@
 """Greedy search: add the most useful sensor each time. Candidates are scored in full, or they race.
 
-A search goes on to `budget` sensors even where one loses, since a pair may gain where a single sensor does not. It
-answers with the best set on the way. With a monotone submodular objective (coverage, not AP, and no cost weights) the
-answer has a guaranteed share of the optimum. With every candidate on its own mount that is 1 - 1/e (Nemhauser, Wolsey,
-Fisher 1978). Where poses share mounts, "as many as a mount carries and at most k" is a matroid and greedy is only sure
-of 1/2 (Fisher, Nemhauser, Wolsey 1978). A bound from the data is usually far tighter (Leskovec et al., KDD 2007,
-"online bound"): for the answer S and any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of [f(S + t) -
-f(S)]. So no T has more than f(S) and the k largest gains, of which each mount gives as many as it carries. Shared links
-do not form a matroid: greedy then has no guarantee, but the bound holds.
+A search goes on to `budget` sensors even where one loses, since a pair may gain where one does not, and answers with
+the best set on the way. With a monotone submodular objective (coverage, not AP, and no cost weights) a share of the
+optimum is sure: 1 - 1/e with every candidate on its own mount (Nemhauser, Wolsey, Fisher 1978), 1/2 where poses share
+mounts, a matroid (Fisher, Nemhauser, Wolsey 1978), none where links are shared. A bound from the data is usually far
+tighter ("online bound", Leskovec et al., KDD 2007): for the answer S and any feasible T of at most k sensors f(T) <=
+f(S) + sum over t in T of [f(S + t) - f(S)]. So no T has more than f(S) and the k largest gains, of which each mount
+gives as many as it carries.
 """
 
 from __future__ import annotations
@@ -32,11 +31,10 @@ def search(
     evaluations: int | None = None,
     submodular: bool | None = None,
 ) -> Result:
-    """Best set on greedy's way.
+    """Best set on greedy's way; of equal candidates the first is taken, `seed` is not used.
 
-    It scores about budget × C sets, thousands at once. submodular: True for a custom fidelity that is known to be
-    monotone submodular, None to check for coverage by one view. The answer then has a certificate, for C more sets,
-    unless a gain was seen to grow. `seed` is not used: of equal candidates the first is taken.
+    submodular: True for a custom fidelity that is known to be monotone submodular, None to check for coverage by one
+    view. The answer then has a certificate, for C more sets, unless a gain was seen to grow.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen, rise = grow(progress)
@@ -53,10 +51,7 @@ def search(
 
 
 def grow(progress: Progress) -> tuple[list[int], float]:
-    """Greedy's candidates in order, and the largest growth of any gain as others joined.
-
-    There are `progress.budget` candidates, fewer where no more fit or a limit came first.
-    """
+    """Greedy's candidates in order, as many as fit and the limits allow, and the largest growth of any gain."""
     chosen: list[int] = []
     reward, rise = 0.0, 0.0
     gains = np.full(progress.size, np.inf)
@@ -78,8 +73,8 @@ def raced(
 ) -> Result:
     """Greedy set whose candidates race for each place (`Objective.race`), for the detector, where a frame is slow.
 
-    Evaluations are counted in sets on all frames, rounded up in each race; limits are checked between races. Raises
-    ValueError for a fidelity that cannot score a subset of the frames.
+    Evaluations count sets on all frames, rounded up; limits are checked between races. Raises ValueError for a fidelity
+    that cannot score some of the frames.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen: list[int] = []
@@ -110,10 +105,7 @@ def guarantee(objective: Objective) -> float:
 
 
 def online_bound(progress: Progress, chosen: list[int]) -> float:
-    """Upper bound on AP and reward of any feasible set, if AP is monotone submodular here.
-
-    It is inf where the limits leave it unknown. Scores every candidate that may stand.
-    """
+    """Upper bound on AP and reward of any feasible set, if AP is monotone submodular here; inf where limits hide it."""
     candidates = progress.objective.candidates
     options = np.flatnonzero(progress.objective.allowed([]))
     subsets = np.vstack([as_rows([chosen], progress.size), add_each(chosen, options, progress.size)])
@@ -128,7 +120,7 @@ def online_bound(progress: Progress, chosen: list[int]) -> float:
 def certify(progress: Progress, chosen: list[int], ratio: float, rise: float) -> Certificate:
     """Greedy's certificate for a monotone submodular objective.
 
-    ratio: the guaranteed share of the optimum, which cost weights void; rise: largest observed growth of a gain.
+    ratio: guaranteed share of the optimum, void under cost weights; rise: largest observed growth of a gain.
     """
     costs = progress.objective.weights.comm > 0 or progress.objective.weights.price > 0
     if rise > TOLERANCE and not costs:

@@ -51,11 +51,7 @@ def load_search(method: str) -> Callable[..., Result]:
 
 
 def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False) -> str:
-    """Default search method: the cheapest set where an AP must be reached; a portfolio, which judges by itself.
-
-    Few sensors of a table are tried in every set. Greedy is used where an answer is verified, or scoring a set takes a
-    detector.
-    """
+    """Default search method. Greedy is used where an answer is verified, or scoring a set takes a detector."""
     if at_least:
         return "cheapest"
     return "exhaustive" if fidelity == "table" else "greedy" if verify or fidelity == "detector" else "portfolio"

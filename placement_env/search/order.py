@@ -47,15 +47,13 @@ Summary = dict[str, Any]  # JSON values
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchOrder:
-    """Specification of a search.
+    """Specification of a search. Raises ValueError and ImportError, before anything is rendered, where it does not fit.
 
-    setting: the question, with the errors of the detecting fidelities; run: how it is computed; method: of
-    `placement_env.search.methods`; budget: most sensors; verify: fidelity that scores an answer and its neighbours,
-    None for none; judge, confidence: of a portfolio's race and assessment; seconds, evaluations: limits; demand: of the
-    cheapest set; curve: the best set of every number of sensors up to the budget, or for every amount of money where it
-    is limited, by a portfolio; currency: of prices, "" for those of one ordinary pole.
-
-    Raises ValueError and ImportError, before anything is rendered, where these do not fit.
+    setting: the question, with the errors of the detecting fidelities; method: of `placement_env.search.methods`;
+    budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence: of a portfolio's
+    race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to the budget,
+    or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of one ordinary
+    pole.
     """
 
     setting: Setting
@@ -132,9 +130,9 @@ class SearchOrder:
     def keeping(self, out: Path | None, *, overwrite: bool = False) -> Iterator[tuple[SearchOrder, Checkpoint]]:
         """The order with the checkpoint of its answer in a folder, None for nowhere. The block must write the answer.
 
-        Until the block ends normally, the state of the search stands beside the folder, in one named with the suffix
-        `UNFINISHED`. If the search is killed, the same question resumes there. Raises FileExistsError where another
-        search is unfinished there and may not be overwritten.
+        Until it ends normally, the state of the search stands beside the folder, in one with the suffix `UNFINISHED`,
+        where the same question resumes. Raises FileExistsError where another search is unfinished and may not be
+        overwritten.
         """
         if out is None:
             yield self, NOWHERE
@@ -149,10 +147,9 @@ class SearchOrder:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Answer to an order.
+    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built.
 
-    summary: for JSON; lines: to print; met: True where any sensor is to be built; result, chosen: of one search, and
-    the set to hand over, which a check may have changed; points: of a curve.
+    result, chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve.
     """
 
     objective: Objective
@@ -266,10 +263,7 @@ def _names(objective: Objective, subset: Iterable[int]) -> list[str]:
 
 
 def _state_errors(order: SearchOrder, by_errors: dict[str, float] | None = None) -> Summary:
-    """Error profiles of the detections, where there are any: `provenance` is that of the search.
-
-    by_errors: AP at each of several profiles, where the search itself knew them.
-    """
+    """Error profiles of the detections, where there are any. by_errors: AP at each of several, where it is known."""
     if not order.detects:
         return {}
     return {"errors": order.setting.cases.errors_origin} | ({"by_errors": by_errors} if by_errors else {})

@@ -65,10 +65,9 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Contender:
-    """Answer of some searches of a portfolio, or its winner.
+    """Answer of some searches of a portfolio, or its winner. searches: empty where it is a neighbour.
 
-    searches: empty where it is a neighbour; predicted: AP by the searched objective; ap, low, high: by the judge on
-    traffic that neither searches nor race saw, with its interval.
+    predicted: AP by the searched objective; ap, low, high: by the judge on traffic that neither searches nor race saw.
     """
 
     searches: tuple[str, ...]
@@ -131,11 +130,10 @@ class Assessment:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Answer of a search.
+    """Answer of a search. evaluations: sets scored, repeated ones too; sensors: in continuous poses.
 
-    evaluations: sets scored, repeated ones too; front: scored sets that no other beats in AP, kbit and price at once,
-    by price and kbit (searches for fronts only); by_size: the best set of 1, 2, ... sensors (exhaustive only); sensors:
-    as they are mounted, for continuous poses; assessment: on fresh traffic (portfolio only).
+    front: scored sets that no other beats in AP, kbit and price at once, by price and kbit, and by_size: the best set
+    of 1, 2, ... sensors (exhaustive only); assessment: on fresh traffic (portfolio only).
     """
 
     method: str

@@ -1,9 +1,8 @@
-"""Swap local search: change one sensor at a time.
+"""Swap local search: change one sensor at a time until nothing improves, from greedy's answer and others.
 
-It stops when nothing improves, and starts from greedy's answer and others. The set is taken as `budget` places, each
-with one sensor or none. A step scores every alternative for one place at once and takes the best, so it may swap, add
-or drop a sensor. When no place can be improved the set is a local optimum under such changes. Then the search restarts
-from a random set.
+The set is taken as `budget` places, each with one sensor or none. A step scores every alternative for one place at once
+and takes the best, so it may swap, add or drop a sensor. When no place can be improved the set is a local optimum under
+such changes, and the search restarts from a random set.
 """
 
 from __future__ import annotations
@@ -28,10 +27,7 @@ EMPTY = -1  # a place without a sensor
 
 @dataclass
 class Climb:
-    """State of a climb in progress.
-
-    before: best reward until it began; places: a candidate or `EMPTY` in each; waiting: places to be changed next.
-    """
+    """A climb in progress. before: best reward until it began; waiting: places (a candidate or `EMPTY`) to change."""
 
     start: int
     before: float
@@ -51,13 +47,12 @@ def search(
     start: Iterable[int | str] | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """The best local optimum of several starts.
+    """The best local optimum of several starts: greedy's set or `start`, then sets drawn from `seed`.
 
-    The first start is greedy's set or `start`; further sets are drawn from `seed`. start: candidates by index or name,
-    such as another search's answer; those that do not fit the budget, their links or the money beside earlier ones are
-    left out. starts: their number; None for as many as the limits allow, or `STARTS` without a limit; checkpoint: where
-    the state of the search is kept. The certificate is "local optimum" where the neighbourhood of the best set was
-    searched completely. Raises ValueError where `starts` is below 1 and for an unknown candidate.
+    start: candidates by index or name; those that do not fit beside earlier ones are left out; starts: their number;
+    None for as many as the limits allow, or `STARTS` without a limit; checkpoint: where the state of the search is
+    kept. The certificate is "local optimum" where the neighbourhood of the best set was searched completely. Raises
+    ValueError where `starts` is below 1 and for an unknown candidate.
     """
     if starts is not None:
         check_whole("starts", starts, least=1)

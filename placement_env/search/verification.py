@@ -23,8 +23,8 @@ def verified(
     """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
 
     The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the better set. Where the
-    accurate fidelity can score a subset of the frames, the `entrants` best sets by the fast reward race: that takes
-    little longer than scoring `best` sets on all frames. Raises ValueError where the candidates differ.
+    accurate fidelity can score some of the frames, the `entrants` best sets by the fast reward race. Raises ValueError
+    where the candidates differ.
     """
     if fast.candidates.digest() != accurate.candidates.digest():
         raise ValueError("both objectives must choose from the same candidates: make the second from the first's")

@@ -1,7 +1,4 @@
-"""Searches that prove something about their answer.
-
-They are every set of few candidates, integer programmes with bounds, and greedy's certificate.
-"""
+"""Searches that prove something about their answer."""
 
 from lazy_loader import attach_stub
 

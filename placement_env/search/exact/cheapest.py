@@ -1,15 +1,13 @@
 """The cheapest set that reaches an AP, with a proven bound on the price of any such set (CP-SAT).
 
 By coverage the programme is exact. By a surrogate, AP is no sum over objects but never exceeds the recall: a set that
-reaches the AP also reaches it in expected hits, and in steps above their probability. So no set is cheaper than the
-cheapest one of that relaxation, which is the bound. The answer comes from steps in the middle of the curve, with a
-demand that rises until the AP is reached, and is then pruned.
+reaches the AP also reaches it in expected hits, and in steps above their probability. The cheapest set of that
+relaxation is the bound. The answer comes from steps in the middle of the curve, with a demand that rises until the AP
+is reached, and is then pruned; its AP is the surrogate's own in every case of failure and share of the traffic.
 
-A pole whose sensor fails is a separate case, in which the steps must be reached without it. Few cases bind, so they
-join one after another. The answer of a programme with some of them may leave too little without another pole, which
-then joins. When none is violated it answers all cases, and every bound until then is valid. Steps are never the claim:
-the answer is the surrogate's own in every case of failure and share of the traffic, which are consecutive parts of the
-frames, or levels of traffic by the number of road users present.
+A pole whose sensor fails is a separate case, in which the steps must be reached without it. Few cases bind, so those
+that an answer violates join one after another. When none is violated it answers all cases, and every bound until then
+is valid.
 """
 
 from __future__ import annotations
@@ -56,8 +54,8 @@ MET = 1e-9  # largest effect of rounding on an AP
 class Demand:
     """Conditions that the cheapest set must meet. Raises ValueError where these do not fit.
 
-    at_least: AP, or share covered; failing: sensors that may fail, 0 or 1; parts: consecutive parts of the traffic that
-    must each reach it; levels: traffic levels that must each reach it, instead of parts.
+    at_least: AP, or share covered; failing: sensors that may fail, 0 or 1; parts, levels: number of consecutive parts
+    of the traffic, or of its levels by the number of road users, that must each reach it.
     """
 
     at_least: float = 0.9
@@ -86,10 +84,7 @@ class Demand:
         return what + (", whichever sensor fails" if self.failing else "")
 
     def shares(self, objective: Objective, seen: Visibility) -> list[Int64[np.ndarray, " _"]]:
-        """Frames of each share of the traffic, where they hold a counted object.
-
-        seen: the counted objects. The traffic level of a frame comes from the objective's traffic, else from these.
-        """
+        """Frames of each share of the traffic with a counted object. seen: these; they give levels without a traffic."""
         there = np.bincount(seen.frame, minlength=seen.frames)
         found: Sequence[Int64[np.ndarray, " _"]]
         if self.levels == 1:
@@ -114,10 +109,7 @@ USUAL_DEMAND = Demand()
 
 
 class DemandFidelity:
-    """Score sets by the least AP of a demand; recall and kbit are those of the intact set in all traffic.
-
-    whole, by: fidelity of all frames, and of each share.
-    """
+    """Score sets by the least AP of a demand over shares (`by`); recall and kbit are of intact sets in all traffic."""
 
     def __init__(self, whole: Fidelity, by: Sequence[Fidelity], demand: Demand) -> None:
         self._whole, self._by, self._demand, self.name = whole, tuple(by), demand, whole.name
@@ -139,10 +131,10 @@ def search(
 ) -> Result:
     """The cheapest set of at most `budget` sensors that meets a demand; the certificate is of the price.
 
-    Equally cheap sets are decided by fewest sensors. The answer is the empty set where none meets it. seconds: 60 if
-    None, of which the bound may take `BOUNDING` under failures or shares of the traffic; `evaluations` limits the
-    search for an answer by a surrogate. Raises ValueError for fidelities other than coverage and surrogate (early, late
-    fusion), ImportError without OR-Tools.
+    Fewest sensors decide among equally cheap sets; the empty set answers where none meets it. seconds: 60 if None, of
+    which the bound may take `BOUNDING` under conditions; evaluations: of the search for an answer by a surrogate.
+    Raises ValueError for fidelities other than coverage and surrogate (early, late fusion), ImportError without
+    OR-Tools.
     """
     check_whole("budget", budget, least=1)
     progress = Progress(objective, budget, SECONDS if seconds is None else seconds, evaluations)

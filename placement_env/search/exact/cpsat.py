@@ -3,9 +3,9 @@
     max Σ_o w_o y_o    where  Σ_c seen[c, o] x_c >= k y_o,   Σ_{c on m} x_c <= 1 for each mount m,   Σ_c x_c <= budget
 
 x_c: candidate c is built; y_o: at least k of the built ones see object o, each with enough points. Objects that the
-same candidates see are one object of weight w. What cannot be covered is left out, and so is a pose that sees
-nothing which another on its mount does not see. Of several classes of objects the shares that are covered count by
-their weights, or the worst of them: max z where z <= Σ_o w_ko y_o for every class k.
+same candidates see are one object of weight w. What cannot be covered is left out, and so is a pose that sees nothing
+which another on its mount does not see. Of several classes the shares that are covered count by their weights, or the
+worst of them: max z where z <= Σ_o w_ko y_o for every class k.
 """
 
 from __future__ import annotations
@@ -35,10 +35,9 @@ PARTS = 10**9  # parts into which the sum over several classes is divided
 
 
 class Cover(NamedTuple):
-    """Solution of a coverage programme. merged: objects after merging; built, solved: seconds.
+    """Solution of a coverage programme: objects covered, and the most that any feasible set covers.
 
-    chosen: candidates, ascending; covered: objects they cover; bound: most that any feasible set covers; optimal:
-    whether the two are equal.
+    merged: objects after merging; built, solved: seconds.
     """
 
     chosen: list[int]
@@ -64,11 +63,10 @@ def search(
     """The set that covers most, and its score; the certificate is of the coverage.
 
     Among equally good sets, as far as they are tried, the objective picks the best, unless that takes a detector.
-    visibility: of the objective's candidates, None for its own; views: k; effort: of solving, in OR-Tools'
-    deterministic seconds, None for unlimited: cut short by it, the solver gives the same answer again; seconds: 60 if
-    None; evaluations: of the choice among equals. The same seed finds the same set as long as `seconds` do not cut the
-    solver short. Raises ValueError where the objective has no visibility and none is given, and ImportError without
-    OR-Tools.
+    visibility: of the candidates, None for the objective's own; views: k; effort: of solving, in OR-Tools'
+    deterministic seconds, None for unlimited; seconds: 60 if None; evaluations: of the choice among equals. The same
+    seed finds the same set as long as `seconds` do not cut the solver short. Raises ValueError without visibility, and
+    ImportError without OR-Tools.
     """
     visibility = objective.visibility if visibility is None else visibility
     if visibility is None:
@@ -116,10 +114,9 @@ def cover_most(
 ) -> Cover:
     """Choose at most `budget` candidates that cover the most objects, each by at least `views` of them.
 
-    seen: candidates × objects, True where seen; may_stand: candidates that may be built, all if None; prices: with
-    their limit, None for unlimited; worth: of each object to each of k parties, the least of whose sums counts
-    (`compute_worth`), None to count objects; limits: seconds in all. The solver starts from greedy's set, so the answer
-    covers no less.
+    seen: candidates × objects; may_stand: candidates that may be built, all if None; prices: with their limit; worth:
+    of each object to each of k parties, the least of whose sums counts (`compute_worth`), None to count objects. The
+    solver starts from greedy's set, so the answer covers no less.
 
     >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), Poles.single(np.array([0, 0, 1])), 2).chosen
     [0, 2]
@@ -152,8 +149,7 @@ def cover_most(
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[Int64[np.ndarray, "k O"], int]:
     """Whole worth of covering each object, and the total: their number where one class counts, else `PARTS`.
 
-    The parts of a class go to its objects in equal shares. The mean of classes uses their weights; the worst has one
-    row per class, all with the same sum.
+    The objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class.
     """
     there = [(label, weight) for label, weight in zip(classes.labels, classes.weights, strict=True) if label in labels]
     if len(classes.names) == 1 or not there:
@@ -169,9 +165,7 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[In
 def useful(
     seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], prices: Int64[np.ndarray, " C"] | None = None
 ) -> Int64[np.ndarray, " k"]:
-    """Candidates that see something, and more than any other on their mount for no higher a price.
-
-    Of several on a mount that see the same, the first is kept.
+    """Candidates that see something, and more than any on their mount for no higher a price; the first of equal ones.
 
     >>> useful(np.array([[1, 0], [1, 1], [1, 0], [0, 0]], bool), np.array([0, 0, 1, 1]))
     array([1, 2])
@@ -194,10 +188,7 @@ def useful(
 def merge_objects(
     seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], views: int, worth: Int64[np.ndarray, "k O"]
 ) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, "k m"]]:
-    """Kinds of objects seen by different candidates, with their total worth.
-
-    Objects that fewer than `views` mounts see are left out.
-    """
+    """Kinds of objects seen by different candidates and at least `views` mounts, with their total worth."""
     able = sum((seen[mount == here].any(axis=0) for here in np.unique(mount)), np.zeros(seen.shape[1])) >= views
     seen, worth = seen[:, able], worth[:, able]
     if not seen.size:
@@ -219,9 +210,7 @@ def greedy_cover(
     *,
     prices: Prices | None = None,
 ) -> list[int]:
-    """Cover objects greedily: each step takes the candidate that adds most views to objects with fewer than `views`.
-
-    It needs a mount of its own and must fit the remaining money.
+    """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each, within the money.
 
     >>> greedy_cover(np.array([[1, 1, 0], [0, 1, 1]], bool), np.array([1, 1, 5]), np.array([0, 1]), 1, 1)
     [1]
@@ -252,8 +241,7 @@ def prove_bound(
 ) -> int:
     """Most objects that any set can cover with `views` views of each.
 
-    For one view (Leskovec et al., KDD 2007) the bound is also the coverage of `chosen` plus the largest gains on top of
-    it, one per mount.
+    For one view the coverage of `chosen` plus the largest gains, one per mount, bounds too (Leskovec et al., KDD 2007).
     """
 
     def largest(gains: np.ndarray) -> float:

@@ -21,10 +21,10 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """The best set of at most `budget` sensors, proven.
+    """The best set of at most `budget` sensors, proven; the smaller one, then the first among equals.
 
-    All sets are scored; budget None means any number. Nothing is proven if a limit stops it early. Among equals the
-    smaller set wins, then the one that comes first. `seed` is not used. Raises ValueError above 16 candidates.
+    budget: None for any number; seed: not used. Nothing is proven if a limit stops it. Raises ValueError above 16
+    candidates.
     """
     size = len(objective.candidates)
     if size > LARGEST:

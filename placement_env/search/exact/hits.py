@@ -1,8 +1,6 @@
 """The most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by CP-SAT.
 
-Coverage counts an object as seen or not; here it counts by the surrogate's hit probability, in steps that cut the curve
-in the middle (`placement_env.search.exact.programme`). The bound is of this programme. The objective decides among
-equal sets.
+Steps cut the curve in the middle (`placement_env.search.exact.programme`). The objective decides among equal sets.
 """
 
 from __future__ import annotations

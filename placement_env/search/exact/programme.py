@@ -72,8 +72,8 @@ def cp_model() -> ModuleType:
 class Prices(NamedTuple):
     """Prices in exact whole units, rounded down; the limit is rounded up, so no set within the money is excluded.
 
-    each: of the candidates, with their mounts where these have one place; shared: of a mount with more places, which is
-    paid once; mount: of each candidate; most: limit on the total; unit: price of one.
+    each: of the candidates, with their mounts where these have one place; shared: of a mount with more, paid once;
+    most: limit on the total; unit: price of one.
     """
 
     each: Int64[np.ndarray, " C"]
@@ -144,10 +144,7 @@ class Poles(NamedTuple):
 
     @property
     def apart(self) -> Int64[np.ndarray, " C"]:
-        """Mount of each candidate, for bounds: one of its own where its mount has several places.
-
-        A bound that holds with one place on each of these holds for every set.
-        """
+        """Mount of each candidate, for bounds: one of its own where its mount has several places."""
         count = int(self.mount.max(initial=-1)) + 1
         return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
 
@@ -175,10 +172,9 @@ def _whole(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
 
 
 class Levels(NamedTuple):
-    """Levels of evidence and their worth.
+    """Levels of evidence and their worth: `known` is what each candidate adds to each object, in whole numbers.
 
-    known: amount that each candidate adds to each object, whole numbers; threshold, gain: of each level of each object;
-    parties: rows of worth, k of them, that an object counts in; the least counts.
+    threshold, gain: of each level of each object; parties: rows of worth that an object counts in; the least counts.
     """
 
     known: Int64[np.ndarray, "C O"]
@@ -202,10 +198,9 @@ class Levels(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """Solution of a programme.
+    """Solution of a programme. chosen: None where no set satisfies it; figure: worth, or price in whole units.
 
-    chosen: candidates, ascending, None where no set satisfies it; figure: worth, or price in whole units; bound: no set
-    has more worth, or costs less; optimal: whether the two are equal, or no set is proven to satisfy it.
+    bound: no set has more worth, or costs less; optimal: whether the two are equal, or no set satisfies it for certain.
     """
 
     chosen: list[int] | None
@@ -218,8 +213,8 @@ class Solved(NamedTuple):
 class Programme:
     """Integer programme over sets of at most `budget` candidates.
 
-    failing: 1 for the worth that survives the failure of any one sensor (levels of threshold 1 alone); lost: candidates
-    without which worth is counted, the least of several cases, for levels of any threshold.
+    failing: 1 for the worth that survives the failure of any one sensor (levels of threshold 1 alone); lost: cases of
+    candidates without which worth is counted, the least of them, for levels of any threshold.
     """
 
     levels: Levels
@@ -245,10 +240,9 @@ class Programme:
 
 
 def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:
-    """Steps of each object's hit probability, from n ^ norm of each candidate and object.
+    """Steps of each object's hit probability, from n ^ norm of each candidate and object, without the floor.
 
-    above: no step lies below the curve, else each cuts it in the middle. The floor, which only lowers the probability,
-    is left out.
+    above: no step lies below the curve, else each cuts it in the middle.
     """
     count = powers.shape[1]
     e = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(model.density, 1e-9)
@@ -273,10 +267,7 @@ def solve(
     cost: Prices | None = None,
     start: Sequence[int] = (),
 ) -> Solved:
-    """The set of most worth; with a `cost` the cheapest of worth `at_least`, and of equally cheap ones the smallest.
-
-    start: an initial set.
-    """
+    """The set of most worth; with a `cost` the cheapest of worth `at_least`, smallest first. start: an initial set."""
     cp = cp_model()
     model = cp.CpModel()
     levels, may_stand, budget = programme.levels, programme.may_stand, programme.budget

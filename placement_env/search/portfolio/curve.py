@@ -1,9 +1,8 @@
 """Budget curve: the best AP on fresh traffic for every number of sensors or amount of money.
 
-The searches of
-a portfolio run for each budget. Its entrants race each other, and those of an amount also race the winner of the amount
-before. All winners are judged together on the third part of traffic, with the same resamples, so their AP is
-comparable. A checkpoint keeps the progress of searches and the winners of finished races; detections are in the cache.
+The searches of a portfolio run for each budget. Its entrants race each other, and those of an amount also the winner of
+the amount before. All winners are judged together on the third part of traffic, with the same resamples, so their AP is
+comparable. A checkpoint keeps the progress of searches and the winners of finished races.
 """
 
 from __future__ import annotations
@@ -40,11 +39,10 @@ SUMS = 4096  # resolution of prices
 class CurvePoint:
     """The best set for one number of sensors, or amount of money (infinite for numbers).
 
-    searches: those that answered with
-    it, empty for a neighbour; predicted: AP by the searched objective; ap, low, high: on traffic that neither searches
-    nor race saw; confidence: that no other entrant with as many sensors, or within that money, is better by more than
-    0.01; pays: whether no set of the curve costs as little or less and has as much AP; by_errors: AP at each error
-    profile by itself, where there are several.
+    searches: that answered with it, empty for a neighbour; predicted: AP by the searched objective; ap, low, high: on
+    traffic that neither searches nor race saw; confidence: that no other entrant of this budget is better by more than
+    0.01; pays: whether no set of the curve costs as little or less and has as much AP; by_errors: AP at each of several
+    error profiles.
     """
 
     sensors: int
@@ -162,8 +160,7 @@ def _groups(
 def list_amounts(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
     """Amounts of money for a curve, ascending, each the price of some set of at most `most` sensors.
 
-    All amounts up to `money` are listed where these are no more than `count`, else `count` of them, evenly spread and
-    as large as possible.
+    These are all up to `money`, or else `count` of them, evenly spread and as large as possible.
     """
     check_whole("budget", most, least=1)
     candidates, alone = objective.candidates, objective.allowed([])

@@ -1,10 +1,9 @@
 """Entrants: sensor sets worth a detector's judgement, found by several searches with a fast fidelity.
 
-No fast score is right everywhere, and a search exploits the errors of
-its score. So different searches use different scores: greedy and swap the objective, swap perception entropy (Ma, Liu,
-Li), CP-SAT coverage where OR-Tools is installed. Every set is tried where candidates are few, and where prices differ a
-thrifty search looks for cheaper sets. Neighbours join their answers: the best by the objective, and those that no other
-beats in the objective's reward, perception entropy and coverage at once.
+No fast score is right everywhere, and a search exploits the errors of its score. So greedy and swap use the objective,
+swap also perception entropy (Ma, Liu, Li), CP-SAT coverage. Every set is tried where candidates are few, and where
+prices differ a thrifty search looks for cheaper sets. Neighbours join their answers: the best by the objective, and
+those that no other beats in the objective's reward, perception entropy and coverage at once.
 """
 
 from __future__ import annotations
@@ -42,10 +41,9 @@ FRONT_OF = 400  # best neighbours of an answer by reward, searched for the front
 
 @dataclass(frozen=True, eq=False)
 class Entrants:
-    """Sets that enter a race.
+    """Sets that enter a race, all feasible and different, small ones first, with the searches that answered with each.
 
-    sets: rows of booleans, all feasible and different, small ones first; predicted: AP by the fidelity of the searches;
-    searches: those that answered with each; considered: number of sets scored in all.
+    predicted: AP by the fidelity of the searches; considered: number of sets scored in all.
     """
 
     sets: Bool[np.ndarray, "n C"]
@@ -68,10 +66,9 @@ class Entrants:
 
 @dataclass(frozen=True)
 class Effort:
-    """Limits of the searches.
+    """Limits of the searches. sizes: most sensors of each run; neighbours: number that join the answers of each size.
 
-    sizes: most sensors of each run of the searches, such as 1, 2, 3; seconds, evaluations: of each search at each size,
-    None for its default; neighbours: number that join the answers of each size.
+    seconds, evaluations: of each search at each size, None for its default.
     """
 
     sizes: tuple[int, ...]
@@ -102,10 +99,7 @@ def keep_entrants(
 
 
 def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint: Checkpoint = NOWHERE) -> Entrants:
-    """Entrants of all sizes, empty where nothing may be built.
-
-    checkpoint: keeps the answer of each finished search, and the progress of the current one.
-    """
+    """Entrants of all sizes, empty where nothing may be built. checkpoint: keeps answers of finished searches."""
     ended: KeptState = checkpoint.load() or {}
     answers: dict[bytes, dict[str, None]] = {}  # by each set, in order
     rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
@@ -185,8 +179,7 @@ def _neighbours(
 ) -> tuple[list[Bool[np.ndarray, " C"]], int]:
     """Best feasible neighbours of some answers, at most one per change of mount, and the number of sets scored.
 
-    Where the candidates' visibility is known, up to half of them are sets that no other beats in reward, perception
-    entropy and coverage at once.
+    Where visibility is known, up to half of them are sets that no other beats in reward, entropy and coverage at once.
     """
     best: list[tuple[float, Bool[np.ndarray, " C"]]] = []
     considered = 0

@@ -1,12 +1,9 @@
-"""Evaluators of sensor sets on fresh traffic.
+"""Evaluators of sensor sets on fresh traffic, with resamples of blocks of frames that are the same for all sets.
 
-Resamples of blocks of frames are the same for all sets. `DetectorEvaluator` detects. Without a detector,
-`FastEvaluator` lets another fidelity, such as the surrogate, score batches of the frames. Both know one error profile
-and give figures at every IoU threshold; `CasesEvaluator` combines them into one figure. Frames of one block of
-`BLOCK_FRAMES` show the same objects, so blocks are drawn whole.
-
-`Schedule` divides the time of a portfolio: what a stage does not use goes to the next. Races and judgement check the
-clock every few frames and stop when time is up, so the whole hardly exceeds its limit.
+`DetectorEvaluator` detects; `FastEvaluator` lets another fidelity, such as the surrogate, score batches of the frames.
+Both know one error profile and give figures at every IoU threshold; `CasesEvaluator` combines them into one figure.
+Frames of one block of `BLOCK_FRAMES` show the same objects, so blocks are drawn whole. `Schedule` divides the time of a
+portfolio: what a stage does not use goes to the next.
 """
 
 from __future__ import annotations
@@ -40,8 +37,7 @@ Report = Callable[[int], None]
 class Evaluated(NamedTuple):
     """Figures of n sets on some frames, at each of several IoU thresholds or over them.
 
-    The draws of the resampled AP are the same for all sets. frames: number of requested frames used, from the first,
-    where time ran out; None for all.
+    frames: number of requested frames used, from the first, where time ran out; None for all.
     """
 
     ap: Float64[np.ndarray, "*ious n"]
@@ -61,10 +57,7 @@ def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: i
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
-    """Frames of a race: one of every block in random order, then a second of every block, and so on.
-
-    So the first few show traffic as varied as possible.
-    """
+    """Frames of a race, varied from the start: one of every block in random order, then a second of every block, …"""
     rng = np.random.default_rng(seed)
     blocks = rng.permutation(-(-frames // BLOCK_FRAMES))
     order = (blocks * BLOCK_FRAMES + rng.permutation(BLOCK_FRAMES)[:, None]).ravel()
@@ -75,8 +68,8 @@ def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
 class CasesEvaluator:
     """Evaluate over cases. kbit are those of intact sets in all frames.
 
-    profiles: one for each error profile; levels: frames of each level of traffic, empty where traffic is undivided. A
-    resample draws each level from its own blocks, and the worst case is found within the resample.
+    levels: frames of each level of traffic, empty where it is undivided. A resample draws each level from its own
+    blocks, and the worst case is found within the resample.
     """
 
     profiles: tuple[DetectorEvaluator | FastEvaluator, ...]
@@ -220,8 +213,8 @@ class FastEvaluator:
 class TimedEvaluator:
     """Evaluate frame by frame until time is up, by the monotonic clock (s), and report the number of frames done.
 
-    It is called with the same frames in the same order every time, some of them already done, for fewer and fewer sets.
-    at_once: frames between two looks at the clock; least: frames done regardless of time.
+    It is called with the same frames in the same order every time, for fewer and fewer sets. at_once: frames between
+    two looks at the clock; least: frames done regardless of time.
     """
 
     evaluator: CasesEvaluator

@@ -52,8 +52,7 @@ class Judging:
 
     by: fidelity of both; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`;
     race_frames, final_frames: of their traffic, of the seeds after the objective's; neighbours: entrants that join the
-    answers; setting: asked of both, None for the objective's; evaluators: of both, in place of all but confidence and
-    neighbours.
+    answers; setting: asked of both, None for the objective's; evaluators: of both, in place of most of these.
     """
 
     by: FidelityName = "detector"
@@ -71,10 +70,7 @@ class Judging:
     def build_evaluators(
         self, objective: Objective, schedule: Schedule, *, seed: int = 0
     ) -> tuple[CasesEvaluator, CasesEvaluator]:
-        """Evaluators of race and assessment, on as many frames as a schedule allows. seed: of the resamples.
-
-        Raises ValueError where the objective has no site, and so no fresh traffic.
-        """
+        """Evaluators of race and assessment within a schedule. Raises ValueError without a site to simulate traffic."""
         if self.evaluators is not None:
             return self.evaluators
         if self.setting is None and objective.preparation is None:
@@ -96,12 +92,11 @@ def search(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Winner of the race: its score by the objective, and the judge's assessment on the third part of traffic.
+    """Winner of the race: its score by the objective, and the judge's assessment of each search's answer.
 
-    The assessment also covers each search's own answer. seconds: of searches, race and assessment together, divided by
-    `Schedule`. With less time there are fewer frames, and some searches' answers are not
-    assessed. evaluations: of each search; checkpoint: keeps the progress of the searches (race and assessment
-    detections are in the cache). Raises ValueError where these do not fit.
+    seconds: of searches, race and assessment together; with less time there are fewer frames, and some answers are not
+    assessed; evaluations: of each search; checkpoint: keeps the progress of the searches. Raises ValueError where these
+    do not fit.
     """
     check_whole("budget", budget, least=1)
     limits, confidence = Limits(seconds, evaluations), judging.confidence
