@@ -84,7 +84,7 @@ class Demand:
         return what + (", whichever sensor fails" if self.failing else "")
 
     def shares(self, objective: Objective, seen: Visibility) -> list[Int64[np.ndarray, " _"]]:
-        """Frames of each share of the traffic with a counted object. seen: these; they give levels without a traffic."""
+        """Frames of each share of the traffic with a counted object. seen: these; they give levels without traffic."""
         there = np.bincount(seen.frame, minlength=seen.frames)
         found: Sequence[Int64[np.ndarray, " _"]]
         if self.levels == 1:
