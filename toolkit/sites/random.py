@@ -1,8 +1,4 @@
-"""Random junctions: 3 to 5 legs or a roundabout.
-
-They have surroundings, mounts and sensors. Training a detector for any junction, and testing a placement search, needs
-hundreds of them; each has a seed.
-"""
+"""Random junctions, 3 to 5 legs or a roundabout, with surroundings, mounts and sensors; each has a seed."""
 
 from __future__ import annotations
 
@@ -15,12 +11,12 @@ import shapely
 from toolkit.arrays import Float64
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
-from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.furnishing import CLOSED_LANE, furnish
 from toolkit.sites.furniture import on_ground, settle
 from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, shoulders, street
 from toolkit.sites.site import Mount, Relief, Site
-from toolkit.sites.surroundings import ANGLES, Road, Strip, place_mounts
+from toolkit.sites.surroundings import ANGLES, Road, place_mounts
 
 LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
 LOWEST, HIGHEST = 1.6, 9.0  # m above the foot of a mount, where sensors hang
@@ -31,13 +27,10 @@ _STEEPEST = np.deg2rad(35.0)
 
 @dataclass(frozen=True)
 class Shoulder:
-    """Strip without traffic between lanes and footway.
+    """Strip without traffic between lanes and footway."""
 
-    width: m, 0 for none; angle: of the bays on it (degrees, 0: along the kerb; None: road works instead of bays).
-    """
-
-    width: float = 0.0
-    angle: int | None = None
+    width: float = 0.0  # m, 0 for none
+    angle: int | None = None  # of the bays on it (degrees, 0: along the kerb; None: road works instead of bays)
 
 
 @dataclass(frozen=True)
@@ -58,22 +51,18 @@ class Leg:
 
     @property
     def half_widths(self) -> tuple[float, float]:
-        """Distance (m) from the path to the footway's outer edge.
-
-        They are left (inbound side) and right (outbound side), seen from the junction.
-        """
+        """Distance (m) from the path to the footway's outer edge, left (inbound side) and right (outbound side)."""
         directions = zip((self.inbound, self.outbound), self.shoulders, strict=True)
         left, right = (n * self.lane + self.footway + shoulder.width if n else 0.0 for n, shoulder in directions)
         return left, right
 
 
 def random_site(rng: np.random.Generator | int) -> Site:
-    """Draw a junction from a generator or a seed.
+    """Draw a junction from a generator or a seed; the same seed gives the same site.
 
-    The same seed gives the same site. The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m,
-    need not be centred on it. There are at least 12 mounts with 1 to 10 default sensors. By chance there are avenues
-    whose crowns hang over the road, vehicles parked along kerbs, road works, and hedges, containers and the like beside
-    the lanes and on islands.
+    The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be centred on it. There
+    are at least 12 mounts with 1 to 10 default sensors. By chance there are avenues whose crowns hang over the road,
+    vehicles parked along kerbs, road works, and hedges, containers and the like beside the lanes and on islands.
 
     Raises ValueError for a negative seed.
     """
@@ -81,40 +70,30 @@ def random_site(rng: np.random.Generator | int) -> Site:
         raise ValueError(f"seed of a random site must be a whole number from 0 up, got {rng}")
     rng = np.random.default_rng(rng)
     name = f"random-{rng.integers(16**6):06x}"
-    area = _area(rng)
-    is_roundabout = rng.random() < 0.25
-    legs, network = _roundabout(rng) if is_roundabout else _crossroads(rng)
+    size = np.array([rng.uniform(60.0, 110.0), rng.uniform(40.0, 110.0)])
+    middle = rng.uniform(-size / 8, size / 8)
+    area = np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
+    legs, network = (_roundabout if rng.random() < 0.25 else _crossroads)(rng)
     lanes, footways = road_polygons(network, area)
     strips = shoulders(network)
-    road = Road(
-        tuple(leg.path for leg in legs),
-        tuple(leg.half_widths for leg in legs),
-        lanes,
-        footways,
-        tuple(_ground(strip) for strip in strips.values()),
-    )
+    lines = [(shapely.LineString(middle), width / 2) for middle, width in strips.values()]
+    unused = [middle.buffer(half, cap_style="flat", join_style="mitre") for middle, half in lines]
+    shoulder_grounds = [shapely.get_coordinates(strip)[:-1] for strip in unused]
+    road = Road([leg.path for leg in legs], [leg.half_widths for leg in legs], lanes, footways, shoulder_grounds)
     relief = sloping(Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31))))
-    mounts = _with_low_ones(place_mounts(road, area, rng, at_least=12), rng)
-    solids, bays = furnish(road, area, mounts, rng, strips=strips, angles=_angles(legs))
-    site = Site(
-        name=name,
-        area=area,
-        lanes=lanes,
-        footways=footways,
-        solids=settle(solids, relief),
-        parking=bays,
-        network=network,
-        relief=relief,
-    )
-    site = replace(site, mounts=on_ground(mounts, site))
+    mounts = place_mounts(road, area, rng, at_least=12)
+    low = rng.random(len(mounts)) < _LOW_MOUNTS
+    mounts = tuple(replace(m, min_height=LOWEST) if is_low else m for m, is_low in zip(mounts, low, strict=True))
+    ways = [(f"{way}{i}", leg.shoulders[k]) for i, leg in enumerate(legs) for k, way in enumerate(("in", "out"))]
+    angles = {edge: shoulder.angle for edge, shoulder in ways if shoulder.angle is not None}
+    solids, bays = furnish(road, area, mounts, rng, strips=strips, angles=angles)
+    site = Site(name, area, lanes=lanes, footways=footways, parking=bays, network=network, relief=relief)
+    site = replace(site, solids=settle(solids, relief), mounts=on_ground(mounts, site))
     return replace(site, sensors=random_sensors(site, rng))
 
 
 def sloping(relief: Relief) -> Relief:
-    """Give a relief a random slope up to `STEEPEST_STREET`.
-
-    It is drawn from the relief's seed. Two of five are steeper than 1 %.
-    """
+    """Give a relief a slope drawn from its seed, up to `STEEPEST_STREET`; two of five are steeper than 1 %."""
     rng = np.random.default_rng([relief.seed, 6])
     if rng.random() > SLOPING:
         return relief
@@ -123,9 +102,7 @@ def sloping(relief: Relief) -> Relief:
 
 
 def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None = None) -> tuple[Sensor, ...]:
-    """Hang random depth cameras and lidars on mounts.
-
-    count: number of sensors, 1 to 10 if None.
+    """Hang random depth cameras and lidars on mounts. count: 1 to 10 if None.
 
     They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher they hang (level at
     eye level, 35° at most), most of them headed for the middle of the area. Cameras come first in order of name: d0,
@@ -161,18 +138,11 @@ def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: np.random.Ge
     heading = towards if rng.random() < 0.8 else rng.uniform(-np.pi, np.pi)
     tilt = np.arctan2(height, rng.uniform(10.0, 45.0)) + rng.normal(0.0, np.deg2rad(2.0))
     tilt = float(np.clip(tilt, 0.0, _STEEPEST))
-    if is_lidar:
-        return Sensor(name, _random_lidar(rng), pose(x, y, z, yaw=heading, pitch=tilt / 3))
-    return Sensor(name, _random_camera(rng), look((x, y, z), heading, tilt))
-
-
-def _random_camera(rng: np.random.Generator) -> SensorModel:
-    width = int(rng.choice([320, 360, 400, 440, 480]))
-    return DepthCamera(width=width, height=width * 3 // 4, fov=float(np.deg2rad(rng.uniform(60.0, 100.0))))
-
-
-def _random_lidar(rng: np.random.Generator) -> SensorModel:
-    return SpinningLidar(
+    if not is_lidar:
+        width = int(rng.choice([320, 360, 400, 440, 480]))
+        camera = DepthCamera(width=width, height=width * 3 // 4, fov=float(np.deg2rad(rng.uniform(60.0, 100.0))))
+        return Sensor(name, camera, look((x, y, z), heading, tilt))
+    lidar = SpinningLidar(
         channels=int(rng.choice([16, 32, 64, 128])),
         fov_up=float(np.deg2rad(rng.uniform(0.0, 15.0))),
         fov_down=float(np.deg2rad(rng.uniform(-50.0, -15.0))),
@@ -180,13 +150,7 @@ def _random_lidar(rng: np.random.Generator) -> SensorModel:
         azimuth_fov=2 * np.pi if rng.random() < 0.7 else float(np.deg2rad(120.0)),
         sigma=float(rng.uniform(0.005, 0.03)),
     )
-
-
-def _area(rng: np.random.Generator) -> Float64[np.ndarray, "4"]:
-    """Area of 60..110 m by 40..110 m, near the origin. Its middle lies within an eighth of its size of the origin."""
-    size = np.array([rng.uniform(60.0, 110.0), rng.uniform(40.0, 110.0)])
-    middle = rng.uniform(-size / 8, size / 8)
-    return np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
+    return Sensor(name, lidar, pose(x, y, z, yaw=heading, pitch=tilt / 3))
 
 
 def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
@@ -194,12 +158,10 @@ def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
     count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
     legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
     rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
-    nodes: list[XmlAttributes] = [
-        {"id": "c", "x": 0, "y": 0, "type": rule, "radius": round(float(rng.uniform(3.0, 8.0)), 1)}
-    ]
+    middle = {"id": "c", "x": 0, "y": 0, "type": rule, "radius": round(float(rng.uniform(3.0, 8.0)), 1)}
     major = rng.permutation(count)[:2]
     edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, "c", 3 if i in major else 1)]
-    return legs, build_network(nodes + _ends(legs), edges)
+    return legs, build_network([middle, *_ends(legs)], edges)
 
 
 def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
@@ -220,10 +182,7 @@ def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
         shape = radius * np.stack([np.cos(arc), np.sin(arc)], axis=1)
         ends = {"id": f"ring{i}", "from": f"r{i}", "to": f"r{(i + 1) % count}"}
         edges.append({**ends, "shape": line(shape), "spreadType": "center", "priority": 3, "lanes": ring})
-    circle = {
-        "nodes": " ".join(f"r{i}" for i in range(count)),
-        "edges": " ".join(f"ring{i}" for i in range(count)),
-    }
+    circle = {"nodes": " ".join(f"r{i}" for i in range(count)), "edges": " ".join(f"ring{i}" for i in range(count))}
     return legs, build_network(nodes + _ends(legs), edges, roundabouts=[circle])
 
 
@@ -263,7 +222,7 @@ def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
 
 
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
-    """Edges of a leg. They lead towards the junction, away from it, or both."""
+    """Edges of a leg towards the junction, away from it, or both."""
     rows: list[XmlAttributes] = []
     for count, shoulder, name, start, end, path in (
         (leg.inbound, leg.shoulders[0], f"in{number}", f"e{number}", junction, leg.path[::-1]),
@@ -271,9 +230,8 @@ def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlA
     ):
         if count:
             lanes = street(count, width=leg.lane, footway=leg.footway, shoulder=shoulder.width, speed=leg.speed)
-            rows.append(
-                {"id": name, "from": start, "to": end, "shape": line(path), "priority": priority, "lanes": lanes}
-            )
+            ends = {"id": name, "from": start, "to": end}
+            rows.append({**ends, "shape": line(path), "priority": priority, "lanes": lanes})
     return rows
 
 
@@ -285,26 +243,3 @@ def _shoulder(rng: np.random.Generator) -> Shoulder:
         return Shoulder(round(float(rng.uniform(*CLOSED_LANE)), 2))
     angle = int(rng.choice(list(ANGLES), p=[0.55, 0.15, 0.15, 0.15]))
     return Shoulder(ANGLES[angle], angle)
-
-
-def _angles(legs: Sequence[Leg]) -> dict[str, int]:
-    """Angle of the bays (degrees) by edge. Only edges with bays have one."""
-    angles: dict[str, int] = {}
-    for i, leg in enumerate(legs):
-        for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):
-            if shoulder.angle is not None:
-                angles[f"{way}{i}"] = shoulder.angle
-    return angles
-
-
-def _ground(strip: Strip) -> Float64[np.ndarray, "_ 2"]:
-    """Outline of a strip of a road."""
-    line, width = strip
-    surface = shapely.LineString(line).buffer(width / 2, cap_style="flat", join_style="mitre")
-    return shapely.get_coordinates(surface)[:-1]
-
-
-def _with_low_ones(mounts: Sequence[Mount], rng: np.random.Generator) -> tuple[Mount, ...]:
-    """Make some mounts usable from `LOWEST` m up."""
-    low = rng.random(len(mounts)) < _LOW_MOUNTS
-    return tuple(replace(m, min_height=LOWEST) if is_low else m for m, is_low in zip(mounts, low, strict=True))

@@ -1,6 +1,4 @@
-"""A junction and its surroundings.
-
-It has a detection area, a road, the solids beside it, the sensors, and the network that traffic uses.
+"""A junction: detection area, road, solids beside it, sensors, and the network that traffic uses.
 
 Site frame: right-handed, metres, z up, zero at the mean height of the street; where that slopes, z is 0 at the origin.
 `map_SE3_site` turns it into the frame of the map the site was taken from, which is right-handed too (a CARLA map: x,
@@ -32,9 +30,7 @@ HYBRID_RADIUS = 20.0  # m, unless the paper gives another for a site (its sectio
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Prism that stands still, between two heights.
-
-    It reaches from `base` up to `top` (m, site frame).
+    """Prism that stands still, from `base` up to `top` (m, site frame).
 
     footprint: (k, 2) polygon; kind: one of `KINDS`. A tree is two solids, a `trunk` and a crown (`tree`). A `pond` is a
     hole: there is no ground inside its footprint, but a surface at `top`, below the street.
@@ -142,10 +138,13 @@ class Site:
             checked[layer] = tuple(check_polygon(p, f"{layer}[{i}]") for i, p in enumerate(getattr(self, layer)))
         for layer in ("solids", "mounts", "sensors"):
             checked[layer] = tuple(getattr(self, layer))
-        check_unique([mount.name for mount in checked["mounts"]], "mounts")
-        check_unique([sensor.name for sensor in checked["sensors"]], "sensors")
-        checked["parking"] = check_parking(self.parking)
-        checked["network"] = check_network(self.network)
+        for layer in ("mounts", "sensors"):
+            _check_unique([each.name for each in checked[layer]], layer)
+        bays = np.asarray(self.parking, np.float64)
+        checked["parking"] = bays = bays.reshape(-1, 3) if bays.size == 0 else bays
+        if bays.ndim != 2 or bays.shape[1] != 3 or not np.isfinite(bays).all():
+            raise ValueError(f"parking must be finite rows x, y, yaw, got shape {bays.shape}")
+        _check_network(self.network)
         checked["map_SE3_site"] = check_pose(self.map_SE3_site, "map_SE3_site")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -164,16 +163,20 @@ class Site:
         )
 
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
-        """Height of the ground (m) at places of the site.
+        """Height of the ground (m) at places (..., 2) of the site.
 
-        Places are (..., 2). On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a
-        large place is zero. Ponds, kerbs and islands are solids and not part of it.
+        On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a large place is zero.
+        Ponds, kerbs and islands are solids and not part of it.
         """
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
         if self.relief.amplitude == 0:
             return plane
-        wave_vectors, phases, weights = _waves(self.relief)
+        rng = np.random.default_rng(self.relief.seed)
+        lengths, parts = np.array([160.0, 90, 50, 28, 16, 11, 7]), np.array([5.0, 4, 4, 3, 2, 1, 1])
+        directions = rng.uniform(0, 2 * np.pi, len(lengths))
+        wave_vectors = 2 * np.pi / lengths * np.stack([np.cos(directions), np.sin(directions)])
+        phases, weights = rng.uniform(0, 2 * np.pi, len(lengths)), self.relief.amplitude * parts / parts.sum()
         return np.asarray(plane + np.cos(xy @ wave_vectors + phases) @ weights)
 
     def plane(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
@@ -213,10 +216,8 @@ def check_polygon(vertices: Any, where: str) -> Float64[np.ndarray, "k 2"]:
         raise ValueError(f"{where} must be a list of [x, y] pairs of numbers, got {str(vertices)[:60]}") from None
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
         raise ValueError(f"{where} must be at least three [x, y] corners, got shape {polygon.shape}")
-    if not np.isfinite(polygon).all():
-        raise ValueError(
-            f"{where} holds NaN or infinite numbers at corner {int(np.argwhere(~np.isfinite(polygon))[0, 0])}"
-        )
+    if not (finite := np.isfinite(polygon).all(axis=1)).all():
+        raise ValueError(f"{where} holds NaN or infinite numbers at corner {int(np.argmin(finite))}")
     shape = shapely.Polygon(polygon)
     if not shape.is_valid:
         at = shapely.is_valid_reason(shape).partition("[")[2].rstrip("]").replace(" ", ", ")
@@ -226,8 +227,7 @@ def check_polygon(vertices: Any, where: str) -> Float64[np.ndarray, "k 2"]:
     return polygon
 
 
-def check_unique(names: Sequence[str], where: str) -> None:
-    """Raise ValueError for an empty or repeated name."""
+def _check_unique(names: Sequence[str], where: str) -> None:
     for i, name in enumerate(names):
         if not name or not isinstance(name, str):
             raise ValueError(f"{where}[{i}].name must be a text that is not empty, got {name!r}")
@@ -235,35 +235,12 @@ def check_unique(names: Sequence[str], where: str) -> None:
             raise ValueError(f"{where}[{i}].name {name!r} is taken by {where}[{names.index(name)}]: rename one of them")
 
 
-def check_parking(bays: Any) -> Float64[np.ndarray, "n 3"]:
-    """Return `bays` as (n, 3) x, y, yaw."""
-    rows = np.asarray(bays, np.float64).reshape(-1, 3) if np.size(bays) == 0 else np.asarray(bays, np.float64)
-    if rows.ndim != 2 or rows.shape[1] != 3 or not np.isfinite(rows).all():
-        raise ValueError(f"parking must be finite rows x, y, yaw, got shape {rows.shape}")
-    return rows
-
-
-def check_network(network: str) -> str:
-    """Check the text of a SUMO network. Returns `network` if it is empty or such a text."""
+def _check_network(network: str) -> None:
     if not network:
-        return ""
+        return
     try:
         root = ElementTree.fromstring(network)
     except ElementTree.ParseError as error:
         raise ValueError(f"network is damaged XML ({error}): build it again with toolkit.sites.network") from None
     if root.tag != "net" or root.find("edge") is None:
         raise ValueError(f"network must be a SUMO <net> with edges, got <{root.tag}>: pass the text of a .net.xml")
-    return network
-
-
-def _waves(relief: Relief) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wave vectors, phases and weights of a relief.
-
-    They are (2, w) in rad/m, (w,) and (w,). The weights add up to the amplitude.
-    """
-    rng = np.random.default_rng(relief.seed)
-    lengths = np.array([160.0, 90, 50, 28, 16, 11, 7])
-    directions = rng.uniform(0, 2 * np.pi, len(lengths))
-    wave_vectors = 2 * np.pi / lengths * np.stack([np.cos(directions), np.sin(directions)])
-    weights = np.array([5.0, 4, 4, 3, 2, 1, 1])
-    return wave_vectors, rng.uniform(0, 2 * np.pi, len(lengths)), relief.amplitude * weights / weights.sum()
