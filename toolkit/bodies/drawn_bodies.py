@@ -29,7 +29,7 @@ from toolkit.bodies.drawn_cars import (
     plank,
     trailer,
 )
-from toolkit.bodies.people import AT_AN_EAR, PUSHING, Figure, Pair, pair, person, rider, scale_mesh, standing, striding
+from toolkit.bodies.people import AT_AN_EAR, PUSHING, Figure, hold, pair, person, rider, scale_mesh, standing, striding
 from toolkit.bodies.vehicles import make_wheel
 from toolkit.mesh import Mesh, Vector, box, flip_sides, loft, merge, shift, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
@@ -208,12 +208,12 @@ def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
         return "child", standing(merge(parts))
     height = float(np.clip(rng.normal(1.71, 0.09), 1.48, 2.02))
     if chance < 0.25:
-        pushing = person(replace(_walking(rng), **PUSHING), height)
+        pushing = person(hold(_walking(rng), *PUSHING), height)
         return "pram", standing(merge([pushing, scale_mesh(people.pushchair(height), float(rng.uniform(0.85, 1.1)))]))
     if chance < 0.27:
         legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], 0.015, 5) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
         wheels = [make_wheel(x, y, 0.09, 0.04, 8) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
-        pushing = person(replace(_walking(rng, lean=0.06), **PUSHING), height)
+        pushing = person(hold(_walking(rng, lean=0.06), *PUSHING), height)
         return "walker", standing(merge([pushing, *legs, *wheels, plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)]))
     figure = _walking(rng, stout=float(np.clip(rng.normal(1.0, 0.13), 0.8, 1.4)))
     parts = [person(figure, height)]
@@ -229,7 +229,8 @@ def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
 
 def draw_pose(rng: np.random.Generator, stout: float) -> Figure:
     """Draw a standing pose: arms hanging or at an ear."""
-    return replace(Figure(), stout=stout, **(AT_AN_EAR if rng.random() < 0.25 else {}))
+    figure = Figure(stout=stout)
+    return hold(figure, *AT_AN_EAR) if rng.random() < 0.25 else figure
 
 
 def _walking(rng: np.random.Generator, stout: float | None = None, lean: float | None = None) -> Figure:
@@ -240,11 +241,11 @@ def _walking(rng: np.random.Generator, stout: float | None = None, lean: float |
     figure = striding(float(rng.uniform(0.08, 0.45)), float(rng.uniform(0.2, 1.0)), lean, stout)
     if rng.random() < 0.5:
         return figure
-    joints: dict[str, Pair] = {name: getattr(figure, name) for name in ("knees", "ankles", "elbows", "hands")}
-    swapped: dict[str, Pair] = {}  # left and right
-    for name, (left, right) in joints.items():
-        swapped[name] = (right[0], -right[1], right[2]), (left[0], -left[1], left[2])
-    return replace(figure, **swapped)
+    joints = (figure.knees, figure.ankles, figure.elbows, figure.hands)
+    knees, ankles, elbows, hands = (
+        ((right[0], -right[1], right[2]), (left[0], -left[1], left[2])) for left, right in joints
+    )
+    return replace(figure, knees=knees, ankles=ankles, elbows=elbows, hands=hands)
 
 
 def _wheelchair(rng: np.random.Generator) -> Mesh:
@@ -265,7 +266,7 @@ def _wheelchair(rng: np.random.Generator) -> Mesh:
     chair = [plank((0.42, 1.7 * half, 0.06), 0.0, 0.0, seat - 0.06), plank((0.05, 1.7 * half, 0.45), -0.24, 0.0, seat)]
     parts = [person(figure, height), *wheels, *(flip_sides(wheel) for wheel in wheels), *chair]
     if rng.random() < 0.3:
-        pushing = replace(_walking(rng), **PUSHING)
+        pushing = hold(_walking(rng), *PUSHING)
         parts.append(shift(person(pushing, float(rng.uniform(1.55, 1.85))), -0.75))
     return merge(parts)
 

@@ -101,10 +101,13 @@ def draw_proportions(rng: np.random.Generator) -> Proportions:
     low = profile[(profile[:, 1] < 0.7) & (profile[:, 0] > 0.45), 0]
     bed = (float(low[0]) + 0.012, 0.982, 0.84) if kind.name == "pickup" else None
     figures = (kind.clearance, kind.belt, kind.lean, (0.03, 0.2), (0.02, 0.15), (0.5, 0.88), (0.6, 0.95), (0.0, 0.05))
-    drawn = [float(rng.uniform(*ends)) for ends in (*figures, (0.015, 0.06), (0.004, 0.03))]
+    drawn = (float(rng.uniform(*ends)) for ends in (*figures, (0.015, 0.06), (0.004, 0.03)))
+    clearance, belt, lean, nose, boot, front_end, rear_end, bow, camber, soft = drawn
     size = length, float(np.clip(width, *WIDTHS)), float(np.clip(height, *HEIGHTS))
-    body = profile, (front, length - rear), wheel, *drawn[:3], tuple(drawn[3:5]), tuple(drawn[5:7]), *drawn[7:]
-    return Proportions(kind.name, *size, *body, bed=bed)
+    axles, plan = (front, length - rear), ((nose, boot), (front_end, rear_end))
+    return Proportions(
+        kind.name, *size, profile, axles, wheel, clearance, belt, lean, *plan, bow, camber, soft, bed=bed
+    )
 
 
 def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:

@@ -19,11 +19,8 @@ def pair(x: float, y: float, z: float) -> Pair:
     return (x, y, z), (x, -y, z)
 
 
-PUSHING = {"elbows": pair(0.02, 0.14, 0.65), "hands": pair(0.20, 0.12, 0.58)}
-AT_AN_EAR: dict[str, Pair] = {
-    "elbows": ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)),
-    "hands": ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80)),
-}
+PUSHING = pair(0.02, 0.14, 0.65), pair(0.20, 0.12, 0.58)  # elbows, hands
+AT_AN_EAR = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
 
 
 @dataclass(frozen=True)
@@ -40,6 +37,11 @@ class Figure:
     elbows: Pair = ((-0.02, 0.145, 0.64), (-0.02, -0.145, 0.64))
     hands: Pair = ((0.03, 0.15, 0.47), (0.03, -0.15, 0.47))
     stout: float = 1.0
+
+
+def hold(figure: Figure, elbows: Pair, hands: Pair) -> Figure:
+    """Move the arms of a figure."""
+    return replace(figure, elbows=elbows, hands=hands)
 
 
 def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float = 1.0) -> Figure:
@@ -133,9 +135,9 @@ def stick(height: float) -> Mesh:
 
 def pedestrians() -> dict[str, Mesh]:
     """Fourteen people on foot, 1.1 to 1.95 m tall. Umbrellas, hats and loads come on top."""
-    arms_up, pushing = replace(Figure(), **AT_AN_EAR), replace(striding(0.22), **PUSHING)
+    arms_up, pushing = hold(Figure(), *AT_AN_EAR), hold(striding(0.22), *PUSHING)
     elbows, hands = ((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68)), ((0.02, 0.15, 0.48), (0.065, -0.06, 0.74))
-    holding = replace(striding(0.2), elbows=elbows, hands=hands)
+    holding = hold(striding(0.2), elbows, hands)
     people: dict[str, tuple[Figure, float, Callable[[float], Mesh] | None]] = {
         "man_standing": (Figure(), 1.80, None),
         "woman_standing_bag": (replace(Figure(), stout=0.88), 1.66, bag),

@@ -193,8 +193,9 @@ class Sensor:
         self.pose.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:
-        alike = isinstance(other, Sensor) and (self.name, self.model) == (other.name, other.model)
-        return alike and np.array_equal(self.pose, other.pose)
+        if not isinstance(other, Sensor):
+            return False
+        return (self.name, self.model) == (other.name, other.model) and np.array_equal(self.pose, other.pose)
 
     def __hash__(self) -> int:
         return hash((self.name, self.model))

@@ -118,8 +118,8 @@ def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.rando
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
         low = rng.uniform(1.5, 4.0)
         levels = low, low + rng.uniform(2.0, 5.0)
-        at = np.array(_around(middle, radius * rng.uniform(0.0, 0.9), angle))
-        plant(plot, at, rng.uniform(1.0, 3.5), levels, rng)
+        foot = np.array(_around(middle, radius * rng.uniform(0.0, 0.9), angle))
+        plant(plot, foot, rng.uniform(1.0, 3.5), levels, rng)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 6)):
         plot.place(f.sign(*_around(middle, 0.9 * radius, angle), float(angle)), footway=True)
 
@@ -261,7 +261,9 @@ def furnish(
     """
     strips, angles = strips or {}, angles or {}
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
-    plot.solids += [f.post(*m.position[:2].tolist(), round(m.min_height - FOOT_AIR, 2)) for m in mounts]
+    for mount in mounts:
+        x, y, _ = mount.position.tolist()
+        plot.solids.append(f.post(x, y, round(mount.min_height - FOOT_AIR, 2)))
     kerb = along(road.carriageway.buffer(0.8).boundary.intersection(plot.window), 0.5)
     bays = kerb_bays(plot, strips, angles, rng)
     lane_works(plot, {edge: strip for edge, strip in strips.items() if edge not in angles}, rng)

@@ -147,7 +147,8 @@ def _proj(geo_reference: str, inverse: bool) -> Transformer:
         crs = CRS.from_user_input(geo_reference)
         if not crs.is_projected:
             raise ValueError("degrees are no map in metres")
-        return Transformer.from_crs(*((crs, WGS84) if inverse else (WGS84, crs)), always_xy=True)
+        source, target = (crs, WGS84) if inverse else (WGS84, crs)
+        return Transformer.from_crs(source, target, always_xy=True)
     except ProjError as error:
         raise ValueError(str(error)) from None
 

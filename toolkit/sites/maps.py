@@ -172,10 +172,10 @@ def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], s
     drawn, bays = furnish(Road(*legs(site.network), site.lanes, site.footways), site.area, mounts, rng)
     ours = [shapely.Point(m.position[:2]).buffer(0.5) for m in mounts if m.name.startswith("lamp")]
     ours += [shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island")]
-    ours += [outline(*bay, MAP_BAY) for bay in site.parking]
+    ours += [outline(bay, MAP_BAY) for bay in site.parking]
     kept = _keep_apart([s for s in drawn if s.kind != "kerb"], shapely.union_all(ours).buffer(0.2))
     taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
-    free = [bay for bay in bays if not taken.intersects(outline(*bay, MAP_BAY))]
+    free = [bay for bay in bays if not taken.intersects(outline(bay, MAP_BAY))]
     site = replace(site, relief=relief, parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]))
     said = Counter(s.kind for s in kept if s.kind not in ("trunk", "post"))
     counted = ", ".join(f"{n} {kind}" for kind, n in sorted(said.items()))
@@ -192,7 +192,7 @@ def free_bays(
     """Bays (x, y, yaw) in `window` that are free of solids and traffic."""
     standing = unite(s.footprint for s in solids if s.kind not in ("island", "kerb"))
     tracks = tracks.buffer(-0.3)
-    ground = [(bay, outline(*bay, MAP_BAY)) for bay in bays]
+    ground = [(bay, outline(bay, MAP_BAY)) for bay in bays]
     ground = [(bay, shape) for bay, shape in ground if window.contains(shape) and not standing.intersects(shape)]
     free = [bay for bay, shape in ground if not tracks.intersects(shape.buffer(-0.25))]  # corners of slanted bays
     return np.array(free, np.float64).reshape(-1, 3).round(4)
@@ -433,7 +433,7 @@ def _finish(
         raise ValueError(_no_road(path, centre))
     road = Road((), (), site.lanes, site.footways)
     walls = unite(s.footprint for s in solids if s.top > 2.0).buffer(0.3)
-    walls = walls.union(shapely.union_all([outline(*bay, MAP_BAY) for bay in site.parking]).buffer(0.3))
+    walls = walls.union(shapely.union_all([outline(bay, MAP_BAY) for bay in site.parking]).buffer(0.3))
     mounts = _lamp_mounts(lamps, road, site, walls)
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
@@ -441,7 +441,8 @@ def _finish(
         mounts += [replace(m, price=1.0) for m in drawn if not near.intersects(shapely.Point(m.position[:2]))]
     stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
     if seed is None:
-        poles = [f.post(*m.position[:2].tolist(), POLE) for m in mounts if m.name.startswith("pole")]
+        feet = [m.position.tolist() for m in mounts if m.name.startswith("pole")]
+        poles = [f.post(x, y, POLE) for x, y, _ in feet]
         made = replace(site, solids=f.settle([*solids, *poles, *stones], site.relief), mounts=f.on_ground(mounts, site))
     else:
         made, note = furnish_site(site, mounts, [*solids, *stones], seed)

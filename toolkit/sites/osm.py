@@ -101,11 +101,11 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
         )
     position = dict(zip(points, project(degrees, centre) @ _turn(-heading).T, strict=True))
     ways = {}
-    for name, (references, tags) in raw_ways.items():
+    for name, (references, way_tags) in raw_ways.items():
         known = [node for node in references if node in position]
         nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
         if len(nodes) > 1:
-            ways[name] = Way(np.array([position[node] for node in nodes]), tuple(nodes), tags)
+            ways[name] = Way(np.array([position[node] for node in nodes]), tuple(nodes), way_tags)
     places = tuple((position[name], tags) for name, tags in place_tags.items())
     return Extract(centre, heading, tuple(ways.values()), tuple(_areas(ways, relations)), places)
 

@@ -172,7 +172,7 @@ def kerb_bays(
             bays = stations(strips[edge], angle, at_end=edge.startswith("in"))
             bays = bays[rng.random(len(bays)) < rng.uniform(0.35, 1.0)]
             # parts that reach into the lane or to neighbours do not count
-            ground = [outline(*bay, size).difference(plot.driven).buffer(-0.02) for bay in bays]
+            ground = [outline(bay, size).difference(plot.driven).buffer(-0.02) for bay in bays]
             rows.append(bays[[bool(seen.contains(g) and plot.claim(g, shoulder=True)) for g in ground]].reshape(-1, 3))
     return np.concatenate(rows)
 
@@ -210,11 +210,12 @@ def forecourts(plot: Plot, rng: np.random.Generator) -> Float64[np.ndarray, "n 3
     line = along(plot.road.surface.buffer(0.7 + BAY[not across] / 2).boundary.intersection(plot.window), 1.0)
     for x, y, direction in rng.permutation(line)[: rng.integers(0, 14)]:
         yaw = direction + (np.pi / 2 if across else 0.0) + np.pi * rng.integers(2)
-        if plot.claim(outline(x, y, yaw)):
+        if plot.claim(outline((x, y, yaw))):
             bays.append((round(float(x), 3), round(float(y), 3), round(float(yaw), 4)))
     return np.array(bays, np.float64).reshape(-1, 3)
 
 
-def outline(x: float, y: float, yaw: float, size: tuple[float, float] = BAY) -> shapely.Polygon:
-    """Ground of a bay."""
+def outline(bay: Iterable[float], size: tuple[float, float] = BAY) -> shapely.Polygon:
+    """Ground of a bay x, y, yaw."""
+    x, y, yaw = bay
     return shapely.Polygon(f.block(size, (x, y), yaw))

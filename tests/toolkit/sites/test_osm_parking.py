@@ -112,7 +112,7 @@ def test_a_turned_site_keeps_its_junction_whole(tmp_path, imported, east_west, u
     road, tracks = union(site.lanes), find_tracks(site.network)
     assert tracks.intersection(shapely.box(*site.area)).difference(road.buffer(0.1)).area < 0.5
     for bay in site.parking:
-        ground = outline(*bay, MAP_BAY)
+        ground = outline(bay, MAP_BAY)
         assert ground.difference(road).area < 0.05
         assert ground.intersection(tracks).area < 0.05
         assert not any(shapely.Polygon(s.footprint).intersects(ground.buffer(-0.05)) for s in site.solids)
