@@ -1,11 +1,8 @@
-"""`Cache`: arrays that took long to compute, by a key that says all they depend on.
+"""`Cache`: arrays that took long to compute, by a key (`make_key`) that says all they depend on, so they never change.
 
 The file is an SQLite database with a write-ahead log, so that several processes read and write it at once, and a
 process killed while writing leaves it as it was before. Each value has a checksum over key and value; one that does not
 fit is computed again. A damaged file is put aside under another name, with a warning, and begun anew.
-
-`make_key` makes keys. Values never change, since everything they depend on is in the key; for code that is
-`toolkit.runtime.code_digest`.
 """
 
 from __future__ import annotations
@@ -19,9 +16,8 @@ import time
 import warnings
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -37,7 +33,7 @@ ARRAY_KINDS = "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no
 CACHE_SCHEMA = "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
 
 
-def make_key(*parts: Any) -> bytes:
+def make_key(*parts: object) -> bytes:
     """SHA-256 of texts, numbers, lists and dictionaries, as JSON.
 
     >>> make_key("early", [0, 1]) == make_key("early", (0, 1)), make_key("early", [0, 1]) == make_key("early", [0, 2])
@@ -64,10 +60,16 @@ class Cache:
 
     def get(self, keys: Sequence[bytes]) -> list[Arrays | None]:
         """Values of some keys, None for unknown ones."""
-        found: dict[bytes, bytes] = {}
-        for first in range(0, len(keys), AT_ONCE):
-            nothing: dict[bytes, bytes] = {}
-            found |= self._safely(partial(_select, keys=list(keys[first : first + AT_ONCE])), nothing)
+
+        def select(database: sqlite3.Connection) -> dict[bytes, bytes]:
+            found: dict[bytes, bytes] = {}
+            for first in range(0, len(keys), AT_ONCE):
+                some = list(keys[first : first + AT_ONCE])
+                query = f"SELECT key, value FROM entries WHERE key IN ({','.join('?' * len(some))})"
+                found |= dict(database.execute(query, some))
+            return found
+
+        found = self._safely(select, {})
         return [decode_arrays(key, found[key]) if key in found else None for key in keys]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
@@ -76,12 +78,22 @@ class Cache:
         fitting = [row for row in rows if len(row[1]) <= LARGEST_VALUE]
         if len(fitting) < len(rows):
             warnings.warn(f"{len(rows) - len(fitting)} values are too large to be kept in {self.path}", stacklevel=2)
-        self._safely(partial(_insert, rows=fitting), None)
+
+        def insert(database: sqlite3.Connection) -> None:
+            database.execute("BEGIN IMMEDIATE")
+            try:
+                database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting)
+            except BaseException:
+                database.execute("ROLLBACK")
+                raise
+            database.execute("COMMIT")
+
+        self._safely(insert, None)
 
     def __len__(self) -> int:
         return self._safely(lambda db: int(db.execute("SELECT count(*) FROM entries").fetchone()[0]), 0)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_open": None}
 
     def close(self) -> None:
@@ -112,11 +124,10 @@ class Cache:
         return otherwise
 
     def _database(self) -> sqlite3.Connection:
-        if self._open is None or self._open[0] != os.getpid():  # a forked process must not share the parent's handle
-            self._open = os.getpid(), self._connect()
-        return self._open[1]
-
-    def _connect(self) -> sqlite3.Connection:
+        if (
+            self._open is not None and self._open[0] == os.getpid()
+        ):  # a forked process must not share the parent's handle
+            return self._open[1]
         if self.path is not None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         database = sqlite3.connect(self.path or ":memory:", timeout=WAIT, isolation_level=None, check_same_thread=False)
@@ -127,6 +138,7 @@ class Cache:
         except sqlite3.Error:
             database.close()
             raise
+        self._open = os.getpid(), database
         return database
 
     def _on_disk(self) -> int | None:
@@ -165,24 +177,20 @@ def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
         return None
     head, _, content = body.partition(b"\n")
     try:
-        return _arrays(json.loads(head), content)
+        compressed, *columns = json.loads(head)
+        types = [np.dtype(str(dtype)) for dtype, _ in columns]
+        shapes = [[int(length) for length in shape] for _, shape in columns]
+        sizes = [dtype.itemsize * math.prod(shape) for dtype, shape in zip(types, shapes, strict=True)]
+        if any(each.kind not in ARRAY_KINDS for each in types) or any(n < 0 for shape in shapes for n in shape):
+            return None
+        if compressed:
+            content = zlib.decompressobj().decompress(content, sum(sizes) + 1)
+        if len(content) != sum(sizes):
+            return None
+        first = np.cumsum([0, *sizes]).tolist()
+        return tuple(np.ndarray(*each) for each in zip(shapes, types, [content] * len(types), first, strict=False))
     except (ValueError, TypeError, IndexError, OverflowError, RecursionError, zlib.error):
         return None
-
-
-def _arrays(described: Any, content: bytes) -> Arrays:
-    compressed, *columns = described
-    types = [np.dtype(str(dtype)) for dtype, _ in columns]
-    shapes = [[int(length) for length in shape] for _, shape in columns]
-    sizes = [dtype.itemsize * math.prod(shape) for dtype, shape in zip(types, shapes, strict=True)]
-    if any(dtype.kind not in ARRAY_KINDS for dtype in types) or any(length < 0 for shape in shapes for length in shape):
-        raise ValueError("no plain arrays")
-    if compressed:
-        content = zlib.decompressobj().decompress(content, sum(sizes) + 1)
-    if len(content) != sum(sizes):
-        raise ValueError("arrays of another size")
-    first = np.cumsum([0, *sizes]).tolist()
-    return tuple(np.ndarray(*each) for each in zip(shapes, types, [content] * len(types), first, strict=False))
 
 
 def _checksum(key: bytes, body: bytes) -> bytes:
@@ -190,8 +198,7 @@ def _checksum(key: bytes, body: bytes) -> bytes:
 
 
 def _patiently(database: sqlite3.Connection, statement: str) -> None:
-    """Execute a statement for which SQLite itself does not wait. No other process may change the journal's mode at that
-    time."""
+    """Execute a statement for which SQLite itself does not wait, such as a change of the journal's mode."""
     until = time.monotonic() + WAIT
     while True:
         try:
@@ -201,18 +208,3 @@ def _patiently(database: sqlite3.Connection, statement: str) -> None:
             if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > until:
                 raise
             time.sleep(0.02)
-
-
-def _select(database: sqlite3.Connection, keys: list[bytes]) -> dict[bytes, bytes]:
-    marks = ",".join("?" * len(keys))
-    return dict(database.execute(f"SELECT key, value FROM entries WHERE key IN ({marks})", keys))
-
-
-def _insert(database: sqlite3.Connection, rows: list[tuple[bytes, bytes]]) -> None:
-    database.execute("BEGIN IMMEDIATE")
-    try:
-        database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", rows)
-    except BaseException:
-        database.execute("ROLLBACK")
-        raise
-    database.execute("COMMIT")

@@ -1,15 +1,14 @@
 """Digest of a job's source: results on disk are valid only while their code is the same.
 
 The source of a job is its import closure: its module, the imports of that, inside functions too, and so on, within the
-house. Code under `if TYPE_CHECKING:` does not run and does not count. A package whose face loads lazily adds only the
-names that are asked of it, as its stub says. Libraries count by their version.
+house, but not of code under `if TYPE_CHECKING:`. A package whose face loads lazily adds only the names that are asked
+of it, as its stub says. Libraries count by their version.
 """
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
@@ -23,8 +22,7 @@ _Import = tuple[str, str]  # a module, and a name asked of it or ""
 
 @cache
 def code_digest(*modules: str) -> str:
-    """SHA-256 over all source that `modules` run, and library versions. Computed once. A user's own module counts as
-    well: its file, and what it imports of the house."""
+    """SHA-256, computed once, over all source that `modules`, also a user's own, run, and library versions."""
     return digest_of_source(modules)
 
 
@@ -82,39 +80,27 @@ def _file(module: str, top: Path) -> Path | None:
 
 @cache
 def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...]:
-    """Imports of a module when it and its functions run."""
-    return tuple(
-        each
-        for node in _run(ast.parse(source))
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for each in _list_imports(node, module if is_package else module.rpartition(".")[0])
-    )
-
-
-def _run(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield all statements except those that only type checkers read."""
-    pending = [tree]
+    """Imports of a module when it and its functions run, but not those that only type checkers read."""
+    found: list[_Import] = []
+    pending: list[ast.AST] = [ast.parse(source)]
     while pending:
         node = pending.pop()
-        yield node
-        skipped = isinstance(node, ast.If) and _names_type_checking(node.test)
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found += _list_imports(node, module if is_package else module.rpartition(".")[0])
+        test = node.test if isinstance(node, ast.If) and isinstance(node.test, ast.Name | ast.Attribute) else None
+        skipped = test is not None and ast.unparse(test).rpartition(".")[2] == "TYPE_CHECKING"
         for block in ("orelse",) if skipped else ("body", "orelse", "handlers", "finalbody", "cases"):
             inner = getattr(node, block, ())
             pending.extend(inner if isinstance(inner, list) else ())
-
-
-def _names_type_checking(test: ast.expr) -> bool:
-    return isinstance(test, ast.Name | ast.Attribute) and ast.unparse(test).rpartition(".")[2] == "TYPE_CHECKING"
+    return tuple(found)
 
 
 def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
     if isinstance(node, ast.Import):
         return [(alias.name, "") for alias in node.names]
-    module = node.module or ""
-    if node.level:
-        parts = package.split(".")
-        above = ".".join(parts[: len(parts) - node.level + 1])
-        module = f"{above}.{module}" if module else above
+    parts = package.split(".")
+    above = parts[: len(parts) - node.level + 1] if node.level else []
+    module = ".".join([*above, *([node.module] if node.module else [])])
     return [(module, alias.name) for alias in node.names]
 
 
@@ -124,11 +110,9 @@ def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
     offered: dict[str, _Import] = {}
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
-            for alias, place in zip(node.names, _list_imports(node, package), strict=True):
-                offered[alias.asname or alias.name] = place
-    if name == "*":
-        return tuple(offered.values())
-    return (offered[name],) if name in offered else ()
+            places = _list_imports(node, package)
+            offered |= {alias.asname or alias.name: place for alias, place in zip(node.names, places, strict=True)}
+    return tuple(place for key, place in offered.items() if name in ("*", key))
 
 
 @cache

@@ -19,6 +19,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import import_module
 from itertools import islice
 from multiprocessing.connection import Connection
 from typing import Any
@@ -39,15 +40,14 @@ _OWN_SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNA
 
 @lru_cache(maxsize=1)
 def keep_freed_memory() -> bool:
-    """Let new arrays reuse the memory of old ones; return success. For the rest of this process and arrays of up to
-    `LARGEST_KEPT` bytes. The GNU C library hands back freed memory at the end of its heap, and the system clears every
-    page of it before it can be used again; a network whose maps come and go spends a third of its time on that. The
-    process then keeps its peak memory. Nothing changes under another C library, or where the environment says how to
-    allocate (MALLOC_TRIM_THRESHOLD_, MALLOC_MMAP_THRESHOLD_, GLIBC_TUNABLES)."""
-    if any(name in os.environ for name in _OWN_SETTINGS):
-        return False
+    """Let new arrays of up to `LARGEST_KEPT` bytes reuse the memory of old ones; return success.
+
+    The GNU C library hands back freed memory at the end of its heap, and the system clears every page of it before it
+    can be used again: a third of the time of a network whose maps come and go. The process then keeps its peak memory.
+    Nothing changes under another C library, or where the environment says how to allocate.
+    """
     mallopt = getattr(_c_library(), "mallopt", None)
-    if mallopt is None:
+    if mallopt is None or any(name in os.environ for name in _OWN_SETTINGS):
         return False
     return bool(mallopt(_MMAP_THRESHOLD, LARGEST_KEPT)) and bool(mallopt(_TRIM_THRESHOLD, _NEVER))
 
@@ -65,7 +65,7 @@ AHEAD_PER_CORE = 8  # inputs handed out per core: tasks travel farther, and node
 
 def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Value]:
     """Run a job on a Ray cluster, which repeats lost tasks."""
-    ray = _get_ray(address)
+    ray = _connect(address)
     pending: deque[Value] = deque()
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
@@ -75,49 +75,40 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
             pending.extend(task.remote([shared], x) for x in islice(remaining, ahead - len(pending)))
             if not pending:
                 return
-            yield _got(ray, pending.popleft())
-    finally:
-        for reference in pending:
-            ray.cancel(reference, force=True)
-
-
-def _got(ray: Value, reference: Value) -> Value:
-    try:
-        return ray.get(reference)
+            yield ray.get(pending.popleft())
     except ray.exceptions.RayTaskError as error:  # what the job raised
         raise error.cause from None
     except ray.exceptions.RayError as error:
         reason = str(error).partition("\n")[0]
         raise WorkLost(f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs") from None
+    finally:
+        for reference in pending:
+            ray.cancel(reference, force=True)
 
 
 _jobs: dict[str, Task] = {}  # of a Ray worker: its last job, whose caches stay
+_address: str | None = None  # of the cluster that we are connected to
 
 
 def _work_on_ray(shared: list[Value], x: Value) -> Value:
     key = shared[0].hex()
     if key not in _jobs:
         _jobs.clear()
-        _jobs[key] = _ray().get(shared[0])
+        _jobs[key] = import_module("ray").get(shared[0])
     return _jobs[key](x)
 
 
-_address: str | None = None  # of the cluster that we are connected to
-
-
-def _get_ray(address: str) -> Value:
+def _connect(address: str) -> Value:
     """Ray, connected until this process ends or needs another cluster. The caller's own connection stays."""
     global _address
-    ray = _ray()
+    try:
+        ray: Value = import_module("ray")
+    except ImportError:
+        raise ImportError("work on a Ray cluster needs Ray: pip install coview[scale]") from None
     if ray.is_initialized() and _address not in (None, address):
         ray.shutdown()
-    if not ray.is_initialized():
-        _connect(ray, address)
-        _address = address
-    return ray
-
-
-def _connect(ray: Value, address: str) -> None:
+    if ray.is_initialized():
+        return ray
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     here = {"include_dashboard": False} if address == "local" else {}
     host, colon, port = address.rpartition("://")[2].rpartition(":")
@@ -130,13 +121,7 @@ def _connect(ray: Value, address: str) -> None:
         raise ConnectionError(
             f"no Ray cluster answers at {address!r} ({reason}): start one with `ray start --head`, or ask for 'local'"
         ) from None
-
-
-def _ray() -> Value:
-    try:
-        import ray
-    except ImportError:
-        raise ImportError("work on a Ray cluster needs Ray: pip install coview[scale]") from None
+    _address = address
     return ray
 
 
@@ -154,14 +139,18 @@ def spread(
     progress: Callable[[int], None] | None = None,
     ticks: Callable[[int], None] | None = None,
 ) -> Iterator[Value]:
-    """Yield `job(x)` for each of `inputs`, in their order. Errors of `job` are raised. job: a function of a module, or
-    an object that can be called and pickled; large constants belong into it, since each process gets it once. Its
-    results must not depend on earlier inputs. workers: processes on this machine; a script that asks for several must
-    do so under `if __name__ == "__main__":`; ray: address of a Ray cluster to use instead, "auto" for the one of this
-    machine, "local" to start one here; coview must be installed on all its machines. progress: called with the number
-    of finished results; ticks: called now and then with the number of calls of `tick` in processes, repeated work
-    included. Raises ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times;
-    ImportError without Ray; ConnectionError where no cluster answers."""
+    """Yield `job(x)` for each of `inputs`, in their order.
+
+    job: a function of a module, or an object that can be called and pickled; large constants belong into it, since each
+    process gets it once. Its results must not depend on earlier inputs. workers: processes on this machine; a script
+    that asks for several must do so under `if __name__ == "__main__":`; ray: address of a Ray cluster to use instead,
+    "auto" for the one of this machine, "local" to start one here; coview must be installed on all its machines.
+    progress: called with the number of finished results; ticks: called now and then with the number of calls of `tick`
+    in processes, repeated work included.
+
+    Raises the errors of `job`; ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES
+    times; ImportError without Ray; ConnectionError where no cluster answers.
+    """
     if workers < 1 or workers != int(workers):
         rule = "at least 1" if workers < 1 else "a whole number"
         raise ValueError(f"workers must be {rule}, got {workers}")
@@ -170,7 +159,7 @@ def spread(
     elif workers == 1:
         results = map(job, inputs)
     else:
-        results = _in_processes(job, inputs, workers, ticks or _ignore)
+        results = _in_processes(job, inputs, workers, ticks or (lambda count: None))
     return _count_results(results, progress)
 
 
@@ -179,10 +168,6 @@ def tick() -> None:
     if _ticks is not None:
         with _ticks.get_lock():
             _ticks.value += 1
-
-
-def _ignore(_: int) -> None:
-    pass
 
 
 def _count_results(results: Iterator[Value], progress: Callable[[int], None] | None) -> Iterator[Value]:
@@ -207,50 +192,40 @@ class _Task:
 
 def _in_processes(job: Task, inputs: Iterable[Value], workers: int, ticks: Callable[[int], None]) -> Iterator[Value]:
     pickled, remaining = pickle.dumps(job), iter(inputs)
-    pending: deque[_Task] = deque()
+    pending: deque[_Task] = deque()  # every input without a result, also after the death of a process
     deaths = given = given_before = 0  # deaths since there was a result
     ticked = 0  # in pools that died
-
-    def tell(count: int) -> None:
-        ticks(ticked + count)
-
     while True:
         try:
             with _pool(pickled, workers) as pool:
-                for result in _results(pool, pending, remaining, tell):
+                while True:
+                    pending.extend(_Task(x) for x in islice(remaining, AHEAD * workers - len(pending)))
+                    for task in pending:
+                        task.future = task.future or pool.submit(task.input)
+                    if not pending:
+                        return
+                    future = pending[0].future
+                    assert future is not None
+                    while not wait([future], TICK_S).done:
+                        ticks(ticked + pool.ticks)
+                    result = future.result()
+                    ticks(ticked + pool.ticks)
+                    pending.popleft()
                     given += 1
                     yield result
-            return
         except BrokenProcessPool:
             lost = [task for task in pending if task.lost]
             known = given + len(pending) - len(lost)
             deaths, given_before = deaths + 1 if known == given_before else 1, known
             if deaths > RETRIES:
-                raise WorkLost(_died(deaths, str(lost[0].input))) from None
+                where = f"{deaths} times in a row, at or near input {str(lost[0].input)[:60]}"
+                script = 'called from a script without `if __name__ == "__main__":`'
+                raise WorkLost(
+                    f"a worker process died {where}: out of memory (use fewer workers), or {script}"
+                ) from None
             for task in lost:
                 task.future = None
             ticked += pool.ticks
-
-
-def _results(
-    pool: _Pool, pending: deque[_Task], remaining: Iterator[Value], ticks: Callable[[int], None]
-) -> Iterator[Value]:
-    """Yield results in order. Pending inputs without a future are handed out first; after a BrokenProcessPool `pending`
-    still holds every input without a result."""
-    while True:
-        pending.extend(_Task(x) for x in islice(remaining, AHEAD * pool.workers - len(pending)))
-        for task in pending:
-            task.future = task.future or pool.submit(task.input)
-        if not pending:
-            return
-        future = pending[0].future
-        assert future is not None
-        while not wait([future], TICK_S).done:
-            ticks(pool.ticks)
-        result = future.result()
-        ticks(pool.ticks)
-        pending.popleft()
-        yield result
 
 
 @contextmanager
@@ -287,7 +262,7 @@ class _Pool:
 
     @property
     def ticks(self) -> int:
-        """Number of calls of `tick` since it was set to 0."""
+        """Number of calls of `tick`."""
         return int(self._ticks.get_obj().value)  # without the lock, which a process may have been killed with
 
     @ticks.setter
@@ -295,13 +270,11 @@ class _Pool:
         self._ticks.get_obj().value = count
 
     def submit(self, x: Value) -> Future[Value]:
-        """Run the job on an input."""
         if self._idle:
             self._idle.cancel()
         return self._executor.submit(_work, x)
 
     def end_when_idle(self) -> None:
-        """End the processes unless new work comes soon."""
         self._idle = threading.Timer(IDLE_S, _end_kept)
         self._idle.daemon = True
         self._idle.start()
@@ -349,10 +322,3 @@ def _end_after(parent: Connection) -> None:
 
 def _work(x: Value) -> Value:
     return _job(x)
-
-
-def _died(times: int, x: str) -> str:
-    return (
-        f"a worker process died {times} times in a row, at or near input {x[:60]}: out of memory (use fewer workers), "
-        'or called from a script without `if __name__ == "__main__":`'
-    )
