@@ -25,6 +25,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +36,9 @@ from toolkit.frame import Frames
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
+
+Image = Float32[np.ndarray, "rows columns"]
+Mask = Bool[np.ndarray, "rows columns"]
 
 SAMPLE = 128  # images kept of a sensor
 SIGMAS = 4.0  # spreads: a measurement this near a median shows the empty scene
@@ -54,35 +58,37 @@ _AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 
 @dataclass(frozen=True, eq=False)
 class EmptyScene:
-    """Empty scene of one sensor (its name and model).
-
-    All images are (rows, columns) float32. first: median measurement, 0 where nothing returns; spread: its standard
-    deviation; share: fraction of the frames that show it; second, second_spread, second_share: the same for the other
-    measurement of the scene, NaN, 0 and 0 where it has only one; frames: number of frames it was learnt from.
+    """Empty scene of one sensor, by its name and model.
 
     Raises ValueError for an image that does not fit the model's shape, or is negative or infinite.
     """
 
     name: str
     model: SensorModel
-    first: Float32[np.ndarray, "rows columns"]
-    spread: Float32[np.ndarray, "rows columns"]
-    share: Float32[np.ndarray, "rows columns"]
-    second: Float32[np.ndarray, "rows columns"]
-    second_spread: Float32[np.ndarray, "rows columns"]
-    second_share: Float32[np.ndarray, "rows columns"]
-    frames: int
+    first: Image  # median measurement, 0 where nothing returns
+    spread: Image  # its standard deviation
+    share: Image  # fraction of the frames that show it
+    second: Image  # the same for the other measurement of the scene: NaN, 0 and 0 where it has only one
+    second_spread: Image
+    second_share: Image
+    frames: int  # that it was learnt from
 
     def __post_init__(self) -> None:
-        for image in _IMAGES:
-            _check_image(self, image)
-            getattr(self, image).setflags(write=False)
+        for name in _IMAGES:
+            image: Float[np.ndarray, "..."] = getattr(self, name)
+            if image.shape != self.model.shape or image.dtype != np.float32:
+                got = f"{image.dtype} of {image.shape}"
+                raise ValueError(f"{name} of {self.name!r} must be float32 of {self.model.shape}, got {got}")
+            known = image[~np.isnan(image)] if name == "second" else image
+            if not (np.isfinite(known).all() and (known >= 0).all()):
+                raise ValueError(f"{name} of {self.name!r} must be finite and 0 or more: learn the scene again")
+            image.setflags(write=False)
         if self.frames < 1:
             raise ValueError(f"an empty scene needs at least one frame, got {self.frames}")
 
     @staticmethod
-    def of(sensor: Sensor, image: Float32[np.ndarray, "rows columns"]) -> EmptyScene:
-        """Return the scene known from a render without noise. Its spread is the sensor model's."""
+    def of(sensor: Sensor, image: Image) -> EmptyScene:
+        """Return the scene known from a render without noise, with the sensor model's spread."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
         always, never = np.ones_like(first), np.zeros_like(first)
@@ -91,19 +97,14 @@ class EmptyScene:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the scene's contents. Sensor and fusion centre have the same scene if it is equal."""
+        """SHA-256 of the scene's contents."""
         digest = sha256(json.dumps([self.name, _describe_model(self.model), self.frames], sort_keys=True).encode())
         for image in _IMAGES:
             digest.update(np.ascontiguousarray(getattr(self, image)).tobytes())
         return digest.hexdigest()
 
-    def shows(
-        self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS
-    ) -> Bool[np.ndarray, "rows columns"]:
-        """Mask of an image's pixels that show the empty scene.
-
-        They lie within `sigmas` spreads of one of its medians, or have no return where that may be.
-        """
+    def shows(self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS) -> Mask:
+        """Mark pixels within `sigmas` spreads of one of its medians, or with no return where that may be."""
         self.check_shape(measurement)
         there = is_return(measurement, self.model.max_range)
         near = np.abs(measurement - self.first) <= sigmas * self.spread
@@ -111,7 +112,7 @@ class EmptyScene:
         return np.where(there, near, (self.first == 0) | (self.second == 0))
 
     def check_shape(self, measurement: Float[np.ndarray, "..."]) -> None:
-        """Check that an image has the scene's shape. Raises ValueError for another shape."""
+        """Raise ValueError unless an image has the scene's shape."""
         if measurement.shape != self.first.shape:
             raise ValueError(
                 f"the empty scene of {self.name!r} has {self.first.shape} pixels, got an image of {measurement.shape}: "
@@ -124,10 +125,7 @@ class EmptyScene:
 
 
 class SceneLearner:
-    """Learns a sensor's empty scene image by image.
-
-    Memory is bounded: every 2^k-th image is kept, so that there are at most `sample`.
-    """
+    """Learner of a sensor's empty scene from every 2^k-th image, at most `sample` of them."""
 
     def __init__(self, sensor: Sensor, sample: int = SAMPLE) -> None:
         if sample < 2:
@@ -137,10 +135,8 @@ class SceneLearner:
 
     def add(self, measurement: Float[np.ndarray, "rows columns"]) -> None:
         """Add an image."""
-        if measurement.shape != self.sensor.model.shape:
-            raise ValueError(
-                f"sensor {self.sensor.name!r} measures {self.sensor.model.shape} pixels, got {measurement.shape}"
-            )
+        if measurement.shape != (shape := self.sensor.model.shape):
+            raise ValueError(f"sensor {self.sensor.name!r} measures {shape} pixels, got {measurement.shape}")
         if self.frames % self._every == 0:
             if len(self._kept) == self.sample:
                 self._kept, self._every = self._kept[::2], self._every * 2
@@ -155,10 +151,8 @@ class SceneLearner:
         model = self.sensor.model
         rows, columns = model.shape
         height = max(1, _BLOCK // (len(self._kept) * columns))
-        blocks = (
-            _clusters(np.stack([image[top : top + height] for image in self._kept]), model)
-            for top in range(0, rows, height)
-        )
+        tops = range(0, rows, height)
+        blocks = (_clusters(np.stack([image[top : top + height] for image in self._kept]), model) for top in tops)
         fars, nears, flickering = zip(*blocks, strict=True)
         far, near = (_Mode(*map(np.concatenate, zip(*modes, strict=True))) for modes in (fars, nears))
         usual = _usual_spread(far, model)
@@ -166,7 +160,8 @@ class SceneLearner:
         flickers = np.concatenate(flickering) & (near.share >= LEAST_SHARE)
         continues = _continuation_mask(near, far.median)
         kept = flickers & (continues | ((far.median == 0) & (near.share >= HALF)))
-        first, second = far, near.where(kept, _no_mode(model.shape))
+        nothing = np.zeros(model.shape, np.float32)
+        first, second = far, near.where(kept, _Mode(np.full_like(nothing, np.nan), *(nothing,) * 4))
         swap = second.share > first.share
         first, second = second.where(swap, first), first.where(swap, second)
         images = dict(zip(_IMAGES, (*first[:3], *second[:3]), strict=True))
@@ -174,9 +169,7 @@ class SceneLearner:
 
 
 def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int | None = None) -> tuple[EmptyScene, ...]:
-    """Learn the empty scene of every sensor of a recording.
-
-    They keep the sensors' order.
+    """Learn the empty scene of every sensor of a recording, in their order.
 
     sample: images that are looked at, spread over the first `frames` frames, all if None. Raises ValueError without
     frames, and for frames of clouds.
@@ -194,29 +187,24 @@ def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int |
 
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
-    """Write empty scenes as one .npz file. It has a checksum, and is written whole or not at all."""
+    """Write empty scenes as one .npz file with a checksum, whole or not at all."""
     said = [{"name": each.name, "model": _describe_model(each.model), "frames": each.frames} for each in scenes]
     arrays = {f"{k}_{image}": getattr(scene, image) for k, scene in enumerate(scenes) for image in _IMAGES}
     write_arrays(path, {"scenes": np.array(json.dumps(said)), **arrays})
 
 
 def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
-    """Read the empty scenes of a file.
-
-    Raises FileNotFoundError; ValueError for a file that is damaged or holds no scene.
-    """
-    arrays = read_arrays(path)
+    """Read the empty scenes of a file. Raises FileNotFoundError; ValueError for any that is damaged or holds none."""
+    arrays, scenes = read_arrays(path), []
     try:
-        said = parse_json(str(arrays["scenes"]))
-        return tuple(
-            EmptyScene(
-                each["name"],
-                make_model(each["model"]["class"], {key: v for key, v in each["model"].items() if key != "class"}),
-                frames=each["frames"],
-                **{image: arrays[f"{k}_{image}"] for image in _IMAGES},
+        for k, each in enumerate(parse_json(str(arrays["scenes"]))):
+            values = {key: value for key, value in each["model"].items() if key != "class"}
+            model, images = (
+                make_model(each["model"]["class"], values),
+                {name: arrays[f"{k}_{name}"] for name in _IMAGES},
             )
-            for k, each in enumerate(said)
-        )
+            scenes.append(EmptyScene(each["name"], model, frames=each["frames"], **images))
+        return tuple(scenes)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} has no empty scenes ({error}): write them with save_empty_scenes") from None
 
@@ -227,9 +215,9 @@ REVEAL = 60.0  # s until a farther surface is the scene
 
 
 class SceneAdaptation:
-    """An empty scene that follows slow changes.
+    """Empty scene that follows slow changes, but not parked vehicles.
 
-    It does not learn parked vehicles. Times are in s. Each image moves the scene, pixel by pixel:
+    Times are in s. Each image moves the scene, pixel by pixel:
 
         shows the scene    the median and the spread of that mode move towards it, by 1 - exp(-dt / `seconds`)
         stands nearer      the scene is frozen; an object that stands there unchanged for `settle` becomes the scene
@@ -239,10 +227,8 @@ class SceneAdaptation:
     a waiting surface hide it without interrupting the wait; anything farther starts it anew. No return counts as
     farthest.
 
-    Sensor and fusion centre need the same scene. A message names its scene by digest, so a new scene is sent before it
-    is used; read `scene` only as often as that is worth it.
-
-    Raises ValueError for times that are not above 0.
+    A message names its scene by digest, so a new scene is sent before it is used: read `scene` only as often as that is
+    worth it. Raises ValueError for times that are not above 0.
     """
 
     def __init__(
@@ -262,20 +248,12 @@ class SceneAdaptation:
     @property
     def scene(self) -> EmptyScene:
         """The empty scene as it is now."""
+        images = dict(zip(_IMAGES, (self._medians[0], self._spreads[0], self._began.share), strict=False))
+        images |= {"second": self._medians[1], "second_spread": self._spreads[1]}
+        images["second_share"] = np.where(np.isnan(self._medians[1]), 0, self._began.second_share).astype(np.float32)
+        copies = {name: image.copy() for name, image in images.items()}
         began = self._began
-        first, second = (each.copy() for each in self._medians)
-        spread, second_spread = (each.copy() for each in self._spreads)
-        second_share = np.where(np.isnan(second), 0, began.second_share).astype(np.float32)
-        return replace(
-            began,
-            first=first,
-            spread=spread,
-            share=np.array(began.share),
-            second=second,
-            second_spread=second_spread,
-            second_share=second_share,
-            frames=began.frames + self._frames,
-        )
+        return EmptyScene(began.name, began.model, frames=began.frames + self._frames, **copies)
 
     def update(self, measurement: Float[np.ndarray, "rows columns"], time: float) -> None:
         """Add an image to the scene. Raises ValueError for another shape, or a time before the last one."""
@@ -286,32 +264,19 @@ class SceneAdaptation:
         self._time, self._frames = time, self._frames + 1
         there = is_return(measurement, self._began.model.max_range)
         seen = np.where(there, measurement, np.inf).astype(np.float32)
-        shown = np.zeros(seen.shape, bool)
-        for median, spread in zip(self._medians, self._spreads, strict=True):
-            shown |= self._follow(median, spread, seen, share)
+        finite, shown = there, np.zeros(seen.shape, bool)
+        for median, spread in zip(self._medians, self._spreads, strict=True):  # each mode follows pixels that show it
+            off = np.where(finite, seen, 0) - median
+            shows = finite & (median > 0) & (np.abs(off) <= SIGMAS * spread)
+            median[shows] += share * off[shows]
+            least = np.broadcast_to(self._began.model.deviation(np.nan_to_num(median)), median.shape)
+            squared = (1 - share) * spread[shows] ** 2 + share * off[shows] ** 2
+            spread[shows] = np.maximum(np.sqrt(squared), least[shows])
+            shown |= shows | (~finite & (median == 0))
         self._absorb(seen, shown, time)
 
-    def _follow(
-        self,
-        median: Float32[np.ndarray, "rows columns"],
-        spread: Float32[np.ndarray, "rows columns"],
-        seen: Float32[np.ndarray, "rows columns"],
-        share: float,
-    ) -> Bool[np.ndarray, "rows columns"]:
-        """Mask of the pixels that show a mode. The mode's median and spread follow them."""
-        finite = np.isfinite(seen)
-        off = np.where(finite, seen, 0) - median
-        shows = finite & (median > 0) & (np.abs(off) <= SIGMAS * spread)
-        median[shows] += share * off[shows]
-        least = np.broadcast_to(self._began.model.deviation(np.nan_to_num(median)), median.shape)
-        squared = (1 - share) * spread[shows] ** 2 + share * off[shows] ** 2
-        spread[shows] = np.maximum(np.sqrt(squared), least[shows])
-        return shows | (~finite & (median == 0))
-
-    def _absorb(
-        self, seen: Float32[np.ndarray, "rows columns"], shown: Bool[np.ndarray, "rows columns"], time: float
-    ) -> None:
-        """Start, continue or end the wait of foreground surfaces. At the end of the wait they become the scene."""
+    def _absorb(self, seen: Image, shown: Mask, time: float) -> None:
+        """Start, continue or end the wait of foreground surfaces, which then become the scene."""
         first, spread = self._medians[0], self._spreads[0]
         surface = np.where(first > 0, first, np.inf)
         known = np.where(np.isfinite(self._candidate), self._candidate, 0)
@@ -335,35 +300,21 @@ class SceneAdaptation:
 
 
 class _Mode(NamedTuple):
-    """One cluster per pixel.
+    """One cluster per pixel."""
 
-    median: 0 for nothing returned, NaN for no cluster; least, greatest: extreme measurements.
-    """
+    median: Image  # 0 for nothing returned, NaN for no cluster
+    spread: Image
+    share: Image
+    least: Image  # extreme measurements
+    greatest: Image
 
-    median: Float32[np.ndarray, "rows columns"]
-    spread: Float32[np.ndarray, "rows columns"]
-    share: Float32[np.ndarray, "rows columns"]
-    least: Float32[np.ndarray, "rows columns"]
-    greatest: Float32[np.ndarray, "rows columns"]
-
-    def where(self, mask: Bool[np.ndarray, "rows columns"], other: _Mode) -> _Mode:
+    def where(self, mask: Mask, other: _Mode) -> _Mode:
         """Return this mode inside the mask, the other outside."""
         return _Mode(*(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True)))
 
 
-def _no_mode(shape: tuple[int, ...]) -> _Mode:
-    nothing = np.zeros(shape, np.float32)
-    return _Mode(np.full(shape, np.nan, np.float32), *(nothing,) * 4)
-
-
-def _clusters(
-    images: Float32[np.ndarray, "n rows columns"], model: SensorModel
-) -> tuple[_Mode, _Mode, Bool[np.ndarray, "rows columns"]]:
-    """Find two clusters per pixel, and a mask of flicker.
-
-    The first is the farthest that belongs to the scene, the second the largest of the nearer ones. The mask marks the
-    pixels whose nearer cluster flickers.
-    """
+def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel) -> tuple[_Mode, _Mode, Mask]:
+    """Find each pixel's farthest cluster of the scene, the largest nearer one, and a mask where that flickers."""
     shape, n = images.shape[1:], len(images)
     in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
     values = np.sort(in_time, axis=1)
@@ -376,14 +327,21 @@ def _clusters(
     starts = np.flatnonzero(begins)
     ends = np.append(starts[1:], values.size)
     pixel, size = starts // n, ends - starts
-    enough = size >= min(n, max(2, int(np.ceil(LEAST_SHARE * n))))
-    nothing = ~finite.ravel()[starts]
-    far = _pick_cluster(pixel, np.arange(len(starts)), enough, size, len(values))
-    rivals = enough & (np.arange(len(starts)) < far[pixel]) & ~nothing
-    near = _pick_cluster(pixel, np.where(rivals, size, 0), rivals, np.zeros_like(size), len(values))
+    enough, number = size >= min(n, max(2, int(np.ceil(LEAST_SHARE * n)))), np.arange(len(starts))
+
+    def pick(rank: np.ndarray, eligible: np.ndarray) -> np.ndarray:
+        """Pick each pixel's eligible cluster of highest rank, any other for none."""
+        order = np.lexsort((number, rank, eligible, pixel))
+        return order[np.searchsorted(pixel[order], np.arange(len(values)), side="right") - 1]
+
+    far = pick(np.where(enough, number, size), enough)
+    rivals = enough & (number < far[pixel]) & finite.ravel()[starts]
+    near = pick(np.where(rivals, size, 0), rivals)
     nearest, farthest = (values.ravel()[each][:, None] for each in (starts[near], ends[near] - 1))
     present = (in_time >= nearest) & (in_time <= farthest)
-    flickers = rivals[near] & _flicker_mask(present)
+    share = present.mean(axis=1)
+    comes = (present[:, 1:] & ~present[:, :-1]).sum(axis=1) + present[:, 0]
+    flickers = rivals[near] & (comes >= LEAST_FLICKER * share * (1 - share) * n)
     far_mode, near_mode = (
         _Mode(*(each.reshape(shape) for each in _measure_mode(solid.ravel(), starts, ends, chosen, n, model)))
         for chosen in (far, np.where(rivals[near], near, -1))
@@ -391,34 +349,10 @@ def _clusters(
     return far_mode, near_mode, flickers.reshape(shape)
 
 
-def _flicker_mask(present: Bool[np.ndarray, "pixels n"]) -> Bool[np.ndarray, " pixels"]:
-    """Mask of the pixels that something enters often.
-
-    It enters at least `LEAST_FLICKER` times as often as by chance.
-    """
-    share = present.mean(axis=1)
-    comes = (present[:, 1:] & ~present[:, :-1]).sum(axis=1) + present[:, 0]
-    return comes >= LEAST_FLICKER * share * (1 - share) * present.shape[1]
-
-
-def _pick_cluster(
-    pixel: np.ndarray, rank: np.ndarray, eligible: np.ndarray, otherwise: np.ndarray, pixels: int
-) -> np.ndarray:
-    """Pick the eligible cluster of highest rank for each pixel.
-
-    Without one, pick the cluster with the most of `otherwise`.
-    """
-    order = np.lexsort((np.arange(len(pixel)), np.where(eligible, rank, otherwise), eligible, pixel))
-    return order[np.searchsorted(pixel[order], np.arange(pixels), side="right") - 1]
-
-
 def _measure_mode(
     values: np.ndarray, starts: np.ndarray, ends: np.ndarray, chosen: np.ndarray, n: int, model: SensorModel
 ) -> _Mode:
-    """Median, spread and share of one cluster of every pixel.
-
-    chosen is -1 for none. values: sorted within each cluster.
-    """
+    """Measure one chosen cluster (-1: none) of every pixel, its values sorted."""
     first, last = starts[chosen], ends[chosen]
     size = last - first
     median = (values[first + (size - 1) // 2] + values[first + size // 2]) / 2
@@ -439,89 +373,65 @@ def _measure_mode(
     )
 
 
-def _usual_spread(
-    far: _Mode, model: SensorModel
-) -> Callable[[Float32[np.ndarray, "rows columns"]], Float32[np.ndarray, "rows columns"]]:
-    """Return the usual spread as a function of distance. It is taken from pixels that mostly see the scene."""
+def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[Image], Image]:
+    """Return the usual spread as a function of distance, from pixels that mostly see the scene."""
     clear = (far.share >= HALF) & (far.median > 0)
     distance, spread = np.log(far.median[clear]), far.spread[clear]
     if not len(distance):
         return lambda median: np.asarray(model.deviation(np.nan_to_num(median))) + np.zeros_like(median)
     edges = np.linspace(distance.min(), distance.max() + 1e-6, DISTANCES + 1)
     step = np.clip(np.digitize(distance, edges) - 1, 0, DISTANCES - 1)
-    there = [k for k in range(DISTANCES) if (step == k).any()]
-    usual = [np.median(spread[step == k]) for k in there]
-    middle = [np.median(distance[step == k]) for k in there]
+    usual, middle = ([np.median(each[step == k]) for k in np.unique(step)] for each in (spread, distance))
 
-    def at(median: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
+    def at(median: Image) -> Image:
         known = np.log(np.where(median > 0, median, 1))
         return np.maximum(np.interp(known, middle, usual), model.deviation(np.nan_to_num(median))).astype(np.float32)
 
     return at
 
 
-def _narrow_broad(
-    mode: _Mode, usual: Float32[np.ndarray, "rows columns"], images: Sequence[Float32[np.ndarray, "rows columns"]]
-) -> _Mode:
-    """Replace broad clusters by their densest stretch. It is `SIGMAS` usual spreads wide to either side."""
+def _narrow_broad(mode: _Mode, usual: Image, images: Sequence[Image]) -> _Mode:
+    """Replace broad clusters by their densest stretch, `SIGMAS` usual spreads wide to either side."""
     found = _Mode(*(each.copy() for each in mode))
     every = np.flatnonzero(mode.spread > BROAD * usual)
-    for first in range(0, len(every), _AT_ONCE):
-        _narrow_block(found, every[first : first + _AT_ONCE], usual, images)
+    for start in range(0, len(every), _AT_ONCE):
+        broad = every[start : start + _AT_ONCE]
+        least, greatest, spread = (each.ravel()[broad][:, None] for each in (mode.least, mode.greatest, usual))
+        values = np.stack([image.ravel()[broad] for image in images], axis=1)
+        values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf), axis=1)
+        place, row = np.arange(values.shape[1]), np.arange(len(broad))
+        within = values[:, None, :] <= values[:, :, None] + 2 * SIGMAS * spread[:, :, None]
+        count = np.where(np.isfinite(values), within.sum(axis=2) - place, 0)
+        begin = place[-1] - count[:, ::-1].argmax(axis=1)  # the farthest of the densest
+        size = count[row, begin]
+        median = (values[row, begin + (size - 1) // 2] + values[row, begin + size // 2]) / 2
+        inside = (place >= begin[:, None]) & (place < (begin + size)[:, None])
+        deviation = np.sort(np.where(inside, np.abs(values - median[:, None]), np.inf), axis=1)[row, (size - 1) // 2]
+        found.median.ravel()[broad] = median
+        found.spread.ravel()[broad] = np.clip(_MAD_TO_SIGMA * deviation, spread[:, 0], BROAD * spread[:, 0])
+        found.share.ravel()[broad] = size / len(images)
     return found
 
 
-def _narrow_block(
-    mode: _Mode, broad: np.ndarray, usual: np.ndarray, images: Sequence[Float32[np.ndarray, "rows columns"]]
-) -> None:
-    """Narrow the clusters of some pixels in place."""
-    least, greatest, spread = (each.ravel()[broad][:, None] for each in (mode.least, mode.greatest, usual))
-    values = np.stack([image.ravel()[broad] for image in images], axis=1)
-    values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf), axis=1)
-    within = values[:, None, :] <= values[:, :, None] + 2 * SIGMAS * spread[:, :, None]
-    count = np.where(np.isfinite(values), within.sum(axis=2) - np.arange(values.shape[1]), 0)
-    begin = values.shape[1] - 1 - count[:, ::-1].argmax(axis=1)  # the farthest of the densest
-    size, row = count[np.arange(len(broad)), begin], np.arange(len(broad))
-    median = (values[row, begin + (size - 1) // 2] + values[row, begin + size // 2]) / 2
-    place = np.arange(values.shape[1])
-    inside = (place >= begin[:, None]) & (place < (begin + size)[:, None])
-    deviation = np.sort(np.where(inside, np.abs(values - median[:, None]), np.inf), axis=1)[row, (size - 1) // 2]
-    mode.median.ravel()[broad] = median
-    mode.spread.ravel()[broad] = np.clip(_MAD_TO_SIGMA * deviation, spread[:, 0], BROAD * spread[:, 0])
-    mode.share.ravel()[broad] = size / len(images)
+def _continuation_mask(near: _Mode, far: Image) -> Mask:
+    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off.
 
-
-def _continuation_mask(near: _Mode, far: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
-    """Mask of pixels whose nearer surface continues a neighbour's farthest.
-
-    The neighbour is at most `NEIGHBOURS` off. The surface must not be the pixel's own farthest surface going on, as the
-    ground does below the foot of a car: planes have inverse depths that are linear in the image.
+    The surface must not be the pixel's own farthest surface going on, as the ground does below the foot of a car:
+    planes have inverse depths that are linear in the image.
     """
     within = np.maximum(SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     padded = np.pad(far, NEIGHBOURS, constant_values=np.nan)
     opposite = np.pad(inverse, NEIGHBOURS, mode="edge")
     rows, columns = far.shape
-    reach, same = range(-NEIGHBOURS, NEIGHBOURS + 1), np.zeros(far.shape, bool)
-    for down in reach:
-        for right in reach:
-            there = padded[NEIGHBOURS + down :, NEIGHBOURS + right :][:rows, :columns]
-            before = opposite[NEIGHBOURS - down :, NEIGHBOURS - right :][:rows, :columns]
-            other_surface = np.abs((2 * inverse - before) * there - 1) > OTHER_SURFACE
-            same |= (np.abs(there - near.median) <= within) & other_surface
+    same = np.zeros(far.shape, bool)
+    for down, right in product(range(-NEIGHBOURS, NEIGHBOURS + 1), repeat=2):
+        there = padded[NEIGHBOURS + down :, NEIGHBOURS + right :][:rows, :columns]
+        before = opposite[NEIGHBOURS - down :, NEIGHBOURS - right :][:rows, :columns]
+        other_surface = np.abs((2 * inverse - before) * there - 1) > OTHER_SURFACE
+        same |= (np.abs(there - near.median) <= within) & other_surface
     return same
 
 
 def _describe_model(model: SensorModel) -> dict[str, object]:
     return {"class": type(model).__name__, **{key: value for key, value in asdict(model).items() if value is not None}}
-
-
-def _check_image(scene: EmptyScene, name: str) -> None:
-    image: Float64[np.ndarray, "..."] = getattr(scene, name)
-    if image.shape != scene.model.shape or image.dtype != np.float32:
-        raise ValueError(
-            f"{name} of {scene.name!r} must be float32 of {scene.model.shape}, got {image.dtype} of {image.shape}"
-        )
-    known = image[~np.isnan(image)] if name == "second" else image
-    if not (np.isfinite(known).all() and (known >= 0).all()):
-        raise ValueError(f"{name} of {scene.name!r} must be finite and 0 or more: learn the scene again")

@@ -1,6 +1,6 @@
-"""Ground below a cloud: a plane and a height map.
+"""Ground below a cloud: a plane z = a x + b y + c, and a height map upon it.
 
-The plane is z = a x + b y + c in any frame; the map lies upon it. The plane is found by RANSAC among the lowest points.
+The plane is found by RANSAC among the lowest points.
 A roof, a wall or a row of hedges may have more points than the ground, and the ground may be seen on one side only. So
 points are thinned to the low end of each cell of a grid. Cells that stand above others near by, by more than `max_tilt`
 and a kerb explain, are left out. A hypothesis is scored by the cells that lie on it, less those that lie well below it,
@@ -23,6 +23,10 @@ from toolkit.geometry import invert, transform
 if TYPE_CHECKING:
     from toolkit.clouds import PointCloud
 
+_Plane = Float64[np.ndarray, "3"]
+_Points = Float[np.ndarray, "n 3"]
+_Cells = Float64[np.ndarray, "m 3"]
+
 GROUND_CELL = 1.0  # m
 STEP_WINDOW = 12.0  # m: a cell is not ground if something within this distance is lower
 MAX_TILT = float(np.deg2rad(15.0))
@@ -38,27 +42,47 @@ _BANDS = (0.25, 0.15, 0.10, 0.10)  # m about the plane; points within are used t
 _SLOPE_PRIOR = 1e-3  # weight of "level" in the fit, per cell: matters only where the cells lie on one line
 
 
-def fit_plane(
-    points: Float[np.ndarray, "n 3"], *, max_tilt: float = MAX_TILT, seed: int = 0
-) -> Float64[np.ndarray, "3"]:
-    """Fit the ground plane to points.
+def fit_plane(points: _Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> _Plane:
+    """Fit the ground plane a, b, c to points.
 
-    It is z = a x + b y + c. Returns a, b, c. max_tilt: limit (rad) on the lean of its normal. Raises ValueError if no
-    three cells of the grid make such a plane.
+    max_tilt: limit (rad) on the lean of its normal. Raises ValueError if no three cells of the grid make such a plane.
     """
     cells = low_points(points, GROUND_CELL)
     cells = cells[support_mask(cells, _STEP, 0.3, others=3)]
-    candidates = cells[lowest_mask(cells, np.tan(max_tilt), _STEP)]
+    slope = np.tan(max_tilt)
+    candidates = cells[lowest_mask(cells, slope, _STEP)]
     if len(candidates) < 3:
         raise ValueError(
             f"no ground found in {len(points)} points: they fill {len(candidates)} cells of {GROUND_CELL:g} m that "
             "might be ground, and a plane needs 3: give more points"
         )
-    plane = _best_plane(candidates, cells, np.tan(max_tilt), np.random.default_rng(seed))
-    return _refine(plane, points, np.tan(max_tilt))
+    rng = np.random.default_rng(seed)
+    drawn = candidates[rng.integers(len(candidates), size=(_DRAWS, 3))]
+    planes = np.concatenate([_triple_planes(drawn), [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
+    planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= slope]
+    scored = (some[rng.permutation(len(some))[:_SCORED]] for some in (candidates, cells))
+    on, above = (each[:, 2] - planes[:, :2] @ each[:, :2].T - planes[:, 2:] for each in scored)
+    pro = np.clip(1 - (on / _INLIER) ** 2, 0, None).mean(axis=1) * len(candidates)
+    contra = np.clip((above < -_BELOW).mean(axis=1) - _STRAY, 0, None) * len(cells)
+    plane: _Plane = planes[int(np.argmax(pro - _AGAINST * contra))]
+    for band in _BANDS:  # fit it again, to ever nearer points
+        above = heights_above_plane(plane, points)
+        about = low_points(points[np.abs(above) < band], GROUND_CELL, share=0.5)
+        if len(about) < 3:
+            return plane
+        middle = about[:, :2].mean(axis=0)
+        flat = np.column_stack([about[:, :2] - middle, np.ones(len(about))])
+        weight = np.clip(1 - (heights_above_plane(plane, about) / band) ** 2, 0, None) ** 2
+        prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(about)
+        normal = flat.T @ (flat * weight[:, None]) + prior
+        a, b, c = np.linalg.solve(normal, flat.T @ (weight * about[:, 2]))
+        if np.hypot(a, b) > slope:
+            return plane
+        plane = np.array([a, b, c - a * middle[0] - b * middle[1]])
+    return plane
 
 
-def heights_above_plane(plane: Float64[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
+def heights_above_plane(plane: _Plane, points: _Points) -> Float64[np.ndarray, " n"]:
     """Height (m, along z) of each point above a plane.
 
     >>> heights_above_plane(np.array([0.1, 0.0, 1.0]), np.array([[10.0, 0.0, 5.0]]))
@@ -67,11 +91,8 @@ def heights_above_plane(plane: Float64[np.ndarray, "3"], points: Float[np.ndarra
     return points[:, 2] - points[:, :2].astype(np.float64) @ plane[:2] - plane[2]
 
 
-def low_points(points: Float[np.ndarray, "n 3"], cell: float, share: float = 0.1) -> Float64[np.ndarray, "m 3"]:
-    """Return one low point for each cell of a grid.
-
-    Its x and y are those of a point of the cell; a fraction `share` of the cell's points lies below it. With up to
-    1 / share points it is the lowest.
+def low_points(points: _Points, cell: float, share: float = 0.1) -> _Cells:
+    """Return one point for each cell of a grid, with a fraction `share` of the cell's points below it.
 
     >>> low_points(np.array([[0.2, 0.2, 5.0], [0.4, 0.2, 1.0], [9.0, 0.0, 2.0]]), 1.0).tolist()
     [[0.4, 0.2, 1.0], [9.0, 0.0, 2.0]]
@@ -88,14 +109,8 @@ def low_points(points: Float[np.ndarray, "n 3"], cell: float, share: float = 0.1
     return points[order[first + np.floor(share * (count - 1)).astype(np.int64)]]
 
 
-def support_mask(
-    cells: Float64[np.ndarray, "m 3"], step: float, slope: float, *, others: int
-) -> Bool[np.ndarray, " m"]:
-    """Mask of the cells that enough neighbours support.
-
-    A cell is kept if at least `others` of its twelve nearest cells lie at its height, to within a slope and a step. The
-    rest are reflections and stray points.
-    """
+def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bool[np.ndarray, " m"]:
+    """Mark cells with `others` of the twelve nearest at their height, to within a slope and a step."""
     from scipy.spatial import cKDTree
 
     near = min(13, len(cells))
@@ -107,13 +122,10 @@ def support_mask(
     return alike[:, 1:].sum(axis=1) >= others
 
 
-def lowest_mask(
-    cells: Float64[np.ndarray, "m 3"], slope: float, step: float, *, window: float = STEP_WINDOW
-) -> Bool[np.ndarray, " m"]:
-    """Mask of the cells that no near cell undercuts.
+def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
+    """Mark cells than which none within the window (m) lies lower by more than slope and step.
 
-    A cell is undercut if another within the window (m) lies lower by more than the slope to it, along x and y, and a
-    step. Raises ValueError if the cells reach too far for an image of them.
+    Raises ValueError if the cells reach too far for an image of them.
     """
     from scipy.ndimage import grey_erosion
 
@@ -134,60 +146,14 @@ def lowest_mask(
     return cells[:, 2] <= allowed[place[:, 0], place[:, 1]] + step
 
 
-def _best_plane(
-    candidates: Float64[np.ndarray, "m 3"],
-    cells: Float64[np.ndarray, "k 3"],
-    slope: float,
-    rng: np.random.Generator,
-) -> Float64[np.ndarray, "3"]:
-    """Return the highest-scoring plane through three candidates. Planes that are too steep do not count."""
-    drawn = candidates[rng.integers(len(candidates), size=(_DRAWS, 3))]
-    planes = np.concatenate([_triple_planes(drawn), [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
-    planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= slope]
-    on, above = (_heights(planes, some[rng.permutation(len(some))[:_SCORED]]) for some in (candidates, cells))
-    pro = np.clip(1 - (on / _INLIER) ** 2, 0, None).mean(axis=1) * len(candidates)
-    contra = np.clip((above < -_BELOW).mean(axis=1) - _STRAY, 0, None) * len(cells)
-    score = pro - _AGAINST * contra
-    return planes[int(np.argmax(score))]
-
-
-def _heights(planes: Float64[np.ndarray, "p 3"], cells: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, "p m"]:
-    """Height of each cell above each plane."""
-    return cells[:, 2] - planes[:, :2] @ cells[:, :2].T - planes[:, 2:]
-
-
 def _triple_planes(triples: Float64[np.ndarray, "d 3 3"]) -> Float64[np.ndarray, "_ 3"]:
-    """Planes (a, b, c) through triples of points. Triples that are nearly on a line are left out."""
+    """Planes (a, b, c) through triples of points that are not nearly on a line."""
     one, two = triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0]
     normal = np.cross(one, two)
     wide = np.abs(normal[:, 2]) > 0.05 * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1) + 1e-9
     normal, through = normal[wide], triples[wide, 0]
     slopes = -normal[:, :2] / normal[:, 2:]
     return np.column_stack([slopes, through[:, 2] - (slopes * through[:, :2]).sum(axis=1)])
-
-
-def _refine(
-    plane: Float64[np.ndarray, "3"], points: Float[np.ndarray, "n 3"], slope: float
-) -> Float64[np.ndarray, "3"]:
-    """Fit the plane again to the cells about it.
-
-    The bands become ever narrower. The fit stops if the plane becomes too steep.
-    """
-    for band in _BANDS:
-        above = heights_above_plane(plane, points)
-        about = low_points(points[np.abs(above) < band], GROUND_CELL, share=0.5)
-        if len(about) < 3:
-            return plane
-        middle = about[:, :2].mean(axis=0)
-        flat = np.column_stack([about[:, :2] - middle, np.ones(len(about))])
-        weight = np.clip(1 - (heights_above_plane(plane, about) / band) ** 2, 0, None) ** 2
-        prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(about)
-        normal = flat.T @ (flat * weight[:, None]) + prior
-        a, b, c = np.linalg.solve(normal, flat.T @ (weight * about[:, 2]))
-        if np.hypot(a, b) > slope:
-            return plane
-        plane = np.array([a, b, c - a * middle[0] - b * middle[1]])
-    return plane
 
 
 MAP_REACH = 100.0  # m from the middle of the points that a map covers; farther out its edge holds
@@ -202,16 +168,14 @@ _DRAWINGS = ((0.25, np.inf), (0.25, np.inf), (0.20, np.inf), (0.20, 0.09), (0.20
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights (m) at the corners of a grid. heights[i, j] is the height at origin + cell · (i, j)."""
+    """Heights (m) at the places origin + cell · (i, j) of a grid."""
 
     origin: Float64[np.ndarray, "2"]
     heights: Float64[np.ndarray, "rows columns"]
     cell: float = GROUND_CELL
 
     def at(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height at each place, interpolated bilinearly.
-
-        Outside the grid it is that of the grid's edge.
+        """Height at each place, interpolated bilinearly; outside the grid that of its edge.
 
         >>> HeightMap(np.zeros(2), np.array([[0.0, 1.0], [2.0, 3.0]])).at(np.array([[0.5, 0.5], [9.0, 0.0]]))
         array([1.5, 2. ])
@@ -226,10 +190,8 @@ class HeightMap:
         return near * (1 - v) + far * v
 
 
-def fit_map(points: Float[np.ndarray, "n 3"], *, reach: float = MAP_REACH) -> HeightMap:
-    """Fit a map of the ground's height to points.
-
-    Their ground is nearly z = 0.
+def fit_map(points: _Points, *, reach: float = MAP_REACH) -> HeightMap:
+    """Fit a map of heights to points with ground near z = 0.
 
     reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0.
     """
@@ -253,39 +215,27 @@ def fit_map(points: Float[np.ndarray, "n 3"], *, reach: float = MAP_REACH) -> He
     return _redraw(surface, low_points(near[on], GROUND_CELL, share=0.5), *_DRAWINGS[-1])
 
 
-def _redraw(surface: HeightMap, cells: Float64[np.ndarray, "m 3"], kept: float, kerb: float) -> HeightMap:
-    """Draw the map again through the cells near it.
+def _redraw(surface: HeightMap, cells: _Cells, kept: float, kerb: float) -> HeightMap:
+    """Draw the map again through cells at most `kept` (m) above it and twice that below, from coarse to fine.
 
-    Cells are at most `kept` (m) above it and twice that below. Cells above it count little: beside a kerb, wheels
-    stand on the lower level.
-    """
-    above = cells[:, 2] - surface.at(cells[:, :2])
-    some = (above < kept) & (above > -2 * kept)
-    weight = 1 / (1 + (np.clip(above[some], 0, None) / kerb) ** 4)
-    return HeightMap(surface.origin, _smooth(cells[some], weight, surface))
-
-
-def _smooth(
-    cells: Float64[np.ndarray, "m 3"], weight: Float64[np.ndarray, " m"], grid: HeightMap
-) -> Float64[np.ndarray, "rows columns"]:
-    """Heights on the whole grid from cells with a height.
-
-    They are smoothed from coarse to fine, and are zero far from all such cells.
+    Cells above it count little: beside a kerb, wheels stand on the lower level.
     """
     from scipy.ndimage import gaussian_filter
 
-    known, total = np.zeros(grid.heights.shape), np.zeros(grid.heights.shape)
-    i, j = np.round((cells[:, :2] - grid.origin) / grid.cell).astype(np.int64).T
+    above = cells[:, 2] - surface.at(cells[:, :2])
+    some = (above < kept) & (above > -2 * kept)
+    weight, cells = 1 / (1 + (np.clip(above[some], 0, None) / kerb) ** 4), cells[some]
+    known, total = np.zeros(surface.heights.shape), np.zeros(surface.heights.shape)
+    i, j = np.round((cells[:, :2] - surface.origin) / surface.cell).astype(np.int64).T
     np.add.at(known, (i, j), weight)
     np.add.at(total, (i, j), weight * cells[:, 2])
-    heights = np.zeros(grid.heights.shape)
+    heights = np.zeros(surface.heights.shape)
     for scale in _SCALES:
-        wide = scale / grid.cell
+        wide = scale / surface.cell
         spread = 2 * np.pi * wide**2  # so that a mean counts cells
-        count = gaussian_filter(known, wide, mode="constant", truncate=3.0) * spread
-        summed = gaussian_filter(total, wide, mode="constant", truncate=3.0) * spread
+        count, summed = (gaussian_filter(each, wide, mode="constant", truncate=3.0) * spread for each in (known, total))
         heights = (summed + _PRIOR * heights) / (count + _PRIOR)
-    return heights
+    return HeightMap(surface.origin, heights)
 
 
 Levelling = Literal["map", "plane"]
@@ -297,13 +247,10 @@ _FEW = 200  # points: with fewer there is no warning
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground in some frame: a plane and its deviations.
+    """Ground in some frame: a plane z = a x + b y + c, and heights above it."""
 
-    The plane is z = a x + b y + c. deviation: heights above the plane, once the plane is level.
-    """
-
-    plane: Float64[np.ndarray, "3"]
-    deviation: HeightMap | None = None
+    plane: _Plane
+    deviation: HeightMap | None = None  # above the plane, once that is level
 
     @property
     def tilt(self) -> float:
@@ -322,25 +269,25 @@ class Ground:
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height (m) of the ground at places. Both are in the frame it was found in."""
+        """Height (m) of the ground at places, in the frame it was found in."""
         xy = np.asarray(xy, np.float64)
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
 
-    def points(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return points with z as their height above the ground. Their dtype is kept."""
+    def points(self, points: _Points) -> _Points:
+        """Return points with z as their height above the ground, in their dtype."""
         level = transform(self.level_SE3_frame, np.asarray(points, np.float64))
         level[:, 2] -= self._deviation(level[:, :2])
         return level.astype(points.dtype)
 
-    def points_back(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Undo `points`. Points return from the level frame to the frame of the ground."""
+    def points_back(self, points: _Points) -> _Points:
+        """Undo `points`."""
         raised = np.array(points, np.float64)
         raised[:, 2] += self._deviation(raised[:, :2])
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
     def boxes(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Return boxes in the level frame. Centres change like `points`, headings turn with the plane."""
+        """Return boxes in the level frame: centres change like `points`, headings turn with the plane."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6])])
         ahead = np.column_stack([ahead, ahead @ self.plane[:2]]) @ self.level_SE3_frame[:3, :3].T
@@ -348,7 +295,7 @@ class Ground:
         return rows
 
     def boxes_back(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Undo `boxes`. Boxes return from the level frame to the frame of the ground."""
+        """Undo `boxes`."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6]), np.zeros(len(rows))])
         ahead = ahead @ self.level_SE3_frame[:3, :3]
@@ -360,20 +307,17 @@ class Ground:
 
 
 def level(
-    cloud: PointCloud | Float[np.ndarray, "n 3"],
+    cloud: PointCloud | _Points,
     *,
     method: Levelling = "map",
     max_tilt: float = MAX_TILT,
     reach: float = MAP_REACH,
     seed: int = 0,
 ) -> Ground:
-    """Find the ground below a cloud.
-
-    Its frame may be any whose z is up to within `max_tilt` (rad).
+    """Find the ground below a cloud, in any frame whose z is up to within `max_tilt` (rad).
 
     cloud: an Open3D cloud or points (n, 3). method: "plane" for one plane, "map" for a smooth map of heights upon it,
-    as far as `reach` (m) from the middle of the points. The same points and seed give the same ground. Raises
-    ValueError if no ground is found.
+    as far as `reach` (m) from the middle of the points. Raises ValueError if no ground is found.
 
     >>> rng = np.random.default_rng(0)
     >>> street = np.column_stack([rng.uniform(-20, 20, (4000, 2)), np.full(4000, -1.7)])
@@ -393,12 +337,10 @@ def level(
     return Ground(ground.plane, fit_map(ground.points(points.astype(np.float64)), reach=reach))
 
 
-def level_warning(cloud: PointCloud | Float[np.ndarray, "n 3"], *, height: float = 4.0, seed: int = 0) -> str | None:
-    """Return a warning for ground away from z = 0.
+def level_warning(cloud: PointCloud | _Points, *, height: float = 4.0, seed: int = 0) -> str | None:
+    """Return a warning in one line if less than half of the ground lies within `TOLERANCE` of z = 0, else None.
 
-    The warning is one line; None if there is nothing to warn of. It warns if less than half of the ground lies within
-    `TOLERANCE` of zero, and if there is no ground and hardly a point between 0 and `height` (m). It does not warn of a
-    cloud cropped to that slice, which has no ground left in it.
+    It also warns of no ground with hardly a point between 0 and `height` (m), but not of a cloud cropped to that slice.
     """
     points = _plain_points(cloud)
     points = points[np.isfinite(points).all(axis=1)]
@@ -419,8 +361,8 @@ def level_warning(cloud: PointCloud | Float[np.ndarray, "n 3"], *, height: float
     )
 
 
-def _plain_points(cloud: PointCloud | Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return the points (n, 3) of an array or cloud. A cloud is one of Open3D."""
+def _plain_points(cloud: PointCloud | _Points) -> _Points:
+    """Return the points (n, 3) of an array or Open3D cloud."""
     held = getattr(cloud, "point", None)
     points = np.asarray(cloud) if held is None else held.positions.cpu().numpy()
     if points.ndim != 2 or points.shape[1] != 3:
