@@ -1,7 +1,4 @@
-"""Copy of a recording with corrected sensor poses.
-
-The poses are those that calibration found. Measurements are the same to the byte.
-"""
+"""Copy of a recording with the sensor poses that calibration found, and measurements the same to the byte."""
 
 from __future__ import annotations
 
@@ -10,7 +7,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -26,14 +22,10 @@ from toolkit.runtime.files import parse_json, writing
 from toolkit.runtime.hdf5 import hdf5_file
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site
-from toolkit.sites.site import Site
 
 
 def write_corrected(recording: Recording, found: Sequence[FoundPose], out: Path) -> None:
-    """Write a recording whose sensors stand at their found poses.
-
-    A recording of images becomes a copy of the file, one of clouds a folder.
-    """
+    """Write a recording at its found poses: a copy of the file for images, a folder for clouds."""
     if not isinstance(recording, CoopDataset):
         write_recording(Corrected.of(recording, found), out, "folder")
         return
@@ -46,13 +38,13 @@ def copy_corrected(
     poses: Mapping[str, Float64[np.ndarray, "4 4"]],
     out: str | Path,
     *,
-    note: Mapping[str, Any] | None = None,
+    note: Mapping[str, object] | None = None,
 ) -> None:
-    """Copy a recording with other sensor poses.
+    """Copy a recording, whole or not at all, with other poses site_SE3_sensor by sensor name.
 
-    poses: site_SE3_sensor by sensor name. The file is written whole or not at all. The extrinsics, the sensors of the
-    site in the file and the plan it was made from change, nothing else. note: kept as JSON in the attribute
-    `calibration` of the file. Raises ValueError for an unknown sensor and for a pose that is not rigid.
+    The extrinsics, the sensors of the site in the file and the plan it was made from change, nothing else. note: kept
+    as JSON in the attribute `calibration` of the file. Raises ValueError for an unknown sensor and for a pose that is
+    not rigid.
     """
     names = [sensor.name for sensor in recording.sensors]
     for name, pose in poses.items():
@@ -66,34 +58,20 @@ def copy_corrected(
             cameras = list_cameras(file)
             for sensor, images, place, _ in recording.channels:
                 if sensor.name in poses:
-                    where = images if place is None else f"cameras/{cameras[place]}"
-                    _place(file[where], np.asarray(poses[sensor.name], np.float64), recording.site)
+                    group = file[images if place is None else f"cameras/{cameras[place]}"]
+                    pose = np.asarray(poses[sensor.name], np.float64)
+                    if isinstance(group, h5py.Group):
+                        group["extrinsic"][...] = published.extrinsic(pose, recording.site.map_SE3_site)
+                    if "site_SE3_sensor" in group.attrs:
+                        group.attrs["site_SE3_sensor"] = pose
             if "coview/site" in file:
-                _replace_text(file, "coview/site", format_site(_moved(recording.site, poses)))
+                moved = (Sensor(s.name, s.model, poses.get(s.name, s.pose)) for s in recording.site.sensors)
+                del file["coview/site"]
+                text = format_site(replace(recording.site, sensors=tuple(moved)))
+                file.create_dataset("coview/site", data=text, track_times=False)
             own = file.get("coview")
-            if own is not None and "plan" in own.attrs:
-                own.attrs["plan"] = json.dumps({**parse_json(str(own.attrs["plan"])), "calibrated": _rounded(poses)})
+            if own is not None and "plan" in own.attrs:  # a few numbers tell one recording's plan from another's
+                rounded = {name: np.asarray(poses[name])[:3].ravel().round(6).tolist() for name in sorted(poses)}
+                own.attrs["plan"] = json.dumps({**parse_json(str(own.attrs["plan"])), "calibrated": rounded})
             if note is not None:
                 file.attrs["calibration"] = json.dumps(note)
-
-
-def _place(group: h5py.Group | h5py.Dataset, pose: Float64[np.ndarray, "4 4"], site: Site) -> None:
-    """Write a pose wherever a sensor has one."""
-    if isinstance(group, h5py.Group):
-        group["extrinsic"][...] = published.extrinsic(pose, site.map_SE3_site)
-    if "site_SE3_sensor" in group.attrs:
-        group.attrs["site_SE3_sensor"] = pose
-
-
-def _moved(site: Site, poses: Mapping[str, Float64[np.ndarray, "4 4"]]) -> Site:
-    return replace(site, sensors=tuple(Sensor(s.name, s.model, poses.get(s.name, s.pose)) for s in site.sensors))
-
-
-def _replace_text(file: h5py.File, name: str, text: str) -> None:
-    del file[name]
-    file.create_dataset(name, data=text, track_times=False)
-
-
-def _rounded(poses: Mapping[str, Float64[np.ndarray, "4 4"]]) -> dict[str, list[float]]:
-    """Round each pose to a few numbers. They tell one recording's plan from another's."""
-    return {name: np.asarray(pose)[:3].ravel().round(6).tolist() for name, pose in sorted(poses.items())}

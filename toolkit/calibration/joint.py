@@ -1,11 +1,10 @@
-"""Joint alignment of sensors without a reference.
+"""Joint alignment of sensors by the parts of a standing scene that several of them see, without a reference.
 
-They are aligned by the parts of a standing scene that several of them see. The pairs of all pairs of sensors make one
-linear system with six numbers per sensor (see `toolkit.calibration.registration`): a point of one sensor lies on the
-plane that another measured there. The common pose of all sensors is not observed, so steps are the smallest possible
-ones: together, the sensors keep their believed place, or that of the held ones. Motions of a sensor that shares too
-little with the others are not observed either; objects that both see at the same time can determine them
-(`object_pairs`). The usual errors of mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say.
+The pairs of all pairs of sensors make one linear system with six numbers per sensor (see
+`toolkit.calibration.registration`): a point of one sensor lies on the plane that another measured there. The common
+pose of all sensors is not observed, so steps are the smallest possible ones. Motions of a sensor that shares too little
+with the others are not observed either; objects that both see at the same time can determine them (`object_pairs`). The
+usual errors of mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say.
 """
 
 from __future__ import annotations
@@ -13,12 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.calibration.registration import (
     LEVER,
+    Pose,
     Surface,
     apply_motion,
     motion_between,
@@ -43,25 +44,26 @@ _LEAST_POINTS = 5.0  # that must resist a motion for it to be observed
 _CORRELATED = 9.0  # points that weigh as much as one alone, since errors of neighbours are alike
 USUAL_TURN, USUAL_MOVE = float(np.deg2rad(1.5)), 0.15  # standard deviations of the believed poses, per axis
 
-Poses = Sequence[Float64[np.ndarray, "4 4"]]
+Poses = Sequence[Pose]
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Rows of the linear system.
-
-    Each pulls sensors `one` and `other` together along a direction. one_row, other_row: (n, 6) growth of the residual
-    with the motion of each; residual: m, or rad; deviation: its standard deviation, larger where rows err alike;
-    limit: residual beyond which a row does not count.
-    """
+    """Rows of the linear system, each pulling sensors `one` and `other` together along a direction."""
 
     one: int
     other: int
-    one_row: Float64[np.ndarray, "n 6"]
+    one_row: Float64[np.ndarray, "n 6"]  # growth of the residual with the motion of each sensor
     other_row: Float64[np.ndarray, "n 6"]
-    residual: Float64[np.ndarray, " n"]
-    deviation: Float64[np.ndarray, " n"]
-    limit: Float64[np.ndarray, " n"]
+    residual: Float64[np.ndarray, " n"]  # m, or rad
+    deviation: Float64[np.ndarray, " n"]  # its standard deviation, larger where rows err alike
+    limit: Float64[np.ndarray, " n"]  # residual beyond which a row does not count
+
+    @property
+    def system_rows(self) -> tuple[Float64[np.ndarray, "n 12"], Int64[np.ndarray, "12"]]:
+        """Rows of both sensors, and their columns in the system of all."""
+        where = np.concatenate([6 * self.one + np.arange(6), 6 * self.other + np.arange(6)])
+        return np.concatenate([self.one_row, self.other_row], axis=1), where
 
     @cached_property
     def weight(self) -> Float64[np.ndarray, " n"]:
@@ -74,19 +76,18 @@ class Alignment:
     """Poses that fit each other.
 
     covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual errors where nothing is
-    observed; unobserved: (k, 6 n) unit motions of all sensors, turns times `LEVER`, other than the common ones; shared:
-    (n, n) number of rows that each two sensors share; scatter: robust standard deviation (m) of the rows of each
-    sensor.
+    observed; unobserved: unit motions of all sensors, turns times `LEVER`, other than the common ones; shared: number
+    of rows that each two sensors share; scatter: robust standard deviation (m) of each sensor's rows.
     """
 
-    poses: tuple[Float64[np.ndarray, "4 4"], ...]
+    poses: tuple[Pose, ...]
     covariance: Float64[np.ndarray, "m m"]
     unobserved: Float64[np.ndarray, "k m"]
     shared: Int64[np.ndarray, "n n"]
     scatter: Float64[np.ndarray, " n"]
 
     def hidden_motions(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
-        """Unit motions of one sensor that nothing determines. Turns are multiplied by `LEVER`."""
+        """Unit motions of one sensor that nothing determines, turns times `LEVER`."""
         own = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
         _, size, motions = np.linalg.svd(own, full_matrices=False)
         return motions[size > 0.3]
@@ -94,16 +95,16 @@ class Alignment:
 
 def align(
     surfaces: Sequence[Surface],
-    believed: Sequence[Float64[np.ndarray, "4 4"]],
+    believed: Poses,
     *,
     held: Sequence[int] = (),
     more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
 ) -> Alignment:
-    """Fit sensor poses to each other by their surfaces.
+    """Fit sensor poses, near the believed ones, to each other by their surfaces.
 
-    Poses stay near the believed ones. surfaces: each sensor's empty scene in its own frame, normals towards the sensor;
-    held: numbers of sensors that stay; more: returns further pairs for poses and a search radius. Raises ValueError for
-    fewer than two sensors, and for an unknown held one.
+    surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers of sensors that
+    stay; more: returns further pairs for poses and a search radius. Raises ValueError for fewer than two sensors, and
+    for an unknown held one.
     """
     count = len(surfaces)
     if count != len(believed) or count < 2:
@@ -126,48 +127,54 @@ def align(
             poses = [apply_motion(pose, motion) for pose, motion in zip(poses, step.reshape(-1, 6), strict=True)]
             if np.abs(step).max() < _CONVERGED * radius:
                 break
-    hidden = system.hidden_motions(_common_motions(poses))
-    return Alignment(tuple(poses), system.covariance(), hidden, system.counts(), system.scatter())
+    middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
+    motions = np.zeros((6, count, 6))  # of all sensors together, as if they hung on one frame
+    for axis, direction in enumerate(np.eye(3)):
+        for sensor, pose in enumerate(poses):
+            motions[axis, sensor] = [*(direction * LEVER), *np.cross(direction, pose[:3, 3] - middle)]
+            motions[3 + axis, sensor, 3:] = direction
+    hidden = system.hidden_motions(np.linalg.qr(motions.reshape(6, -1).T)[0].T)
+    shared, rows = np.zeros((count, count), np.int64), [[np.zeros(0)] for _ in poses]
+    for pair in pairs:
+        counts = pair.weight > 0
+        shared[pair.one, pair.other] += int(counts.sum())
+        for sensor in (pair.one, pair.other):
+            rows[sensor].append(np.abs(pair.residual[counts]))
+    every = [np.concatenate(own) for own in rows]
+    scatter = np.array([1.4826 * float(np.median(own)) if len(own) else 0.0 for own in every])
+    return Alignment(tuple(poses), system.covariance(), hidden, shared + shared.T, scatter)
 
 
 def face_sensor(surface: Surface) -> Surface:
-    """Turn the normals of a surface towards its sensor. The surface is in the frame of the sensor that measured it."""
+    """Turn the normals of a surface towards the sensor that measured it, in its frame."""
     away = (surface.points * surface.normals).sum(axis=1) > 0
     return Surface(surface.points, np.where(away[:, None], -surface.normals, surface.normals), surface.roughness)
 
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """The linear system of one step.
-
-    free: mask of the 6 n numbers that may change; off: difference of each from its believed value.
-    """
+    """Linear system of one step."""
 
     pairs: Sequence[Pairs]
-    free: Bool[np.ndarray, " m"]
-    off: Float64[np.ndarray, " m"]
+    free: Bool[np.ndarray, " m"]  # which of the 6 n numbers may change
+    off: Float64[np.ndarray, " m"]  # difference of each from its believed value
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information. Returns a mask of the observed ones too."""
+        """Eigenvalues and eigenvectors (columns) of the information, and a mask of the observed ones."""
         information = np.zeros((len(self.free), len(self.free)))
         for pair in self.pairs:
-            rows, where = self._rows(pair)
+            rows, where = pair.system_rows
             information[np.ix_(where, where)] += rows.T @ (rows * pair.weight[:, None])
         information[~self.free], information[:, ~self.free] = 0.0, 0.0
         values, vectors = np.linalg.eigh(information)
         largest = np.linalg.norm(vectors.reshape(-1, 6, len(values)), axis=1).max(axis=0)
         resists = np.zeros(len(values))
         for pair in self.pairs:
-            rows, where = self._rows(pair)
+            rows, where = pair.system_rows
             along = (rows[pair.weight > 0] @ (vectors[where] / largest)) ** 2
             resists += np.where(along > _RESISTS**2, along, 0.0).sum(axis=0)
         return values, vectors, (resists > _LEAST_POINTS) & (values > 0)
-
-    @staticmethod
-    def _rows(pair: Pairs) -> tuple[np.ndarray, np.ndarray]:
-        where = np.concatenate([6 * pair.one + np.arange(6), 6 * pair.other + np.arange(6)])
-        return np.concatenate([pair.one_row, pair.other_row], axis=1), where
 
     @cached_property
     def _posterior(self) -> Float64[np.ndarray, "m m"]:
@@ -180,14 +187,11 @@ class _Joint:
         return np.tile(np.repeat([(LEVER * USUAL_TURN) ** -2, USUAL_MOVE**-2], 3), len(self.free) // 6)
 
     def step(self) -> Float64[np.ndarray, " m"]:
-        """Motion of all sensors that brings the pairs together.
-
-        It does so as far as the pairs determine it, and moves everything else back.
-        """
+        """Motion of all sensors that brings the pairs together, and moves back what they do not determine."""
         _, vectors, observed = self._modes
         gradient = np.zeros(len(self.free))
         for pair in self.pairs:
-            rows, where = self._rows(pair)
+            rows, where = pair.system_rows
             gradient[where] += rows.T @ (pair.weight * pair.residual)
         determined = vectors @ np.where(observed, vectors.T @ np.where(self.free, gradient, 0.0), 0.0)
         motion = np.zeros(len(self.free))
@@ -204,7 +208,7 @@ class _Joint:
         return unit[:, None] * covariance * unit
 
     def hidden_motions(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
-        """Orthonormal motions that hardly any pair resists. The common ones are left out if no sensor is held."""
+        """Orthonormal motions that hardly any pair resists, without the common ones if no sensor is held."""
         _, vectors, observed = self._modes
         hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
         if self.free.all():
@@ -212,32 +216,12 @@ class _Joint:
         _, size, motions = np.linalg.svd(hidden, full_matrices=False)
         return motions[size > 0.5]
 
-    def counts(self) -> Int64[np.ndarray, "n n"]:
-        """Number of rows that count between each two sensors."""
-        counts = np.zeros((len(self.free) // 6,) * 2, np.int64)
-        for pair in self.pairs:
-            counts[pair.one, pair.other] += int((pair.weight > 0).sum())
-        return counts + counts.T
-
-    def scatter(self) -> Float64[np.ndarray, " n"]:
-        """Robust standard deviation of each sensor's rows. It is 0 without any."""
-        own: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(len(self.free) // 6)]
-        for pair in self.pairs:
-            for sensor in (pair.one, pair.other):
-                own[sensor].append(np.abs(pair.residual[pair.weight > 0]))
-        every = [np.concatenate(rows) for rows in own]
-        return np.array([1.4826 * float(np.median(rows)) if len(rows) else 0.0 for rows in every])
-
 
 def _surface_pairs(
     surfaces: Sequence[Surface], thinned: Sequence[np.ndarray], poses: Poses, limits: tuple[float, float]
 ) -> list[Pairs]:
-    """Pair each thinned point with other sensors' nearest points.
-
-    The nearest point of each other sensor faces the same way.
-    """
-    radius, least = limits
-    made = []
+    """Pair each thinned point with other sensors' nearest points, if they face the same way."""
+    (radius, least), made = limits, []
     for one, (surface, some) in enumerate(zip(surfaces, thinned, strict=True)):
         world = transform(poses[one], surface.points[some])
         facing = surface.normals[some] @ poses[one][:3, :3].T
@@ -251,30 +235,11 @@ def _surface_pairs(
             near, normals = near[alike], normals[alike]
             there = transform(poses[other], seen.points[row[near]])
             rough = np.hypot(surface.roughness[some[near]], seen.roughness[row[near]])
-            deviation = np.hypot(rough, _LEAST_SCALE)
-            made.append(
-                Pairs(
-                    one,
-                    other,
-                    resistance(world[near], poses[one][:3, 3], normals),
-                    -resistance(world[near], poses[other][:3, 3], normals),
-                    ((world[near] - there) * normals).sum(axis=1),
-                    deviation * np.sqrt(_CORRELATED),
-                    np.maximum(_TUKEY * deviation, least),
-                )
-            )
+            deviation, residual = np.hypot(rough, _LEAST_SCALE), ((world[near] - there) * normals).sum(axis=1)
+            mine, theirs = (resistance(world[near], poses[sensor][:3, 3], normals) for sensor in (one, other))
+            spread, limit = deviation * np.sqrt(_CORRELATED), np.maximum(_TUKEY * deviation, least)
+            made.append(Pairs(one, other, mine, -theirs, residual, spread, limit))
     return made
-
-
-def _common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
-    """Orthonormal motions of all sensors together. They move as if they hung on one frame."""
-    middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
-    motions = np.zeros((6, len(poses), 6))
-    for axis, direction in enumerate(np.eye(3)):
-        for sensor, pose in enumerate(poses):
-            motions[axis, sensor] = [*(direction * LEVER), *np.cross(direction, pose[:3, 3] - middle)]
-            motions[3 + axis, sensor, 3:] = direction
-    return np.linalg.qr(motions.reshape(6, -1).T)[0].T
 
 
 PAIR_GATE = 1.5  # m: greatest distance between the centres that two sensors give one road user
@@ -287,17 +252,14 @@ _NO_MATCH = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 @dataclass(frozen=True, eq=False)
 class SeenBoxes:
-    """Objects that one sensor saw in one frame.
-
-    They are in its own axes: centres (n, 3) and directions ahead (n, 3).
-    """
+    """Objects that one sensor saw in one frame, in its own axes."""
 
     centres: Float64[np.ndarray, "n 3"]
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
-    def of(cls, boxes: Float64[np.ndarray, "n 7"], believed: Float64[np.ndarray, "4 4"]) -> SeenBoxes:
-        """Return boxes of the world in the sensor's axes. Their points were placed by the believed pose."""
+    def of(cls, boxes: Float64[np.ndarray, "n 7"], believed: Pose) -> SeenBoxes:
+        """Return boxes of the world, placed by the believed pose, in the sensor's axes."""
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
 
@@ -307,37 +269,39 @@ SeenFrames = Sequence[Sequence[SeenBoxes]]  # for each frame, for each sensor
 
 def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> list[list[SeenBoxes]]:
     """Detect objects in each sensor's cloud alone, per frame."""
-    seen = []
-    for frame in frames:
-        clouds = frame_points(frame, area=site)
-        boxes = [detect_on_ground(detector, cloud, site).boxes for cloud in clouds]
-        seen.append([SeenBoxes.of(found, sensor.pose) for found, sensor in zip(boxes, frame.sensors, strict=True)])
-    return seen
+    return [
+        [
+            SeenBoxes.of(detect_on_ground(detector, cloud, site).boxes, sensor.pose)
+            for cloud, sensor in zip(frame_points(frame, area=site), frame.sensors, strict=True)
+        ]
+        for frame in frames
+    ]
 
 
 def object_pairs(seen: SeenFrames, poses: Poses, radius: float) -> list[Pairs]:
-    """Rows of all road users that two sensors see.
-
-    The sensors stand at `poses`. There are three rows for the centre, one for the heading.
-    """
-    gate = float(np.clip(radius, _LEAST_GATE, PAIR_GATE))
-    made = []
-    for one in range(len(poses)):
-        for other in range(one + 1, len(poses)):
-            matches = [_match_boxes(frame[one], frame[other], poses[one], poses[other], gate) for frame in seen]
-            here, there, turn = (np.concatenate(parts) for parts in zip(_NO_MATCH, *matches, strict=True))
-            if len(here):
-                made.append(_pairs(one, other, poses, (here, there, turn), gate))
+    """Rows of all road users that two sensors at `poses` see: three for the centre, one for the heading."""
+    gate, made = float(np.clip(radius, _LEAST_GATE, PAIR_GATE)), []
+    for one, other in combinations(range(len(poses)), 2):
+        matches = [_match_boxes(frame[one], frame[other], poses[one], poses[other], gate) for frame in seen]
+        here, there, turn = (np.concatenate(parts) for parts in zip(_NO_MATCH, *matches, strict=True))
+        if count := len(here):
+            axes = np.repeat(np.eye(3), count, axis=0)
+            about_z = np.tile([0.0, 0.0, 1 / LEVER, 0.0, 0.0, 0.0], (count, 1))
+            mine, theirs = (
+                np.concatenate([resistance(np.tile(centres, (3, 1)), poses[sensor][:3, 3], axes), about_z])
+                for sensor, centres in ((one, here), (other, there))
+            )
+            residual = np.concatenate([(here - there).T.ravel(), turn])
+            deviation = np.repeat([np.sqrt(2) * _CENTRE, np.sqrt(2) * _HEADING], [3 * count, count])
+            limit = np.repeat([gate, _WORST_HEADING], [3 * count, count])
+            made.append(Pairs(one, other, mine, -theirs, residual, deviation, limit))
     return made
 
 
 def _match_boxes(
     mine: SeenBoxes, theirs: SeenBoxes, pose: np.ndarray, other_pose: np.ndarray, gate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Match the centres seen by two sensors.
-
-    Returns the centres by either sensor, and the first one's headings less the other's (rad).
-    """
+    """Centres matched by two sensors, and the first one's headings less the other's (rad)."""
     here, there = transform(pose, mine.centres), transform(other_pose, theirs.centres)
     if not (len(here) and len(there)):
         return _NO_MATCH
@@ -351,19 +315,3 @@ def _match_boxes(
     turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
     some = mutual & (np.abs(turn) < _WORST_HEADING)
     return here[some], there[nearest[some]], turn[some]
-
-
-def _pairs(
-    one: int, other: int, poses: Poses, matches: tuple[np.ndarray, np.ndarray, np.ndarray], gate: float
-) -> Pairs:
-    here, there, turn = matches
-    count = len(here)
-    axes = np.repeat(np.eye(3), count, axis=0)
-    about_z = np.tile([0.0, 0.0, 1 / LEVER, 0.0, 0.0, 0.0], (count, 1))
-    mine, theirs = (
-        np.concatenate([resistance(np.tile(centres, (3, 1)), poses[sensor][:3, 3], axes), about_z])
-        for sensor, centres in ((one, here), (other, there))
-    )
-    deviation = np.repeat([np.sqrt(2) * _CENTRE, np.sqrt(2) * _HEADING], [3 * count, count])
-    limit = np.repeat([gate, _WORST_HEADING], [3 * count, count])
-    return Pairs(one, other, mine, -theirs, np.concatenate([(here - there).T.ravel(), turn]), deviation, limit)

@@ -1,7 +1,4 @@
-"""Poses of a recording's sensors, found from standing surfaces.
-
-Each sensor learns its empty scene and is registered against a reference, or all are aligned with each other.
-"""
+"""Poses of a recording's sensors, by their empty scenes: against a reference, or against each other."""
 
 from __future__ import annotations
 
@@ -10,23 +7,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.calibration.empty_scene import SAMPLE, learn_empty_scenes
-from toolkit.calibration.joint import (
-    Alignment,
-    Pairs,
-    Poses,
-    align,
-    face_sensor,
-    object_pairs,
-    seen_objects,
-)
+from toolkit.calibration.joint import Pairs, Poses, align, face_sensor, object_pairs, seen_objects
 from toolkit.calibration.registration import (
     NAMES,
+    Pose,
     Registration,
     Surface,
     cloud_surface,
@@ -54,17 +43,14 @@ _SURE = 3.0  # standard deviations
 
 @dataclass(frozen=True, eq=False)
 class FoundPose:
-    """A sensor's believed mounting and its registration.
-
-    registration: None if no pose was found; refusal: the reason then.
-    """
+    """A sensor's believed mounting and its registration."""
 
     sensor: Sensor
-    registration: Registration | None
-    refusal: str = ""
+    registration: Registration | None  # None if no pose was found
+    refusal: str = ""  # the reason then
 
     @property
-    def pose(self) -> Float64[np.ndarray, "4 4"]:
+    def pose(self) -> Pose:
         """Pose that was found, else the believed one."""
         return self.sensor.pose if self.registration is None else self.registration.pose
 
@@ -81,52 +67,46 @@ class FoundPose:
         return float(np.linalg.norm(self.pose[:3, 3] - self.sensor.pose[:3, 3]))
 
     @property
-    def drifted(self) -> bool:
-        """True if the pose is clearly off.
-
-        It must be off by more than 0.1° or 2 cm, and by more than three standard deviations.
-        """
+    def deviation(self) -> tuple[float, float]:
+        """Standard deviation of turn (rad) and distance (m), infinite without a registration."""
         if self.registration is None:
-            return False
+            return np.inf, np.inf
         turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
-        return self.turn > max(WORTH_TURN, _SURE * float(np.linalg.norm(turn))) or self.distance > max(
-            WORTH_MOVE, _SURE * float(np.linalg.norm(move))
-        )
+        return float(np.linalg.norm(turn)), float(np.linalg.norm(move))
+
+    @property
+    def drifted(self) -> bool:
+        """True if the pose is off by more than 0.1° or 2 cm, and by more than three standard deviations."""
+        turn, move = self.deviation
+        return self.turn > max(WORTH_TURN, _SURE * turn) or self.distance > max(WORTH_MOVE, _SURE * move)
 
     def __str__(self) -> str:
         if self.registration is None:
             return f"{self.sensor.name}: not found: {self.refusal}"
-        turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
+        turn, move = self.deviation
         unseen = "; ".join(map(describe_motion, self.registration.unobserved))
         return (
-            f"{self.sensor.name}: turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(np.linalg.norm(turn)):.2f}°), "
-            f"moved by {self.distance * 100:.1f} cm (± {np.linalg.norm(move) * 100:.1f} cm)"
+            f"{self.sensor.name}: turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn):.2f}°), "
+            f"moved by {self.distance * 100:.1f} cm (± {move * 100:.1f} cm)"
             f"{unseen and f'; not observed, so left as believed: {unseen}'}"
         )
 
-    def described(self) -> dict[str, Any]:
-        """Return its figures for files.
+    def described(self) -> dict[str, object]:
+        """Return its figures for files, in degrees and metres about the world's axes.
 
-        They are in degrees and metres, turns and moves about the world's axes. Standard deviations are infinite for
-        motions that are not observed.
+        Standard deviations are infinite for motions that are not observed.
         """
-        fixed = {
-            "world_SE3_sensor": self.pose.tolist(),
-            "believed_world_SE3_sensor": self.sensor.pose.tolist(),
-        }
+        poses = {"world_SE3_sensor": self.pose.tolist(), "believed_world_SE3_sensor": self.sensor.pose.tolist()}
         if self.registration is None:
-            return {**fixed, "found": False, "why": self.refusal}
+            return {**poses, "found": False, "why": self.refusal}
         turn, move = np.split(self.registration.deviations, 2)
         return {
-            **fixed,
+            **poses,
             "found": True,
             "turned_deg": float(np.rad2deg(self.turn)),
             "moved_m": self.distance,
             "drifted": self.drifted,
-            "standard_deviation": {
-                "turn_deg": np.rad2deg(turn).tolist(),
-                "move_m": move.tolist(),
-            },
+            "standard_deviation": {"turn_deg": np.rad2deg(turn).tolist(), "move_m": move.tolist()},
             "covariance_rad_m": self.registration.covariance.tolist(),
             "unobserved": [describe_motion(motion) for motion in self.registration.unobserved],
             "overlap": self.registration.overlap,
@@ -146,10 +126,7 @@ def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
 
 
 def save_poses(path: str | Path, found: Sequence[FoundPose]) -> None:
-    """Write `FoundPose.described` of each sensor as JSON, by its name.
-
-    `toolkit.datasets.cloud_files.read_poses` reads the file.
-    """
+    """Write `FoundPose.described` of each sensor as JSON by name, for `toolkit.datasets.cloud_files.read_poses`."""
     write_text(path, json.dumps(replace_infinite({each.sensor.name: each.described() for each in found}), indent=1))
 
 
@@ -163,11 +140,10 @@ def find_poses(
     sample: int = SAMPLE,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[FoundPose, ...]:
-    """Find the pose of every sensor of a recording.
+    """Find the pose of every sensor of a recording in the first frame.
 
-    It is found from the sensor's empty scene over the first `frames` frames. Images teach a scene as they are. A lidar
-    known by its clouds is found by their range images. If frames are fewer than five, or it moves, it is found by its
-    points in the first frame that has any. The pose is that in the first frame.
+    It is found from the sensor's empty scene over the first `frames` frames, which a lidar known by its clouds learns
+    from their range images; if frames are fewer than five, or it moves, from its points in the first frame with any.
 
     surface: what stands there; None to fit the sensors to each other. Then held: numbers or names of sensors that stay
     at their believed poses (without any, all move as little as they can, and their common pose stays), and detector:
@@ -177,13 +153,17 @@ def find_poses(
     Raises ValueError for too few frames of images, clouds without points, fewer than two sensors without a surface, and
     unknown sensors.
     """
+    count, more = min(len(recording), len(recording) if frames is None else frames), None
     if len(recording) and not recording[0].has_images:
-        sensors, seen = _seen_in_clouds(recording, frames)
-        stay, more = select_sensors(sensors, held), None
+        sensors, seen = _seen_in_clouds(recording, count)
+        stay = select_sensors(sensors, held)
     else:
-        count = check_frames_suffice(recording, frames)
+        if count < LEAST_FRAMES:
+            raise ValueError(
+                f"{count} frames are too few to tell what stands still from who passes: give {LEAST_FRAMES} or more"
+            )
         seen = [scene_points(scene) for scene in learn_empty_scenes(recording, sample, frames=count)]
-        sensors, more = recording[0].sensors, None
+        sensors = recording[0].sensors
         stay = select_sensors(sensors, held)
         if detector is not None:
             chosen = np.unique(np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)).tolist()
@@ -201,16 +181,6 @@ def find_poses(
     return tuple(found)
 
 
-def check_frames_suffice(recording: Frames, frames: int | None) -> int:
-    """Number of frames that empty scenes are learnt from. Raises ValueError if it is below `LEAST_FRAMES`."""
-    count = min(len(recording), len(recording) if frames is None else frames)
-    if count < LEAST_FRAMES:
-        raise ValueError(
-            f"{count} frames are too few to tell what stands still from who passes: give {LEAST_FRAMES} or more"
-        )
-    return count
-
-
 def find_pose(
     points: Float64[np.ndarray, "n 3"],
     sensor: Sensor,
@@ -218,23 +188,18 @@ def find_pose(
     *,
     deviation: Float64[np.ndarray, " n"] | None = None,
 ) -> FoundPose:
-    """Find the pose of one sensor from its empty scene.
-
-    points: measured, in its own frame; deviation: of each (m). The pose is near the believed one; a refusal says why
-    none is found.
-    """
+    """Find the pose of one sensor, near the believed one, from points in its own frame and their deviations (m)."""
     try:
         registration = register(points, surface, sensor.pose, deviation=deviation)
     except ValueError as error:
         return FoundPose(sensor, None, str(error))
-    if registration.overlap < LEAST_OVERLAP:
-        return FoundPose(
-            sensor,
-            None,
-            f"only {registration.overlap:.0%} of its points have a counterpart in the reference, {LEAST_OVERLAP:.0%} "
-            "are needed: is it of the same place, and does it show what this sensor sees?",
-        )
-    return FoundPose(sensor, registration)
+    if registration.overlap >= LEAST_OVERLAP:
+        return FoundPose(sensor, registration)
+    refusal = (
+        f"only {registration.overlap:.0%} of its points have a counterpart in the reference, {LEAST_OVERLAP:.0%} "
+        "are needed: is it of the same place, and does it show what this sensor sees?"
+    )
+    return FoundPose(sensor, None, refusal)
 
 
 TOGETHER = "together"  # in place of a reference: sensors are fitted to each other
@@ -249,57 +214,39 @@ def align_clouds(
     held: Sequence[int] = (),
     more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
 ) -> tuple[FoundPose, ...]:
-    """Fit the poses of sensors to each other.
+    """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame.
 
-    They fit what the others see of the same standing scene. clouds: points of the scene, each in its sensor's frame;
-    held: numbers; more: see `toolkit.calibration.joint.align`.
+    held: numbers of sensors that stay; more: see `toolkit.calibration.joint.align`.
     """
     surfaces = [face_sensor(cloud_surface(points)) for points in clouds]
-    alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
-    return tuple(_found(sensor, k, alignment, k in held) for k, sensor in enumerate(sensors))
-
-
-def _found(sensor: Sensor, number: int, alignment: Alignment, stays: bool) -> FoundPose:
-    shared = int(alignment.shared[number].sum())
-    if shared < LEAST_SHARED and not stays:
-        return FoundPose(
-            sensor,
-            None,
-            f"it shares {shared} points with the other sensors, {LEAST_SHARED} are needed: give a reference",
-        )
-    own = slice(6 * number, 6 * number + 6)
-    return FoundPose(
-        sensor,
-        Registration(
-            alignment.poses[number],
-            np.ascontiguousarray(alignment.covariance[own, own]),
-            alignment.hidden_motions(number),
-            min(1.0, shared / max(1, int(alignment.shared.max()))),
-            float(alignment.scatter[number]),
-        ),
-    )
+    alignment, found = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more), []
+    for k, sensor in enumerate(sensors):
+        shared = int(alignment.shared[k].sum())
+        if shared < LEAST_SHARED and k not in held:
+            few = f"it shares {shared} points with the other sensors, {LEAST_SHARED} are needed: give a reference"
+            found.append(FoundPose(sensor, None, few))
+            continue
+        own = slice(6 * k, 6 * k + 6)
+        covariance = np.ascontiguousarray(alignment.covariance[own, own])
+        overlap = min(1.0, shared / max(1, int(alignment.shared.max())))
+        figures = covariance, alignment.hidden_motions(k), overlap, float(alignment.scatter[k])
+        found.append(FoundPose(sensor, Registration(alignment.poses[k], *figures)))
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
 class Corrected(RecordingView):
-    """A recording with its sensors at their found poses.
+    """A recording with its sensors, but not its labels, at their found poses."""
 
-    Labels stay. corrections: believed_SE3_found of each sensor, by name; its believed pose is multiplied by it in every
-    frame.
-    """
-
-    corrections: Mapping[str, Float64[np.ndarray, "4 4"]]
+    corrections: Mapping[str, Pose]  # believed_SE3_found by name: each believed pose is multiplied by it
 
     @staticmethod
     def of(recording: Recording, found: Iterable[FoundPose]) -> Corrected:
-        """Return a recording with some of its found poses applied."""
+        """Return a recording with found poses applied."""
         return Corrected(recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found})
 
     def __getitem__(self, index: int) -> Frame:
-        return self.correct(self.recording[index])
-
-    def correct(self, frame: Frame) -> Frame:
-        """Return a frame with its sensors at their found poses."""
+        frame = self.recording[index]
         sensors, measurements = [], []
         for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
             correction = self.corrections.get(sensor.name)
@@ -313,47 +260,34 @@ class Corrected(RecordingView):
         return replace(frame, sensors=tuple(sensors), measurements=tuple(measurements))
 
 
-def _stand_still(samples: Sequence[Frame]) -> bool:
-    """Return True for enough frames without a moving sensor. Movement is that in the map."""
-    places: dict[str, np.ndarray] = {}
-    for sample in samples:
-        for cloud in sample.clouds:
-            place = (sample.map_SE3_world @ cloud.world_SE3_sensor)[:3, 3]
-            if np.linalg.norm(place - places.setdefault(cloud.name, place)) > STANDS_STILL:
-                return False
-    return len(samples) >= LEAST_FRAMES
-
-
 _Seen = tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"] | None]  # points and their deviations (m)
 
 
-def _seen_in_clouds(recording: Frames, frames: int | None) -> tuple[tuple[Sensor, ...], list[_Seen]]:
-    """Sensors of clouds, and their points of the standing scene. Points are in each sensor's own frame."""
-    count = min(len(recording), len(recording) if frames is None else frames)
+def _seen_in_clouds(recording: Frames, count: int) -> tuple[tuple[Sensor, ...], list[_Seen]]:
+    """Sensors of clouds, and their points of the standing scene, each in its own frame."""
     first = [recording[k] for k in range(min(count, GRID_SAMPLES))]
-    if _stand_still(first):
+    places: dict[str, np.ndarray] = {}
+    moves = False
+    for frame in first:
+        for cloud in frame.clouds:
+            place = (frame.map_SE3_world @ cloud.world_SE3_sensor)[:3, 3]
+            moves |= bool(np.linalg.norm(place - places.setdefault(cloud.name, place)) > STANDS_STILL)
+    if len(first) >= LEAST_FRAMES and not moves:
         learnt = learn_sample_scenes(recording[k] for k in range(count))
         points = {name: scene_points(each.scene)[0] for name, each in learnt.items()}
     else:
-        points = _points_of_one(first)
+        of_frames = ({cloud.name: cloud.in_sensor() for cloud in each.clouds if len(cloud.points)} for each in first)
+        points = next(filter(None, of_frames), {})
+        if not points:
+            raise ValueError("no frame has a point to find a pose by")
     placed = {cloud.name: cloud.world_SE3_sensor for frame in reversed(first) for cloud in frame.clouds}
     return tuple(Sensor(name, RowLidar(), placed[name]) for name in points), [(own, None) for own in points.values()]
 
 
-def _points_of_one(frames: Sequence[Frame]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
-    """Points of each lidar in its first frame with any. They are in the lidar's own frame."""
-    for frame in frames:
-        points = {cloud.name: cloud.in_sensor() for cloud in frame.clouds if len(cloud.points)}
-        if points:
-            return points
-    raise ValueError("no frame has a point to find a pose by")
-
-
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
-    """Warn of each sensor that disagrees with the reference.
+    """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording without poses.
 
-    See `read_surface`. There is one warning if the recording cannot be read or is too short. Raises ValueError and
-    OSError if the reference cannot be read.
+    Raises ValueError and OSError if the reference cannot be read.
     """
     surface = read_surface(reference)
     try:
@@ -364,19 +298,18 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
 
 
 def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
-    """Warn of each sensor that drifted or has no pose. Only clear drift counts."""
-    return [_finding(each, reference) for each in found if each.drifted or each.registration is None]
-
-
-def _finding(found: FoundPose, reference: str) -> Finding:
-    where = f"sensor {found.sensor.name}"
-    if found.registration is None:
-        return Finding(
-            "warning", where, f"its pose cannot be checked against {reference}", found.refusal, "check by hand"
-        )
-    turn, move = np.split(np.sqrt(np.diag(found.registration.covariance)), 2)
-    evidence = (
-        f"turned by {np.rad2deg(found.turn):.2f}° and moved by {found.distance * 100:.1f} cm against {reference}, "
-        f"to within {np.rad2deg(np.linalg.norm(turn)):.2f}° and {np.linalg.norm(move) * 100:.1f} cm"
-    )
-    return Finding("warning", where, "it hangs crooked or has drifted", evidence, "write its pose by coview calibrate")
+    """Warn of each sensor that clearly drifted or has no pose."""
+    findings = []
+    for each in found:
+        where, (turn, move) = f"sensor {each.sensor.name}", each.deviation
+        if each.registration is None:
+            suspected = f"its pose cannot be checked against {reference}"
+            findings.append(Finding("warning", where, suspected, each.refusal, "check by hand"))
+        elif each.drifted:
+            evidence = (
+                f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm against {reference}"
+                f", to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
+            )
+            said = "it hangs crooked or has drifted", evidence, "write its pose by coview calibrate"
+            findings.append(Finding("warning", where, *said))
+    return findings

@@ -1,10 +1,9 @@
-"""Registration of a sensor against a reference.
+"""Registration of a sensor against a reference, point to plane, coarse to fine.
 
-It works point to plane, coarse to fine. The reference is a `Surface`: of a site, of a survey's cloud, or of what
-sensors saw before. Each measured point is paired with the nearest point of the surface, and the pose that brings the
-points onto the planes there is solved for with Tukey's weights, again and again with a smaller radius (Y. Chen and G.
-Medioni, 1992; J. W. Tukey). A motion is six numbers: turns (rad) about the world's axes through the sensor, and moves
-(m) along them,
+The reference is a `Surface`: of a site, of a survey's cloud, or of what sensors saw before. Each measured point is
+paired with the nearest point of the surface, and the pose that brings the points onto the planes there is solved for
+with Tukey's weights, again and again with a smaller radius (Y. Chen and G. Medioni, 1992; J. W. Tukey). A motion is six
+numbers: turns (rad) about the world's axes through the sensor, and moves (m) along them,
 
     pose = [exp(turn) R, t + move].
 
@@ -36,6 +35,9 @@ from toolkit.sites.site import Site
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
+Pose = Float64[np.ndarray, "4 4"]
+Points = Float64[np.ndarray, "n 3"]
+
 SURFACE_SPACING = 0.15  # m between the sampled points of a surface
 OUTSKIRTS = 30.0  # m beyond the detection area; a site's surface reaches that far
 LEAST_FLAT = 50  # points that a surface must have
@@ -65,16 +67,11 @@ _CORRELATED = 9.0  # points that weigh as much as one alone, since errors of nei
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Standing surfaces: points (m) and unit normals in one frame.
+    """Standing surfaces: points (m) and unit normals, either way, in one frame."""
 
-    Normals point either way.
-
-    roughness: standard deviation (m) of the surface about the plane of each point.
-    """
-
-    points: Float64[np.ndarray, "n 3"]
-    normals: Float64[np.ndarray, "n 3"]
-    roughness: Float64[np.ndarray, " n"]
+    points: Points
+    normals: Points
+    roughness: Float64[np.ndarray, " n"]  # standard deviation (m) about the plane of each point
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -85,34 +82,31 @@ class Surface:
 
     @cached_property
     def thin(self) -> Surface:
-        """Thin the surface for coarse steps. It keeps one point in each cube of 0.4 m."""
+        """Surface for coarse steps: one point in each cube of 0.4 m."""
         some = thin_rows(self.points, 0.4)
         return Surface(self.points[some], self.normals[some], self.roughness[some])
 
 
 def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface:
-    """Read the surface of a reference.
+    """Read the surface of a site by name, or of a file.
 
-    The reference is the name of a site, or a file. The ending of a file decides: a recording (.hdf5, .h5), a site
-    (.json, .geojson), else a cloud in the frame of the site (see `toolkit.datasets.cloud_files`). A recording gives
-    what its sensors saw in its first `frames` frames, from their believed poses, noise-free. Raises ValueError and
-    OSError as the readers do.
+    The ending of a file decides: a recording (.hdf5, .h5), a site (.json, .geojson), else a cloud in the frame of the
+    site (see `toolkit.datasets.cloud_files`). A recording gives what its sensors saw in its first `frames` frames, from
+    their believed poses, noise-free. Raises ValueError and OSError as the readers do.
     """
     ending = Path(reference).suffix.lower()
     if ending in (".hdf5", ".h5"):
         with CoopDataset(reference) as recording:
-            scenes = learn_empty_scenes(recording, frames=frames)
-            return scenes_surface(scenes, [sensor.pose for sensor in recording.sensors])
+            scenes = zip(learn_empty_scenes(recording, frames=frames), recording.sensors, strict=True)
+            parts = [transform(sensor.pose, scene_points(scene)[0]) for scene, sensor in scenes]
+            return cloud_surface(np.concatenate([np.zeros((0, 3)), *parts]))
     if ending in ("", ".json", ".geojson"):
         return site_surface(load_site(reference))
     return cloud_surface(read_points(reference))
 
 
 def site_surface(site: Site, *, seed: int = 0) -> Surface:
-    """Spread points evenly over a site's standing surfaces.
-
-    They lie on the ground and on all that stands on it, except what grows leaves.
-    """
+    """Spread points evenly over a site's ground and all that stands on it, except what grows leaves."""
     mesh = build_scenery(replace(site, solids=tuple(solid for solid in site.solids if solid.kind not in GROWS)))
     corners = mesh.vertices[mesh.triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -132,10 +126,9 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
 
 
 def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
-    """Return the thinned surface of a cloud.
+    """Return the thinned surface of a cloud, without points off flat surfaces.
 
-    Its normals are those of planes through neighbours. Points off flat surfaces are left out. Raises ValueError if
-    fewer than `LEAST_FLAT` are left.
+    Raises ValueError if fewer than `LEAST_FLAT` are left.
     """
     import open3d as o3d
 
@@ -159,13 +152,10 @@ def _check_flat(count: int) -> None:
         )
 
 
-def scene_points(
-    scene: EmptyScene, *, least_share: float = 0.5
-) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"]]:
-    """Points of an empty scene, with standard deviations (m).
+def scene_points(scene: EmptyScene, *, least_share: float = 0.5) -> tuple[Points, Float64[np.ndarray, " n"]]:
+    """Points of an empty scene in the sensor's frame, and their standard deviations (m).
 
-    They are in the sensor's frame. Pixels that show something else in more than `least_share` of the frames are left
-    out.
+    Pixels that show something else in more than `least_share` of the frames are left out.
     """
     model = scene.model
     seen: Bool[np.ndarray, "rows columns"] = (scene.first > 0) & (scene.share >= least_share)
@@ -175,30 +165,19 @@ def scene_points(
     return rays * scene.first[seen].astype(np.float64)[:, None], deviation.astype(np.float64)
 
 
-def scenes_surface(scenes: Sequence[EmptyScene], poses: Sequence[Float64[np.ndarray, "4 4"]]) -> Surface:
-    """Surface of several sensors' empty scenes together. The sensors stand at `poses`."""
-    parts = [transform(pose, scene_points(scene)[0]) for scene, pose in zip(scenes, poses, strict=True)]
-    return cloud_surface(np.concatenate([np.zeros((0, 3)), *parts]))
-
-
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """A pose that was found.
+    """A pose that was found."""
 
-    covariance: of the six numbers of a motion (rad and m), as far as it is observed; unobserved: (k, 6) unit motions,
-    turns times `LEVER`, that the points do not determine; overlap: share of the points that have a counterpart;
-    scatter: robust standard deviation of their distances from it (m).
-    """
-
-    pose: Float64[np.ndarray, "4 4"]
-    covariance: Float64[np.ndarray, "6 6"]
-    unobserved: Float64[np.ndarray, "k 6"]
-    overlap: float
-    scatter: float
+    pose: Pose
+    covariance: Float64[np.ndarray, "6 6"]  # of the six numbers of a motion (rad and m), as far as it is observed
+    unobserved: Float64[np.ndarray, "k 6"]  # unit motions, turns times `LEVER`, that the points do not determine
+    overlap: float  # share of the points that have a counterpart
+    scatter: float  # robust standard deviation of their distances from it (m)
 
     @property
     def deviations(self) -> Float64[np.ndarray, "6"]:
-        """Standard deviation of each of the six numbers. It is infinite if the number is not observed."""
+        """Standard deviation of each of the six numbers, infinite where not observed."""
         hidden = (np.abs(self.unobserved) > 0.3).any(axis=0) if len(self.unobserved) else np.zeros(6, bool)
         return np.where(hidden, np.inf, np.sqrt(np.diag(self.covariance)))
 
@@ -206,7 +185,7 @@ class Registration:
 def register(
     points: Float[np.ndarray, "n 3"],
     surface: Surface,
-    believed: Float64[np.ndarray, "4 4"],
+    believed: Pose,
     *,
     deviation: Float[np.ndarray, " n"] | None = None,
 ) -> Registration:
@@ -238,17 +217,31 @@ def register(
 
 
 def _align_levels(
-    points: Float64[np.ndarray, "n 3"],
+    points: Points,
     noise: Float64[np.ndarray, " n"],
     surface: Surface,
-    pose: Float64[np.ndarray, "4 4"],
+    pose: Pose,
     levels: Sequence[tuple[float, float, float]],
-) -> tuple[Float64[np.ndarray, "4 4"], _System]:
-    """Align the points level by level. Returns the pose after some levels, and the last system that was solved."""
+) -> tuple[Pose, _System]:
+    """Align the points level by level. Returns the pose and the last system that was solved."""
     for radius, voxel, least in levels:
         some = thin_rows(points, voxel)
         for _ in range(_STEPS):
-            system = _build_system(points[some], noise[some], surface, pose, (radius, least))
+            world = transform(pose, points[some])
+            apart, other = surface.tree.query(world, distance_upper_bound=radius)
+            near = np.flatnonzero(np.isfinite(apart))
+            if len(near) < 50:
+                raise ValueError(
+                    f"{len(near)} of {len(some)} points lie within {radius:g} m of the reference, 50 are needed: is it "
+                    "of the same place and frame, and the sensor no farther off than that?"
+                )
+            normals = surface.normals[other[near]]
+            residual = ((world[near] - surface.points[other[near]]) * normals).sum(axis=1)
+            scatter = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SCALE)
+            spread = np.sqrt(noise[some][near] ** 2 + surface.roughness[other[near]] ** 2 + scatter**2)
+            weight = tukey_weight(residual / np.maximum(_TUKEY * spread, least), 1.0) / spread**2
+            rows = resistance(world[near], pose[:3, 3], normals)
+            system = _System(rows, residual, weight, len(near) / len(some), scatter)
             step = system.step()
             pose = apply_motion(pose, step)
             if np.abs(step).max() < _CONVERGED * radius:
@@ -256,7 +249,7 @@ def _align_levels(
     return pose, system
 
 
-def apply_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "6"]) -> Float64[np.ndarray, "4 4"]:
+def apply_motion(pose: Pose, motion: Float64[np.ndarray, "6"]) -> Pose:
     """Apply a motion, turns times `LEVER`, to a pose."""
     after = pose.copy()
     after[:3, :3] = make_rotation(motion[:3] / LEVER) @ pose[:3, :3]
@@ -264,8 +257,8 @@ def apply_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "
     return after
 
 
-def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "6"]:
-    """Motion for `apply_motion` from one pose to another. Its turns are times `LEVER`."""
+def motion_between(before: Pose, after: Pose) -> Float64[np.ndarray, "6"]:
+    """Motion for `apply_motion` from one pose to another, turns times `LEVER`."""
     turn = after[:3, :3] @ before[:3, :3].T
     sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     length = float(np.linalg.norm(sine))
@@ -273,18 +266,13 @@ def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray
     return np.concatenate([sine * (LEVER * angle / length if length else 0.0), after[:3, 3] - before[:3, 3]])
 
 
-def resistance(
-    points: Float64[np.ndarray, "n 3"], position: Float64[np.ndarray, "3"], normals: Float64[np.ndarray, "n 3"]
-) -> Float64[np.ndarray, "n 6"]:
-    """Distance that each point leaves its plane per unit motion.
-
-    There is one for each number of a motion. The motion is about a position; its turns are times `LEVER`.
-    """
+def resistance(points: Points, position: Float64[np.ndarray, "3"], normals: Points) -> Float64[np.ndarray, "n 6"]:
+    """Distance that each point leaves its plane per unit of a motion about a position, turns times `LEVER`."""
     return np.concatenate([np.cross(points - position, normals) / LEVER, normals], axis=1)
 
 
-def thin_rows(points: Float64[np.ndarray, "n 3"], voxel: float) -> Int64[np.ndarray, " k"]:
-    """Rows of the first point in each cube. voxel: edge of the cube (m). Thinning keeps near ground from dominating."""
+def thin_rows(points: Points, voxel: float) -> Int64[np.ndarray, " k"]:
+    """Rows of the first point in each cube of edge `voxel` (m), so that near ground does not dominate."""
     cube = np.floor(points / voxel).astype(np.int64)
     if len(cube):
         cube -= cube.min(axis=0)
@@ -300,28 +288,23 @@ def tukey_weight(residual: Float64[np.ndarray, " n"], limit: float) -> Float64[n
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The linear system of one step. rows: resistance of each pair; weight: of each; residual: along the normal."""
+    """Linear system of one step."""
 
-    rows: Float64[np.ndarray, "n 6"]
-    residual: Float64[np.ndarray, " n"]
+    rows: Float64[np.ndarray, "n 6"]  # resistance of each pair
+    residual: Float64[np.ndarray, " n"]  # along the normal
     weight: Float64[np.ndarray, " n"]
     overlap: float
     scatter: float
 
     @property
     def agreement(self) -> float:
-        """Share of all points that lie on the surface. Near ones count more than those 0.3 m off."""
+        """Share of all points that lie on the surface, near ones more than those 0.3 m off."""
         return float(tukey_weight(self.residual, _AGREES).mean()) * self.overlap
 
     @cached_property
-    def information(self) -> Float64[np.ndarray, "6 6"]:
-        """Inverse of the covariance if the pairs were independent."""
-        return self.rows.T @ (self.rows * self.weight[:, None])
-
-    @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information. Returns a mask of the observed ones too."""
-        values, vectors = np.linalg.eigh(self.information)
+        """Eigenvalues and eigenvectors (columns) of the information, and a mask of the observed ones."""
+        values, vectors = np.linalg.eigh(self.rows.T @ (self.rows * self.weight[:, None]))
         along = (self.rows @ vectors) ** 2
         sound = self.weight > 0
         resists = np.where(along > _RESISTS**2, along, 0.0)[sound].sum(axis=0)
@@ -334,7 +317,7 @@ class _System:
         return vectors[:, ~observed].T
 
     def step(self) -> Float64[np.ndarray, "6"]:
-        """Motion that brings the points onto their planes. It does so as far as they determine it."""
+        """Motion that brings the points onto their planes, as far as they determine it."""
         values, vectors, observed = self._modes
         gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))
         return vectors @ np.where(observed, -gradient / np.where(observed, values, 1.0), 0.0)
@@ -345,27 +328,3 @@ class _System:
         inverse = np.where(observed, _CORRELATED / np.where(observed, values, 1.0), 0.0)
         unit = np.repeat([1 / LEVER, 1.0], 3)
         return unit[:, None] * ((vectors * inverse) @ vectors.T) * unit
-
-
-def _build_system(
-    points: Float64[np.ndarray, "n 3"],
-    noise: Float64[np.ndarray, " n"],
-    surface: Surface,
-    pose: Float64[np.ndarray, "4 4"],
-    limits: tuple[float, float],
-) -> _System:
-    radius, least = limits
-    world = transform(pose, points)
-    apart, other = surface.tree.query(world, distance_upper_bound=radius)
-    near = np.flatnonzero(np.isfinite(apart))
-    if len(near) < 50:
-        raise ValueError(
-            f"{len(near)} of {len(points)} points lie within {radius:g} m of the reference, 50 are needed: is it of "
-            "the same place and frame, and the sensor no farther off than that?"
-        )
-    normals = surface.normals[other[near]]
-    residual = ((world[near] - surface.points[other[near]]) * normals).sum(axis=1)
-    scatter = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SCALE)
-    spread = np.sqrt(noise[near] ** 2 + surface.roughness[other[near]] ** 2 + scatter**2)
-    weight = tukey_weight(residual / np.maximum(_TUKEY * spread, least), 1.0) / spread**2
-    return _System(resistance(world[near], pose[:3, 3], normals), residual, weight, len(near) / len(points), scatter)

@@ -14,7 +14,6 @@ from toolkit.calibration.registration import (
     register,
     resistance,
     scene_points,
-    scenes_surface,
     site_surface,
     thin_rows,
     tukey_weight,
@@ -235,9 +234,11 @@ def test_points_of_scenes_know_how_sure_they_are_and_make_one_surface():
     assert len(scene_points(scene(8.0, share=0.4), least_share=0.3)[0]) == 300
     poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
     wide = [scene(8.0), scene(8.0)]
-    surface = scenes_surface(wide, poses)
+    surface = cloud_surface(
+        np.concatenate([transform(pose, scene_points(each)[0]) for each, pose in zip(wide, poses, strict=True)])
+    )
     assert np.abs(surface.points[:, 2]).max() < 1e-4
     assert (surface.points[:, 0] < 10).any()
     assert (surface.points[:, 0] > 10).any()
     with pytest.raises(ValueError, match="50 are needed"):
-        scenes_surface([], [])
+        cloud_surface(np.zeros((0, 3)))

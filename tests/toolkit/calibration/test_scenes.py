@@ -132,7 +132,7 @@ def test_sensors_that_move_and_few_samples_have_no_good_scene():
 )
 def test_large_images_are_kept_in_smaller_numbers(columns, asked, kept):
     grid = LidarGrid(RowLidar(tuple(np.linspace(0.3, -0.5, 64).tolist()), columns=columns))
-    assert sample_scenes._Learner("north", grid, asked)._scene.sample == kept
+    assert sample_scenes._Learner("north", grid, asked).learner.sample == kept
 
 
 def test_grids_are_found_in_the_first_samples_alone():
