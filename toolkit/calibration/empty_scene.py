@@ -37,8 +37,8 @@ from toolkit.runtime.files import parse_json, read_arrays, write_arrays
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
-Image = Float32[np.ndarray, "rows columns"]
-Mask = Bool[np.ndarray, "rows columns"]
+_Image = Float32[np.ndarray, "rows columns"]
+_Mask = Bool[np.ndarray, "rows columns"]
 
 SAMPLE = 128  # images kept of a sensor
 SIGMAS = 4.0  # spreads: a measurement this near a median shows the empty scene
@@ -65,12 +65,12 @@ class EmptyScene:
 
     name: str
     model: SensorModel
-    first: Image  # median measurement, 0 where nothing returns
-    spread: Image  # its standard deviation
-    share: Image  # fraction of the frames that show it
-    second: Image  # the same for the other measurement of the scene: NaN, 0 and 0 where it has only one
-    second_spread: Image
-    second_share: Image
+    first: _Image  # median measurement, 0 where nothing returns
+    spread: _Image  # its standard deviation
+    share: _Image  # fraction of the frames that show it
+    second: _Image  # the same for the other measurement of the scene: NaN, 0 and 0 where it has only one
+    second_spread: _Image
+    second_share: _Image
     frames: int  # that it was learnt from
 
     def __post_init__(self) -> None:
@@ -87,7 +87,7 @@ class EmptyScene:
             raise ValueError(f"an empty scene needs at least one frame, got {self.frames}")
 
     @staticmethod
-    def of(sensor: Sensor, image: Image) -> EmptyScene:
+    def of(sensor: Sensor, image: _Image) -> EmptyScene:
         """Return the scene known from a render without noise, with the sensor model's spread."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
@@ -103,7 +103,7 @@ class EmptyScene:
             digest.update(np.ascontiguousarray(getattr(self, image)).tobytes())
         return digest.hexdigest()
 
-    def shows(self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS) -> Mask:
+    def shows(self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS) -> _Mask:
         """Mark pixels within `sigmas` spreads of one of its medians, or with no return where that may be."""
         self.check_shape(measurement)
         there = is_return(measurement, self.model.max_range)
@@ -275,7 +275,7 @@ class SceneAdaptation:
             shown |= shows | (~finite & (median == 0))
         self._absorb(seen, shown, time)
 
-    def _absorb(self, seen: Image, shown: Mask, time: float) -> None:
+    def _absorb(self, seen: _Image, shown: _Mask, time: float) -> None:
         """Start, continue or end the wait of foreground surfaces, which then become the scene."""
         first, spread = self._medians[0], self._spreads[0]
         surface = np.where(first > 0, first, np.inf)
@@ -302,18 +302,18 @@ class SceneAdaptation:
 class _Mode(NamedTuple):
     """One cluster per pixel."""
 
-    median: Image  # 0 for nothing returned, NaN for no cluster
-    spread: Image
-    share: Image
-    least: Image  # extreme measurements
-    greatest: Image
+    median: _Image  # 0 for nothing returned, NaN for no cluster
+    spread: _Image
+    share: _Image
+    least: _Image  # extreme measurements
+    greatest: _Image
 
-    def where(self, mask: Mask, other: _Mode) -> _Mode:
+    def where(self, mask: _Mask, other: _Mode) -> _Mode:
         """Return this mode inside the mask, the other outside."""
         return _Mode(*(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True)))
 
 
-def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel) -> tuple[_Mode, _Mode, Mask]:
+def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel) -> tuple[_Mode, _Mode, _Mask]:
     """Find each pixel's farthest cluster of the scene, the largest nearer one, and a mask where that flickers."""
     shape, n = images.shape[1:], len(images)
     in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
@@ -373,7 +373,7 @@ def _measure_mode(
     )
 
 
-def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[Image], Image]:
+def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[_Image], _Image]:
     """Return the usual spread as a function of distance, from pixels that mostly see the scene."""
     clear = (far.share >= HALF) & (far.median > 0)
     distance, spread = np.log(far.median[clear]), far.spread[clear]
@@ -383,14 +383,14 @@ def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[Image], Image]:
     step = np.clip(np.digitize(distance, edges) - 1, 0, DISTANCES - 1)
     usual, middle = ([np.median(each[step == k]) for k in np.unique(step)] for each in (spread, distance))
 
-    def at(median: Image) -> Image:
+    def at(median: _Image) -> _Image:
         known = np.log(np.where(median > 0, median, 1))
         return np.maximum(np.interp(known, middle, usual), model.deviation(np.nan_to_num(median))).astype(np.float32)
 
     return at
 
 
-def _narrow_broad(mode: _Mode, usual: Image, images: Sequence[Image]) -> _Mode:
+def _narrow_broad(mode: _Mode, usual: _Image, images: Sequence[_Image]) -> _Mode:
     """Replace broad clusters by their densest stretch, `SIGMAS` usual spreads wide to either side."""
     found = _Mode(*(each.copy() for each in mode))
     every = np.flatnonzero(mode.spread > BROAD * usual)
@@ -413,7 +413,7 @@ def _narrow_broad(mode: _Mode, usual: Image, images: Sequence[Image]) -> _Mode:
     return found
 
 
-def _continuation_mask(near: _Mode, far: Image) -> Mask:
+def _continuation_mask(near: _Mode, far: _Image) -> _Mask:
     """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off.
 
     The surface must not be the pixel's own farthest surface going on, as the ground does below the foot of a car:

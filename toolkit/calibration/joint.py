@@ -19,7 +19,6 @@ import numpy as np
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.calibration.registration import (
     LEVER,
-    Pose,
     Surface,
     apply_motion,
     motion_between,
@@ -27,6 +26,7 @@ from toolkit.calibration.registration import (
     thin_rows,
     tukey_weight,
 )
+from toolkit.datasets.cloud_files import Pose
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 from toolkit.objects import Detector

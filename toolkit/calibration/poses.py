@@ -15,7 +15,6 @@ from toolkit.calibration.empty_scene import SAMPLE, learn_empty_scenes
 from toolkit.calibration.joint import Pairs, Poses, align, face_sensor, object_pairs, seen_objects
 from toolkit.calibration.registration import (
     NAMES,
-    Pose,
     Registration,
     Surface,
     cloud_surface,
@@ -24,6 +23,7 @@ from toolkit.calibration.registration import (
     scene_points,
 )
 from toolkit.calibration.scenes import GRID_SAMPLES, STANDS_STILL, learn_sample_scenes
+from toolkit.datasets.cloud_files import Pose
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.doctor import Finding
 from toolkit.datasets.readings import RecordingView

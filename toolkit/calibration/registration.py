@@ -24,7 +24,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float64, Int64
 from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
-from toolkit.datasets.cloud_files import read_points
+from toolkit.datasets.cloud_files import Pose, read_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.geometry import transform
 from toolkit.rendering.static_scene import build_scenery
@@ -35,7 +35,6 @@ from toolkit.sites.site import Site
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-Pose = Float64[np.ndarray, "4 4"]
 Points = Float64[np.ndarray, "n 3"]
 
 SURFACE_SPACING = 0.15  # m between the sampled points of a surface
