@@ -43,64 +43,64 @@ _SOME = 20_000  # points of a cloud whose neighbours are looked for
 
 @dataclass(frozen=True)
 class LidarGrid:
-    """A grid of rows, columns and range (`model`). rings: number of the laser of each row, empty if clouds do not tell
-    it."""
+    """A grid of rows, columns and range (`model`). rings: laser of each row, empty if clouds do not tell it."""
 
     model: RowLidar
     rings: tuple[int, ...] = ()
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of one sensor in its clouds. Some of its clouds are enough. Raises ValueError for fewer than 100
-    points, and for an image of more than 4 million pixels."""
+    """Find the grid of one sensor in some of its clouds. Raises ValueError for fewer than 100 points, and for an image
+    of more than 4 million pixels."""
     clouds = [cloud for cloud in clouds if len(cloud.points)]
-    angles = [compute_angles(cloud.in_sensor()) for cloud in clouds]
-    kept = [each[:, each[2] > NEAREST] for each in angles]
-    total = sum(each.shape[1] for each in kept)
     name = clouds[0].name if clouds else "the sensor"
+    kept, rings = [], []
+    for cloud in clouds:
+        angles = compute_angles(cloud.in_sensor())
+        far = angles[2] > NEAREST
+        kept.append(angles[:, far])
+        rings += [] if cloud.ring is None else [cloud.ring[far]]
+    total = sum(each.shape[1] for each in kept)
     if total < TELLING_POINTS:
-        raise ValueError(
-            f"{total} points of {name} say nothing of its rows, {TELLING_POINTS} are needed: give more clouds"
-        )
-    rings = [
-        cloud.ring[each[2] > NEAREST] for cloud, each in zip(clouds, angles, strict=True) if cloud.ring is not None
-    ]
-    farthest = max(float(each[2].max()) for each in kept)
+        said = f"{total} points of {name} say nothing of its rows"
+        raise ValueError(f"{said}, {TELLING_POINTS} are needed: give more clouds")
+    elevation, azimuth, distance = np.concatenate(kept, axis=1)
+    numbers: tuple[int, ...] = ()
     if len(rings) == len(kept):
-        elevations, numbers = _ring_rows(np.concatenate([each[0] for each in kept]), np.concatenate(rings))
+        elevations, numbers = _ring_rows(elevation, np.concatenate(rings))
         step = _step_in_rows([(each[1], ring) for each, ring in zip(kept, rings, strict=True)])
+    elif (crowded := _crowded_rows(elevation)) is not None:
+        elevations = crowded
+        step = _step_in_rows([(each[1], nearest_row(each[0], crowded)) for each in kept])
     else:
-        crowded, numbers = _crowded_rows(np.concatenate([each[0] for each in kept])), ()
-        if crowded is None:
-            elevations, step = _even_rows(kept)
-        else:
-            elevations, step = crowded, _step_in_rows([(each[1], nearest_row(each[0], crowded)) for each in kept])
-    heading, span = _span(np.concatenate([each[1] for each in kept]))
-    columns = max(1, round(2 * np.pi / step) if span is None else int(np.ceil(span / step - 0.5)) + 1)
-    width = 2 * np.pi if span is None else min(columns * step, 2 * np.pi)
+        elevations, step = _even_rows(kept)
+    heading, span = _span(azimuth)
     if span is None:
-        heading = _phase(np.concatenate([each[1] for each in kept]), columns)
+        columns, width = max(1, round(2 * np.pi / step)), 2 * np.pi
+        mean = np.exp(
+            1j * (azimuth * columns - np.pi * (columns - 1))
+        ).mean()  # azimuths in the middle of their columns
+        heading = float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
+    else:
+        columns = max(1, int(np.ceil(span / step - 0.5)) + 1)
+        width = min(columns * step, 2 * np.pi)
     if len(elevations) * columns > MOST_PIXELS:
-        raise ValueError(
-            f"the image of {name} would have {len(elevations)} x {columns} pixels: are its points in its own frame?"
-        )
-    reach = float(max(_LEAST_RANGE, np.ceil(FARTHER * farthest)))
-    model = RowLidar(tuple(elevations.tolist()), columns, width, heading, max_range=reach)
-    return LidarGrid(model, numbers)
+        size = f"{len(elevations)} x {columns} pixels"
+        raise ValueError(f"the image of {name} would have {size}: are its points in its own frame?")
+    reach = float(max(_LEAST_RANGE, np.ceil(FARTHER * float(distance.max()))))
+    return LidarGrid(RowLidar(tuple(elevations.tolist()), columns, width, heading, max_range=reach), numbers)
 
 
 def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
-    """Elevation, azimuth (rad) and range (m) of points. Points are in the sensor's frame."""
-    across = np.hypot(points[:, 0], points[:, 1])
-    return np.stack(
-        [np.arctan2(points[:, 2], across), np.arctan2(points[:, 1], points[:, 0]), np.hypot(across, points[:, 2])]
-    )
+    """Elevation, azimuth (rad) and range (m) of points, sensor frame."""
+    x, y, z = points.T
+    across = np.hypot(x, y)
+    return np.stack([np.arctan2(z, across), np.arctan2(y, x), np.hypot(across, z)])
 
 
 def nearest_row(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> Int64[np.ndarray, " n"]:
     """Row, top first, of the nearest elevation."""
-    between = -(rows[1:] + rows[:-1]) / 2
-    return np.searchsorted(between, -elevation, side="left").astype(np.int64)
+    return np.searchsorted(-(rows[1:] + rows[:-1]) / 2, -elevation, side="left").astype(np.int64)
 
 
 def _ring_rows(elevation: np.ndarray, ring: np.ndarray) -> tuple[Float64[np.ndarray, " m"], tuple[int, ...]]:
@@ -129,16 +129,11 @@ def _crowded_rows(elevation: np.ndarray) -> Float64[np.ndarray, " m"] | None:
         rows = (low + (peak + 0.5) * _BIN)[::-1]
         row = nearest_row(elevation, rows)
         rows = np.array([np.median(elevation[row == k]) if (row == k).any() else rows[k] for k in range(len(rows))])
-        if len(rows) > 1 and _crowd(elevation, rows):
+        row, apart = nearest_row(elevation, rows), -np.diff(rows)
+        to_next = np.minimum(np.append(apart, np.inf), np.insert(apart, 0, np.inf))
+        if len(rows) > 1 and (np.abs(elevation - rows[row]) <= _THIRD * to_next[row]).mean() >= _CROWDED:
             return rows
     return None
-
-
-def _crowd(elevation: np.ndarray, rows: np.ndarray) -> bool:
-    apart = -np.diff(rows)
-    to_next = np.minimum(np.append(apart, np.inf), np.insert(apart, 0, np.inf))
-    row = nearest_row(elevation, rows)
-    return bool((np.abs(elevation - rows[row]) <= _THIRD * to_next[row]).mean() >= _CROWDED)
 
 
 def _step_in_rows(clouds: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
@@ -146,8 +141,7 @@ def _step_in_rows(clouds: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     steps = []
     for azimuth, row in clouds:
         order = np.lexsort((azimuth, row))
-        same = row[order][1:] == row[order][:-1]
-        steps.append(np.diff(azimuth[order])[same])
+        steps.append(np.diff(azimuth[order])[row[order][1:] == row[order][:-1]])
     every = np.concatenate(steps)
     every = every[every > _SMALLEST_STEP]
     return float(np.median(every)) if len(every) else 2 * np.pi
@@ -157,23 +151,14 @@ def _even_rows(clouds: Sequence[np.ndarray]) -> tuple[Float64[np.ndarray, " m"],
     """Even rows, and the same step of the azimuth."""
     from scipy.spatial import cKDTree
 
-    largest = max(clouds, key=lambda each: each.shape[1])
-    elevation, azimuth = largest[:2]
+    elevation, azimuth, _ = max(clouds, key=lambda each: each.shape[1])
     flat = np.column_stack([elevation, azimuth * np.cos(elevation)])
     some = np.random.default_rng(0).permutation(len(flat))[:_SOME]
-    apart = cKDTree(flat).query(flat[some], k=2)[0][:, 1]
-    low, middle, high = np.quantile(apart, [0.1, 0.5, 0.9])
+    low, middle, high = np.quantile(cKDTree(flat).query(flat[some], k=2)[0][:, 1], [0.1, 0.5, 0.9])
     step = float(max(middle * (2 if high > _AT_RANDOM * max(low, 1e-9) else 1), _SMALLEST_STEP))
     top, bottom = (float(pick([pick(each[0]) for each in clouds])) for pick in (np.max, np.min))
     rows = max(2, int(np.ceil((top - bottom) / step)) + 1)
     return (top + bottom) / 2 + ((rows - 1) / 2 - np.arange(rows)) * step, step
-
-
-def _phase(azimuth: np.ndarray, columns: int) -> float:
-    """Column offset that centres azimuths in their columns. The columns divide a full turn. Returns 0 if the azimuths
-    lie anywhere."""
-    mean = np.exp(1j * (azimuth * columns - np.pi * (columns - 1))).mean()
-    return float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
 
 
 def _span(azimuth: np.ndarray) -> tuple[float, float | None]:
@@ -211,17 +196,27 @@ class CloudImage:
 
     @cached_property
     def points(self) -> Float32[np.ndarray, "m 3"]:
-        """Points of the image, sensor frame. They keep the cloud's order."""
+        """Points of the image, sensor frame, in the cloud's order."""
         cells = self.cells[self.shown]
         rays = self.grid.model.rays().reshape(-1, 3)
         return rays[cells] * self.measurement.ravel()[cells, None]
 
 
 def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
-    """Return the cloud of a sensor in its grid."""
+    """Return the cloud of a sensor in its grid: each point in the row of its laser, else in the nearest row, if that is
+    no farther than the next row."""
     model = grid.model
     elevation, azimuth, distance = compute_angles(cloud.in_sensor())
-    row, in_rows = _rows(cloud, grid, elevation)
+    rows = np.array(model.elevations)
+    if grid.rings and cloud.ring is not None:
+        numbers = np.array(grid.rings)
+        order = np.argsort(numbers)
+        row = order[np.minimum(np.searchsorted(numbers[order], cloud.ring), len(numbers) - 1)].astype(np.int64)
+        in_rows = numbers[row] == cloud.ring
+    else:
+        row, apart = nearest_row(elevation, rows), -np.diff(rows)
+        widest = np.maximum(np.append(apart, 0), np.insert(apart, 0, 0)) if len(apart) else np.full(1, np.inf)
+        in_rows = np.abs(elevation - rows[row]) <= widest[row]
     turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
     place = np.floor(turned / (model.azimuth_fov / model.columns) + model.columns / 2).astype(np.int64)
     column = np.clip(place, 0, model.columns - 1)
@@ -229,32 +224,10 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
     ranges = distance.astype(np.float32)
     inside = in_rows & in_columns & (ranges > 0) & (ranges < model.max_range)
     cells = row * model.columns + column
-    image = np.full(len(model.elevations) * model.columns, np.inf, np.float32)
     within = np.flatnonzero(inside)
     order = within[np.lexsort((ranges[within], cells[within]))]
-    first = np.diff(cells[order], prepend=-1) > 0
     shown = np.zeros(len(cells), bool)
-    shown[order[first]] = True
+    shown[order[np.diff(cells[order], prepend=-1) > 0]] = True  # the nearest of each cell
+    image = np.zeros(len(rows) * model.columns, np.float32)
     image[cells[shown]] = ranges[shown]
-    image[np.isinf(image)] = 0
     return CloudImage(grid, image.reshape(model.shape), cells, inside, shown)
-
-
-def _rows(
-    cloud: SensorCloud, grid: LidarGrid, elevation: Float64[np.ndarray, " n"]
-) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Row of each point, with a mask. The mask marks the points that have a row. The row is that of their laser, else
-    the nearest one, if it is no farther than the next row."""
-    rows = np.array(grid.model.elevations)
-    if grid.rings and cloud.ring is not None:
-        numbers = np.array(grid.rings)
-        order = np.argsort(numbers)
-        place = np.minimum(np.searchsorted(numbers[order], cloud.ring), len(numbers) - 1)
-        row = order[place].astype(np.int64)
-        return row, numbers[row] == cloud.ring
-    row = nearest_row(elevation, rows)
-    apart = -np.diff(rows)
-    if not len(apart):
-        return row, np.ones(len(row), bool)
-    widest = np.maximum(np.append(apart, 0), np.insert(apart, 0, 0))
-    return row, np.abs(elevation - rows[row]) <= widest[row]

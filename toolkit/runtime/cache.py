@@ -69,7 +69,8 @@ class Cache:
                 found |= dict(database.execute(query, some))
             return found
 
-        found = self._safely(select, {})
+        nothing: dict[bytes, bytes] = {}
+        found = self._safely(select, nothing)
         return [decode_arrays(key, found[key]) if key in found else None for key in keys]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
