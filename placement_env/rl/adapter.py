@@ -28,11 +28,7 @@ X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come n
 
 
 def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> SB3VecEnv:
-    """Adapt a vector environment for Stable-Baselines3 and sb3-contrib.
-
-    vector: of `gymnasium.make_vec("coview/...")`; augment: see `SB3VecEnv`. Raises ValueError for a vector environment
-    that is not coview's own.
-    """
+    """Adapt a vector environment of `gymnasium.make_vec("coview/...")`. Raises ValueError for any other."""
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):
         raise ValueError(f"as_sb3 takes coview's native vector environments, got {vector}: take DummyVecEnv for others")
@@ -40,10 +36,9 @@ def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False
 
 
 def vectorize(first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment: bool = False) -> VecEnv:
-    """Step n episodes of an environment and others like it together.
+    """Step n episodes of an environment and others like it together; coview's own share its scenarios.
 
-    Coview's own environments share its scenarios. Raises ValueError for `augment`, see `SB3VecEnv`, with any other
-    environment.
+    Raises ValueError for `augment`, see `SB3VecEnv`, with any other environment.
     """
     ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
     if ours and isinstance(first, PlacementEnv):
@@ -74,7 +69,7 @@ class SB3VecEnv(VecEnv):
         seeds, options = list(self._seeds), list(self._options)
         self._rng = np.random.default_rng(seeds[0])
         observations, _ = self.vector.reset(seed=seeds, options=options[0])
-        for row in [row for row in range(self.num_envs) if options[row] != options[0]]:
+        for row in (row for row in range(self.num_envs) if options[row] != options[0]):
             mask = np.arange(self.num_envs) == row
             again = [seed if mask[i] else None for i, seed in enumerate(seeds)]
             observations, _ = self.vector.reset(seed=again, options={**options[row], "reset_mask": mask})

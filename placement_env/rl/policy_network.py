@@ -19,10 +19,9 @@ FEATURES = len(STATIC) + len(DYNAMIC)
 
 
 class CandidateNetwork(nn.Module):
-    """Logits of actions and features of the value, from observations of candidates.
+    """Logits of actions and features of the value, from observations of candidates (`placement_env.envs.state`).
 
-    A candidate is judged by its own features, those of the whole, and the mean and maximum over all candidates of the
-    first layer's output (`placement_env.envs.state`).
+    A candidate is judged by its own features, those of the whole, and mean and maximum of the first layer's output.
     """
 
     def __init__(self, slots: int, width: int) -> None:
@@ -42,13 +41,11 @@ class CandidateNetwork(nn.Module):
 
     def forward_actor(self, observations: Tensor) -> Tensor:
         """Return the logits alone."""
-        different, which = distinct(observations)
-        return self._logits(*self._first(different))[which]
+        return self(observations)[0]
 
     def forward_critic(self, observations: Tensor) -> Tensor:
         """Return the value features alone."""
-        different, which = distinct(observations)
-        return torch.relu(self.value(self._first(different)[1]))[which]
+        return self(observations)[1]
 
     def _first(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         of_slots, of_whole = observations[:, : -len(GLOBAL)], observations[:, -len(GLOBAL) :]

@@ -1,9 +1,8 @@
 """Training of policies that place sensors.
 
-MaskablePPO (sb3-contrib) trains environments with action masks, PPO (Stable-Baselines3) all others. Training goes in
-rounds of some PPO updates. Each starts from reset environments and generators seeded by the run's seed and the number
-of the round, so weights, optimiser and the count of steps are the whole state: a training that is killed and called
-again ends with the same weights. Checkpoints hold tensors and numbers only.
+MaskablePPO (sb3-contrib) trains environments with action masks, PPO (Stable-Baselines3) all others, in rounds of some
+updates. Each round starts from reset environments and generators seeded by the run's seed and its number, so a training
+that is killed and called again ends with the same weights. Checkpoints hold tensors and numbers only.
 """
 
 from __future__ import annotations
@@ -41,14 +40,11 @@ ROUNDS_KEPT = 1000  # of which a search knows what it met until then; a policy i
 
 @dataclass(frozen=True)
 class Learning:
-    """Settings of a training.
+    """Settings of a training, those of PPO (Schulman et al. 2017). Episodes are short, so nothing is discounted.
 
     envs: stepped side by side; rollout: steps of each between updates; width: of the two hidden layers, or of
-    `policy_network` if candidates are chosen one after another; the others are PPO's (Schulman et al. 2017). Episodes
-    are short, so nothing is discounted.
-
-    augment: junctions are rotated and mirrored at random in every episode, so that a policy for several junctions
-    memorises less of them (coview's own environments only).
+    `policy_network` if candidates are chosen one after another; augment: junctions are rotated and mirrored at random
+    in every episode, so that a policy for several memorises less of them (coview's own environments only).
     """
 
     envs: int = 16
@@ -77,10 +73,10 @@ def search(
     learning: Learning = EXPLORING,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Train MaskablePPO at this objective alone, then play `EPISODES` episodes.
+    """Best set that MaskablePPO meets, trained at this objective alone, or in `EPISODES` episodes after that.
 
-    Returns the best set of all, including those met in training. Every step counts as an evaluation; without a limit
-    `DEFAULT_STEPS` are trained. checkpoint: keeps the policy, and the best set up to each round.
+    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint: keeps the policy, and
+    the best set up to each round.
     """
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
     limits, best, chosen = Limits(seconds, evaluations), 0.0, np.zeros(len(objective.candidates), np.bool_)
@@ -109,15 +105,9 @@ def search(
             checkpoint.save({"rounds": rounds[-ROUNDS_KEPT:]})
 
         left = None if seconds is None else max(0.0, seconds - limits.elapsed)
+        often = replace(learning, checkpoint_s=checkpoint.every)
         policy = train_policy(
-            make_env,
-            folder,
-            steps=steps,
-            seconds=left,
-            seed=seed,
-            learning=replace(learning, checkpoint_s=checkpoint.every),
-            watch=watch,
-            progress=note,
+            make_env, folder, steps=steps, seconds=left, seed=seed, learning=often, watch=watch, progress=note
         )
     rolled_out = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
     limits.count += rolled_out.evaluations
@@ -141,41 +131,57 @@ def train_policy(
 ) -> OnPolicyAlgorithm:
     """Train until `steps` environment steps are done in all, or `seconds` in this call.
 
-    `out/policy.pt` is kept; called again with the folder, training resumes. Whole rounds are trained, so there may be
-    some more steps. progress: called with the steps done and the mean return of the last 100 episodes, NaN before the
-    first; watch: called with the infos of each step, see `placement_env.rl.adapter`. Raises ValueError without a limit
-    and if `out` holds a training of other settings, ImportError without the libraries.
+    `out/policy.pt` is kept; called again with the folder, training resumes. Whole rounds are trained. progress: called
+    with the steps done and the mean return of the last 100 episodes, NaN before the first; watch: called with the infos
+    of each step, see `placement_env.rl.adapter`. Raises ValueError without a limit and if `out` holds a training of
+    other settings, ImportError without the libraries.
     """
     from models.weight_files import save_atomically
 
     if steps is None and seconds is None:
         raise ValueError("training needs an end: give steps or seconds")
     out.mkdir(parents=True, exist_ok=True)
-    model = _model(make_env, learning, seed)
-    identity = _identity(model, learning, seed)
+    model, identity = _model(make_env, learning, seed)
     if (out / CHECKPOINT).exists():
         _restore(model, out / CHECKPOINT, identity)
+
+    def callback(local: Info, _: object) -> bool:
+        if watch is not None:
+            watch(local["infos"])
+        return True
+
+    def save() -> None:
+        policy = model.policy
+        state = {
+            "steps": model.num_timesteps,
+            "policy": policy.state_dict(),
+            "optimiser": policy.optimizer.state_dict(),
+        }
+        save_atomically(out / CHECKPOINT, {**identity, **state})
+
     began = saved = time.monotonic()
     per_round = UPDATES * learning.envs * learning.rollout
     while model.num_timesteps < (np.inf if steps is None else steps):
         if time.monotonic() - began >= (np.inf if seconds is None else seconds):
             break
-        _begin_round(model, seed, model.num_timesteps // per_round)
-        model.learn(per_round, callback=_callback(watch), reset_num_timesteps=False)
+        number = model.num_timesteps // per_round  # seeds every generator and environment
+        model.set_random_seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1))
+        model.set_env(model.get_env(), force_reset=True)  # type: ignore[arg-type]
+        model.learn(per_round, callback=callback, reset_num_timesteps=False)
         if progress:
             returns = [episode["r"] for episode in model.ep_info_buffer or ()]
             progress(model.num_timesteps, float(np.mean(returns)) if returns else float("nan"))
         if time.monotonic() - saved > learning.checkpoint_s:
-            save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
+            save()
             saved = time.monotonic()
-    save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
+    save()
     return model
 
 
 def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
-    """Return the state of a search up to the round of the kept policy.
+    """State of a search up to the round of the kept policy, which is removed without one; later rounds are dropped.
 
-    A policy without such a state is removed. rounds: steps and state of each, ascending; later ones are dropped.
+    rounds: steps and state of each, ascending.
     """
     from models.weight_files import read_checkpoint
 
@@ -189,26 +195,15 @@ def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
     return None
 
 
-def _callback(watch: Watch | None) -> Callable[[Info, object], bool] | None:
-    """Wrap a function as a callback of Stable-Baselines3 that never stops the training."""
-
-    def callback(local: Info, _: object) -> bool:
-        assert watch is not None
-        watch(local["infos"])
-        return True
-
-    return None if watch is None else callback
-
-
 def load_policy(
     path: Path, make_env: Callable[[], AnyEnv], *, seed: int = 0, learning: Learning = PLAIN
 ) -> OnPolicyAlgorithm:
-    """Load the policy of a checkpoint or its folder, for environments with the same spaces.
+    """Load the policy of a checkpoint or its folder, for environments with the same spaces; nothing is executed.
 
-    Nothing in the file is executed. Raises ValueError for other settings or spaces, FileNotFoundError without a file.
+    Raises ValueError for other settings or spaces, FileNotFoundError without a file.
     """
-    model = _model(make_env, learning, seed)
-    _restore(model, path / CHECKPOINT if path.is_dir() else path, _identity(model, learning, seed))
+    model, identity = _model(make_env, learning, seed)
+    _restore(model, path / CHECKPOINT if path.is_dir() else path, identity)
     return model
 
 
@@ -221,10 +216,9 @@ def rollout(
     seconds: float | None = None,
     options: Info | None = None,
 ) -> Result:
-    """Return the best set that a policy meets in some episodes from the same reset.
+    """Best set that a policy meets in some episodes from the same reset. Raises ValueError below 1 episode.
 
-    The first takes the likeliest actions, others draw from the policy's distribution. Every step counts as an
-    evaluation. Raises ValueError below 1 episode.
+    The first takes the likeliest actions, others draw from the policy's distribution. A step counts as an evaluation.
     """
     import torch
 
@@ -244,8 +238,11 @@ def rollout(
             limits.count += 1
             score = _score(info)
             if best is None or score.reward > best.reward:
-                best, sensors = score, _sensors(env)
+                best = score
                 limits.record(best.reward)
+                if isinstance(env.unwrapped, PlacementEnv):
+                    objective, members = env.unwrapped.placement()
+                    sensors = tuple(objective.candidates.sensors[member] for member in members)
             ended = terminated or truncated
     if best is None:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
@@ -260,28 +257,21 @@ def _score(info: Info) -> Score:
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
     members = np.flatnonzero(subset) if subset.dtype == bool else subset
-    ap, recall, per_sensor, kbit, price = (
-        float(info[name]) for name in ("ap", "recall", "kbit_per_sensor", "kbit", "price")
-    )
-    reward, fidelity, known = sum(terms.values()), str(info["fidelity"]), bool(info["cache_hit"])
-    return Score(tuple(members.tolist()), ap, recall, per_sensor, kbit, price, reward, terms, fidelity, known)
-
-
-def _sensors(env: AnyEnv) -> tuple[Sensor, ...]:
-    """Sensors that one of our environments holds now; empty for other environments."""
-    if not isinstance(env.unwrapped, PlacementEnv):
-        return ()
-    objective, members = env.unwrapped.placement()
-    return tuple(objective.candidates.sensors[member] for member in members)
+    figures: dict[str, Any] = {n: float(info[n]) for n in ("ap", "recall", "kbit_per_sensor", "kbit", "price")}
+    figures |= {"fidelity": str(info["fidelity"]), "cache_hit": bool(info["cache_hit"])}
+    return Score(tuple(members.tolist()), reward=sum(terms.values()), terms=terms, **figures)
 
 
 def _has_masks(env: AnyEnv) -> bool:
-    """Return True if the environment has action masks that MaskablePPO takes."""
+    """True where the environment has action masks that MaskablePPO takes."""
     discrete = isinstance(env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary)
     return discrete and env.has_wrapper_attr("action_masks")
 
 
-def _model(make_env: Callable[[], AnyEnv], learning: Learning, seed: int) -> OnPolicyAlgorithm:
+def _model(
+    make_env: Callable[[], AnyEnv], learning: Learning, seed: int
+) -> tuple[OnPolicyAlgorithm, Mapping[str, object]]:
+    """Untrained model, and the settings that two trainings must share to be the same."""
     try:
         from sb3_contrib import MaskablePPO
         from stable_baselines3 import PPO
@@ -289,11 +279,13 @@ def _model(make_env: Callable[[], AnyEnv], learning: Learning, seed: int) -> OnP
     except ImportError as error:
         raise ImportError("policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]") from error
     from placement_env.rl.adapter import vectorize
+    from placement_env.rl.policy_network import CandidatePolicy
 
     first = make_env()
-    algorithm = MaskablePPO if _has_masks(first) else PPO
-    model = algorithm(
-        _network(first),
+    algorithm: Any = MaskablePPO if _has_masks(first) else PPO
+    one_by_one = isinstance(first.unwrapped, SensorSelectEnv) and isinstance(first.action_space, gym.spaces.Discrete)
+    model: OnPolicyAlgorithm = algorithm(
+        CandidatePolicy if one_by_one else "MlpPolicy",
         vectorize(first, make_env, learning.envs, augment=learning.augment),
         n_steps=learning.rollout,
         batch_size=learning.batch,
@@ -306,35 +298,11 @@ def _model(make_env: Callable[[], AnyEnv], learning: Learning, seed: int) -> OnP
         device="cpu",
     )
     model.set_logger(Logger(None, []))  # or every round leaves a folder behind
-    return model
-
-
-def _network(env: AnyEnv) -> Any:
-    """Choose the network.
-
-    Candidates chosen one after another are all judged alike; other environments get a plain network.
-    """
-    from placement_env.rl.policy_network import CandidatePolicy
-
-    one_by_one = isinstance(env.unwrapped, SensorSelectEnv) and isinstance(env.action_space, gym.spaces.Discrete)
-    return CandidatePolicy if one_by_one else "MlpPolicy"
-
-
-def _identity(model: OnPolicyAlgorithm, learning: Learning, seed: int) -> Mapping[str, object]:
-    """Settings that two trainings must share to be the same."""
-    return {
-        "algorithm": type(model).__name__,
+    return model, {
+        "algorithm": algorithm.__name__,
         "spaces": f"{model.observation_space} {model.action_space}",
         "learning": str(learning),
         "seed": seed,
-    }
-
-
-def _state(model: OnPolicyAlgorithm) -> Mapping[str, object]:
-    return {
-        "steps": model.num_timesteps,
-        "policy": model.policy.state_dict(),
-        "optimiser": model.policy.optimizer.state_dict(),
     }
 
 
@@ -348,11 +316,3 @@ def _restore(model: OnPolicyAlgorithm, path: Path, identity: Mapping[str, object
     model.policy.load_state_dict(state["policy"])
     model.policy.optimizer.load_state_dict(state["optimiser"])
     model.num_timesteps = state["steps"]
-
-
-def _begin_round(model: OnPolicyAlgorithm, seed: int, number: int) -> None:
-    """Seed every generator and environment by the number of the round."""
-    model.set_random_seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1))
-    envs = model.get_env()
-    assert envs is not None
-    model.set_env(envs, force_reset=True)
