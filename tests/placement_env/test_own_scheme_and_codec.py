@@ -13,7 +13,7 @@ from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_fit import fit_detected
 from placement_env.fidelity.hit_model import load_models, save_models
-from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
+from placement_env.fidelity.perception_entropy import PerceptionEntropy
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.surrogate import Surrogate
@@ -211,7 +211,7 @@ def test_a_codec_without_loss_shares_what_was_detected(renders, tmp_path, detect
     assert detector.calls == calls
 
 
-@pytest.mark.parametrize("fidelity", [Coverage, PerceptionEntropy, InformationGain])
+@pytest.mark.parametrize("fidelity", [Coverage, PerceptionEntropy])
 def test_fidelities_that_count_take_both(seen, candidates, fidelity):
     codec, sets = Centimetres(), all_subsets(4)
     estimate = fidelity(seen, Thinned(), codec=codec)(sets)

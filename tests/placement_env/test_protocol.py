@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.coverage import Coverage
-from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
+from placement_env.fidelity.perception_entropy import PerceptionEntropy
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.protocol import FIDELITIES, Fidelity, check_fidelity
 
@@ -14,7 +14,6 @@ SETS = np.random.default_rng(1).random((60, 12)) < 0.35
 MADE: dict[str, Any] = {
     **{f"surrogate, {s}": lambda seen, models, s=s: Surrogate(seen, s, models[s]) for s in ("early", "late", "hybrid")},
     **{f"entropy, {s}": lambda seen, _, s=s: PerceptionEntropy(seen, s) for s in ("early", "late", "hybrid")},
-    "information gain": lambda seen, _: InformationGain(seen),
     "coverage": lambda seen, _: Coverage(seen),
 }
 

@@ -18,7 +18,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from placement_env.fidelity.coverage import Coverage
-from placement_env.fidelity.published_surrogates import PerceptionEntropy
+from placement_env.fidelity.perception_entropy import PerceptionEntropy
 from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState

@@ -154,8 +154,10 @@ class Judging:
     @cached_property
     def _fast(self) -> dict[str, Callable[[np.ndarray], Any]]:
         """Fast fidelities on the traffic of the judgement."""
+        from information_gain import InformationGain
+
         from placement_env.fidelity.coverage import Coverage
-        from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
+        from placement_env.fidelity.perception_entropy import PerceptionEntropy
         from placement_env.fidelity.surrogate import Surrogate
 
         vehicles = self.prepared(2, self.frames).visibility

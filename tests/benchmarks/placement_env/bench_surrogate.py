@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[3]))
+sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
 
 if TYPE_CHECKING:
     from placement_env.fidelity.hit_model import HitModel
@@ -59,8 +59,10 @@ def leaderboard(
     visibility: Visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.ndarray, model: HitModel | None = None
 ) -> None:
     """Print a line for each surrogate, best first."""
+    from information_gain import InformationGain
+
     from placement_env.fidelity.coverage import Coverage
-    from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
+    from placement_env.fidelity.perception_entropy import PerceptionEntropy
     from placement_env.fidelity.surrogate import Surrogate
 
     entries: dict[str, Callable[[np.ndarray], Sequence[np.ndarray]]] = {
