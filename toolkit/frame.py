@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, Protocol, SupportsFloat, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, SupportsFloat, runtime_checkable
 
 import numpy as np
 
@@ -66,53 +66,50 @@ class SensorCloud:
         return points if self.frame == "world" else transform(self.world_SE3_sensor, points)
 
 
-@runtime_checkable
-class Region(Protocol):
+class Region:
     """Region in which a frame's labels are complete."""
+
+    kind: ClassVar[str]
 
     def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
         """Mask of the boxes inside the region, world frame."""
-        ...
+        raise NotImplementedError
 
     def record(self) -> dict[str, object]:
         """Return its kind and numbers for JSON. `parse_region` reads them back."""
-        ...
+        return {"kind": self.kind, **{name: np.asarray(value).tolist() for name, value in vars(self).items()}}
 
 
 @dataclass(frozen=True)
-class Everywhere:
+class Everywhere(Region):
     """Labels are complete wherever there are points."""
+
+    kind = "everywhere"
 
     def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
         """Mask of all boxes."""
         return np.ones(len(boxes), bool)
 
-    def record(self) -> dict[str, object]:
-        """Return its kind."""
-        return {"kind": "everywhere"}
-
 
 @dataclass(frozen=True)
-class Rectangle:
+class Rectangle(Region):
     """Detection area in which labels are complete. area: xmin, ymin, xmax, ymax (m)."""
 
+    kind = "rectangle"
     area: tuple[float, float, float, float]
 
     def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
         """Mask of the boxes with their centre in the area."""
         return np.asarray(((boxes[:, :2] >= self.area[:2]) & (boxes[:, :2] <= self.area[2:])).all(axis=1))
 
-    def record(self) -> dict[str, object]:
-        """Return its kind and area."""
-        return {"kind": "rectangle", "area": list(self.area)}
-
 
 @dataclass(frozen=True, eq=False)
-class ImageWedge:
+class ImageWedge(Region):
     """Labels are complete in what one camera sees, but for `ignored` rectangles (left, top, right, bottom; DontCare) of
     its image. projection: world → pixels, homogeneous.
     """
 
+    kind = "image"
     projection: Float64[np.ndarray, "3 4"]
     width: int
     height: int
@@ -137,12 +134,6 @@ class ImageWedge:
         limits = np.array([self.width - 1.0, self.height - 1.0])
         low, high = (np.clip(np.stack([end(u, axis=1), end(v, axis=1)], axis=1), 0, limits) for end in (np.min, np.max))
         return np.where((depth > 0).all(axis=1, keepdims=True), np.hstack([low, high]), 0.0)
-
-    def record(self) -> dict[str, object]:
-        """Return its kind, projection, image and ignored regions."""
-        size = {"width": self.width, "height": self.height}
-        ignored = [list(region) for region in self.ignored]
-        return {"kind": "image", "projection": self.projection.tolist(), **size, "ignored": ignored}
 
     def _pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         homogeneous = points @ self.projection[:, :3].T + self.projection[:, 3]
