@@ -44,7 +44,7 @@ def recording_detector(
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
     learnt = learn_cluster_detector(scenes or Scenes(recording), recording[0], place)
-    return learnt if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.clusters.background)
+    return learnt if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.background)
 
 
 def _at_site(name: str, recording: Recording, site: Site) -> Detector:

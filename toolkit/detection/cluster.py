@@ -18,9 +18,9 @@ points of a frame that stand out from them into objects by DBSCAN (M. Ester and 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import open3d as o3d
@@ -32,7 +32,7 @@ from toolkit.calibration.ground import level
 from toolkit.calibration.scenes import Scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import Background, empty_sweeps
-from toolkit.detection.place import Place, crop_points, find_middle
+from toolkit.detection.place import Corners, Place, crop_points, find_middle
 from toolkit.frame import Frame
 from toolkit.geometry import transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
@@ -51,13 +51,16 @@ SWEEPS = 4  # noisy sweeps of the empty scenes for learning a background
 class ClusterDetector:
     """Detector of all classes, learnt from nothing but points of the empty site, world frame. cell: edge of the cells
     that are clustered (m); reach: greatest distance between neighbouring cells of a cluster, tried from the first to
-    the last while the cluster is too large for a car (m); fewest: points of a cluster.
+    the last while the cluster is too large for a car (m); fewest: points of a cluster; area: xmin ymin xmax ymax (m),
+    below 4 m, to which points are cropped, None for no crop.
     """
 
+    labels: ClassVar[tuple[str, ...]] = LABELS
     background: Background
     cell: float = 0.2
     reach: tuple[float, ...] = (0.9, 0.6, 0.4, 0.28)
     fewest: int = 5
+    area: Corners | None = None
 
     @staticmethod
     def learn(background_points: Float[np.ndarray, "n 3"] | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
@@ -73,17 +76,14 @@ class ClusterDetector:
         return ClusterDetector.learn(empty_sweeps(recording))
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """Known classes: all of them, by size."""
-        return LABELS
-
-    @property
     def digest(self) -> str:
         """SHA-256 of the empty site and the settings."""
-        return self.background.digest_settings(repr((self.cell, self.reach, self.fewest)).encode())
+        settings = repr((self.cell, self.reach, self.fewest)).encode()
+        return self.background.digest_settings(settings) + ("" if self.area is None else f" {self.area}")
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Detect in points (n, 3), world frame. Points that are not finite are left out."""
+        points = points if self.area is None else crop_points(points, self.area)
         points = points[np.isfinite(points).all(axis=1)]
         is_background = self.background.holds(points)
         clusters = self._clusters(points[~is_background].astype(np.float64), self.reach)
@@ -220,28 +220,6 @@ class Clusters:
         return self.points[self.of == number]
 
 
-@dataclass(frozen=True)
-class AreaClusters:
-    """Cluster detector in an area (xmin ymin xmax ymax, m, below 4 m) with a known empty scene."""
-
-    clusters: ClusterDetector
-    area: tuple[float, float, float, float]
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Classes it knows."""
-        return self.clusters.labels
-
-    @property
-    def digest(self) -> str:
-        """Digest of all that its detections depend on."""
-        return f"{self.clusters.digest} {self.area}"
-
-    def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detect in the points of the area."""
-        return self.clusters(crop_points(points, self.area))
-
-
 def foreground_clusters(
     sample: Frame, scenes: Scenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
 ) -> Clusters:
@@ -272,7 +250,7 @@ def cluster_points(
     return _dbscan(points - points.mean(axis=0), reach, fewest) if len(points) else np.zeros(0, np.int64)
 
 
-def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(), *, seed: int = 0) -> AreaClusters:
+def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(), *, seed: int = 0) -> ClusterDetector:
     """Return a detector of what stands out from the empty scenes of lidars that stand as in a frame. place: the one it
     will detect in. Raises ValueError where the empty scenes have no point in the area.
     """
@@ -286,7 +264,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(),
     ground = None if method == "none" else level(sweeps[0], method=method)
     area = (-x, -y, x, y)
     upright = [(sweep if ground is None else ground.points(sweep)).astype(np.float32) for sweep in sweeps]
-    return AreaClusters(ClusterDetector.learn([crop_points(points, area) for points in upright]), area)
+    return replace(ClusterDetector.learn([crop_points(points, area) for points in upright]), area=area)
 
 
 def _sweep(scenes: Scenes, name: str, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
