@@ -137,7 +137,7 @@ def evaluate(
     >>> evaluate([Detections(car, np.array([0.9]))], [Objects(car)], iou_thresholds=[0.7])[0.7].ap
     1.0
     """
-    thresholds = list(dict.fromkeys(_check(iou_thresholds, metric, protocol)))
+    thresholds, label = list(dict.fromkeys(_check(iou_thresholds, metric, protocol))), label_index(label)
     scores: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0)] for threshold in thresholds}
     hits: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
     to_find = 0
@@ -148,16 +148,30 @@ def evaluate(
             raise ValueError(
                 f"detections, truths and counted must have equally many frames, but one ended after {number}"
             )
-        frame = _frame(detected, there, label_index(label), mask, f" of frame {number}")
-        if protocol == "published" and not len(frame.truths):
+        overlaps = _overlap(detected, there, label, mask, metric, protocol, f" of frame {number}")
+        if protocol == "published" and not len(overlaps.columns):
             continue
-        overlaps = _overlaps(frame, metric, protocol)
-        to_find += len(frame.truths)
+        to_find += len(overlaps.columns)
         for threshold in thresholds:
-            taken, ignored = _resolve(overlaps, threshold, protocol)
+            taken, ignored = overlaps.resolve(threshold)
             scores[threshold].append(overlaps.scores[~ignored])
             hits[threshold].append(taken[~ignored] >= 0)
-    return {t: _score(np.concatenate(scores[t]), np.concatenate(hits[t]), to_find) for t in thresholds}
+    results = {}
+    for threshold in thresholds:
+        every, hit = np.concatenate(scores[threshold]), np.concatenate(hits[threshold])
+        curve, tp = precision_recall(every, hit, to_find), int(hit.sum())
+        results[threshold] = DetectionScore(
+            average_precision(curve) if to_find else np.nan,
+            precision=tp / len(hit) if len(hit) else np.nan,
+            recall=tp / to_find if to_find else np.nan,
+            tp=tp,
+            fp=len(hit) - tp,
+            truths=to_find,
+            curve=curve,
+            scores=every,
+            hits=hit,
+        )
+    return results
 
 
 def match(
@@ -194,23 +208,22 @@ def matches(
 ) -> Iterator[Match]:
     """Yield `match` at several IoU thresholds."""
     thresholds = _check(iou_thresholds, metric, protocol)
-    frame = _frame(detections, truths, label_index(label), counted)
-    overlaps = _overlaps(frame, metric, protocol)
-    rows = frame.rows[overlaps.order]
+    overlaps = _overlap(detections, truths, label_index(label), counted, metric, protocol)
+    rows, columns = overlaps.rows, overlaps.columns
     for threshold in thresholds:
-        taken, ignored = _resolve(overlaps, threshold, protocol)
+        taken, ignored = overlaps.resolve(threshold)
         hitting = np.flatnonzero(taken >= 0)
         result = Match(
             truth=np.full(len(detections), -1),
             iou=np.zeros(len(detections)),
             ignored=np.ones(len(detections), bool),
             hit=np.zeros(len(truths), bool),
-            scored=np.isin(np.arange(len(truths)), frame.columns),
+            scored=np.isin(np.arange(len(truths)), columns),
         )
-        result.truth[rows[hitting]] = frame.columns[taken[hitting]]
+        result.truth[rows[hitting]] = columns[taken[hitting]]
         result.iou[rows[hitting]] = overlaps.iou[hitting, taken[hitting]]
         result.ignored[rows] = ignored
-        result.hit[frame.columns[taken[hitting]]] = True
+        result.hit[columns[taken[hitting]]] = True
         yield result
 
 
@@ -294,72 +307,52 @@ def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -
     return iou
 
 
-class _Frame(NamedTuple):
-    """Detections of the label, scored truths, and objects that are not scored, of one frame."""
-
-    boxes: np.ndarray
-    scores: np.ndarray
-    rows: np.ndarray  # of the detections in the input
-    truths: np.ndarray
-    columns: np.ndarray  # of the truths in the input
-    unscored: np.ndarray
-
-
 class _Overlaps(NamedTuple):
-    """Overlaps of a frame's detections, best first, with its truths and the objects that are not scored."""
+    """Overlaps of a frame's n detections of a label, best first, with its m scored truths and the other objects."""
 
-    order: np.ndarray  # (n,) rows of the detections, best first; the other fields follow this order
+    rows: np.ndarray  # (n,) of the detections in the input
+    columns: np.ndarray  # (m,) of the truths in the input
     scores: np.ndarray  # (n,)
-    iou: np.ndarray  # (n, m) with the truths
+    iou: np.ndarray  # (n, m)
     elsewhere: np.ndarray  # (n, 2) greatest IoU with an object that is not scored, and share of the footprint on one
+    protocol: Protocol
+
+    def resolve(self, threshold: float) -> tuple[np.ndarray, np.ndarray]:
+        """Truth that each detection hit, or -1, and a mask of ignored ones."""
+        taken = (claim_then_test if self.protocol == "published" else greedy)(self.iou, threshold)
+        iou, share = self.elsewhere.T
+        return taken, ((iou >= threshold) | (share > MOSTLY)) & (taken < 0)
 
 
-def _overlaps(frame: _Frame, metric: Overlap, protocol: Protocol) -> _Overlaps:
-    exact = iou_3d if metric == "3d" else iou_bev
-    between = partial(sample_iou, metric=metric) if protocol == "published" else exact
-    every = between(frame.boxes, np.concatenate([frame.truths, frame.unscored]))
-    iou, unscored = every[:, : len(frame.truths)], every[:, len(frame.truths) :]
-    share = footprint_overlap(frame.boxes, frame.unscored)
-    elsewhere = np.stack([unscored.max(axis=1, initial=0), share.max(axis=1, initial=0)], axis=1)
-    order = np.lexsort((-iou.max(axis=1, initial=0), -frame.scores))
-    return _Overlaps(order, frame.scores[order], iou[order], elsewhere[order])
-
-
-def _resolve(overlaps: _Overlaps, threshold: float, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
-    """Truth that each detection hit, best first, or -1, and a mask of ignored ones."""
-    taken = (claim_then_test if protocol == "published" else greedy)(overlaps.iou, threshold)
-    iou, share = overlaps.elsewhere.T
-    return taken, ((iou >= threshold) | (share > MOSTLY)) & (taken < 0)
-
-
-def _frame(detected: Detections, there: Objects, label: int, counted: ArrayLike | None, where: str = "") -> _Frame:
+def _overlap(
+    detected: Detections,
+    there: Objects,
+    label: int,
+    counted: ArrayLike | None,
+    metric: Overlap,
+    protocol: Protocol,
+    where: str = "",
+) -> _Overlaps:
     if np.isnan(detected.scores).any():
         raise ValueError(f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{where} is NaN")
     scored = there.labels == label
-    unscored = (there.labels == HEAVY) if label == VEHICLE else np.zeros(len(there), bool)
+    unscored = (there.labels == HEAVY) & (label == VEHICLE)
     if counted is not None:
         mask = np.asarray(counted, bool)
         if mask.shape != scored.shape:
             raise ValueError(f"counted{where} must have one entry for each of {len(there)} truths, got {mask.shape}")
         scored, unscored = scored & mask, unscored | (scored & ~mask)
     rows, columns = np.flatnonzero(detected.labels == label), np.flatnonzero(scored)
-    boxes, truths = check_boxes(detected.boxes, "detections" + where), check_boxes(there.boxes, "truths" + where)
-    return _Frame(boxes[rows], detected.scores[rows], rows, truths[columns], columns, truths[unscored])
-
-
-def _score(scores: np.ndarray, hits: np.ndarray, truths: int) -> DetectionScore:
-    curve, tp = precision_recall(scores, hits, truths), int(hits.sum())
-    return DetectionScore(
-        ap=average_precision(curve) if truths else np.nan,
-        precision=tp / len(hits) if len(hits) else np.nan,
-        recall=tp / truths if truths else np.nan,
-        tp=tp,
-        fp=len(hits) - tp,
-        truths=truths,
-        curve=curve,
-        scores=scores,
-        hits=hits,
-    )
+    boxes, truths = check_boxes(detected.boxes, "detections" + where)[rows], check_boxes(there.boxes, "truths" + where)
+    exact = iou_3d if metric == "3d" else iou_bev
+    between = partial(sample_iou, metric=metric) if protocol == "published" else exact
+    every = between(boxes, np.concatenate([truths[columns], truths[unscored]]))
+    iou, others = every[:, : len(columns)], every[:, len(columns) :]
+    share = footprint_overlap(boxes, truths[unscored])
+    elsewhere = np.stack([others.max(axis=1, initial=0), share.max(axis=1, initial=0)], axis=1)
+    order = np.lexsort((-iou.max(axis=1, initial=0), -detected.scores[rows]))
+    best = rows[order]
+    return _Overlaps(best, columns, detected.scores[best], iou[order], elsewhere[order], protocol)
 
 
 def _check(iou_thresholds: Iterable[float], metric: str, protocol: str) -> list[float]:
