@@ -134,10 +134,10 @@ def delay_frames(
         history.append(now)
         for times, line in zip(arrived, lines, strict=True):
             times.append(line.arrival(now.time))
+        stale = sum(now.time - frame.time > STALE + 1e-9 for frame in history)
         newest: list[int | None] = []  # number of the newest frame of each sensor that can be read
         for times in arrived:
-            young = [j for j, frame in enumerate(history) if now.time - frame.time <= STALE + 1e-9]
-            read = ((j, [j] if needed is None else needed(j)) for j in reversed(young))
+            read = ((j, [j] if needed is None else needed(j)) for j in reversed(range(stale, len(history))))
             newest.append(next((j for j, of in read if all(times[each] <= now.time + 1e-9 for each in of)), None))
         sent, _ = _put_together(history, [len(history) - 1] * len(arrived), frozen)
         yield Lagged(*_put_together(history, newest, frozen), now.time - history[0].time, sent)

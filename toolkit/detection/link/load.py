@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.arrays import Float64, Int64
+from toolkit.arrays import Int64
 from toolkit.runtime.text_tables import align_columns
 
 PACKET = 1400  # bytes of a message in a packet
@@ -56,11 +56,6 @@ class SetLoad:
         return {"scheme": self.scheme, "sensors": self.sensors, **self.load.as_dict()}
 
 
-def count_packets(bits: Int64[np.ndarray, "*shape"]) -> Int64[np.ndarray, "*shape"]:
-    """Number of packets for messages of these bits."""
-    return -(-np.asarray(bits, np.int64) // (8 * PACKET))
-
-
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
     """Load of all sensors' messages of every frame, at a rate (Hz). Raises ValueError for a rate not above 0 and
     without messages.
@@ -69,7 +64,7 @@ def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoa
         raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")
     if not bits.size:
         raise ValueError(f"there must be a message on a link, got {bits.shape[0]} frames of {bits.shape[1]} sensors")
-    packets: Float64[np.ndarray, "..."] = count_packets(bits).astype(np.float64)
+    packets = -(-bits // (8 * PACKET))
     mbit = float(bits.sum(axis=1).mean()) * rate / 1e6
     shares = {name: mbit / capacity for name, capacity in CAPACITIES.items()}
     return LinkLoad(float(rate), mbit, float(packets.mean()), float((packets <= 1).mean()), shares)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.detection.link.load import CAPACITIES, PACKET, SetLoad, count_packets, format_loads, link_load
+from toolkit.detection.link.load import CAPACITIES, PACKET, SetLoad, format_loads, link_load
 
 
 def test_packets_of_sensors_at_ten_hertz():
@@ -16,7 +16,7 @@ def test_packets_of_sensors_at_ten_hertz():
     assert load.as_dict()["rate"] == 10.0
     assert PACKET == 1400
     assert list(CAPACITIES) == list(load.shares)
-    assert count_packets(np.array([0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000])).tolist() == [0, 1, 1, 2, 10]
+    assert link_load(np.array([[0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000]]), 10.0).packets == 14 / 5
     for rate in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="rate must be above 0"):
             link_load(np.ones((1, 1), np.int64), rate)
