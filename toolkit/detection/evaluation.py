@@ -453,13 +453,10 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
         write_text(unfinished / "table.json", json.dumps(table, indent=1))
         for label, iou in dict.fromkeys((row.label, row.iou) for row in rows):
             some = [row for row in rows if (row.label, row.iou) == (label, iou)]
-            curves = {
-                f"{row.scheme} {','.join(map(str, row.sensors))}: AP {row.ap:.3f}": (
-                    row.curve.recall,
-                    row.curve.precision,
-                )
-                for row in some
-            }
+            curves = {}
+            for row in some:
+                title = f"{row.scheme} {','.join(map(str, row.sensors))}: AP {row.ap:.3f}"
+                curves[title] = row.curve.recall, row.curve.precision
             (name,) = curve_files([label], [iou])
             title = f"IoU {iou:g}" if label == LABELS[VEHICLE] else f"{label}, IoU {iou:g}"
             draw_pr_curves(curves, unfinished / name, title=title)

@@ -54,11 +54,6 @@ class Stand:
         near = points - [*self.middle, 0.0]
         return (near if self.ground is None or not len(near) else self.ground.points(near)).astype(np.float32)
 
-    def lift_boxes(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Return boxes on level ground, counted from the middle. boxes: world frame."""
-        near = boxes - np.array([*self.middle, 0, 0, 0, 0, 0])
-        return near if self.ground is None or not len(near) else self.ground.boxes(near)
-
     def put_back(self, found: Detections) -> Detections:
         """Return detections of lifted points in the world frame."""
         if isinstance(self.area, Site):
@@ -161,7 +156,8 @@ def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
             # a point is where labels are complete if a small box there is
             small = np.column_stack([points, np.full((len(points), 3), 0.1), np.zeros(len(points))])
             clouds.append(crop_points(stand.lift(points[frame.complete.covers(small)]), stand.area))
-        boxes = stand.lift_boxes(frame.objects.boxes)
+        boxes = frame.objects.boxes - np.array([*stand.middle, 0, 0, 0, 0, 0])
+        boxes = boxes if stand.ground is None or not len(boxes) else stand.ground.boxes(boxes)
         near = (np.abs(boxes[:, :2]) <= np.array([x, y]) + MARGIN_AROUND).all(axis=1)
         objects = Objects(boxes, frame.objects.labels, frame.objects.ids)[np.asarray(near)]
         yield LevelFrame(tuple(sensor.name for sensor in frame.sensors), tuple(clouds), objects, (-x, -y, x, y))

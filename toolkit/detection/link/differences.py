@@ -229,7 +229,7 @@ def encode_difference(
     whole, towards = reference.predict(by_reference)
     residuals = towards * (steps[by_reference] - whole)
     return (
-        coding.write_fixed(squares[there].astype(np.int64), 1)
+        coding.write_bits(squares[there].astype(np.int64), 1)
         + coding.encode_mask(sent ^ still)
         + coding.pack_integers(coding.fold(residuals))
         + coding.encode_values(steps, sent & ~still, by_reference)
@@ -242,7 +242,7 @@ def decode_difference(content: bytes, start: int, reference: Reference) -> tuple
     """
     shape = (int(reference.fine.shape[0]), int(reference.fine.shape[1]))
     there = _count_pixels(reference.known) > 0
-    chosen, start = coding.read_fixed(content, start, int(there.sum()), 1)
+    chosen, start = coding.read_bits(content, start, np.ones(int(there.sum()), np.int64))
     squares = np.zeros(there.shape, bool)
     squares[there] = chosen.astype(bool)
     still = reference.known & _spread(squares, shape)

@@ -44,7 +44,7 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
         packer = zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy)
         packed = packer.compress(symbols.astype(np.uint8).tobytes()) + packer.flush()
         deflated = packed if not deflated or len(packed) < len(deflated) else deflated
-    return _variable(len(values)) + _variable(len(deflated)) + deflated + _write_bits(values, low)
+    return _variable(len(values)) + _variable(len(deflated)) + deflated + write_bits(values, low)
 
 
 def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarray, " n"], int]:
@@ -67,28 +67,18 @@ def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarra
         raise ValueError(f"packed numbers have symbols up to {_SMALL + 57}, got {symbols.max()}")
     half, second = np.divmod(np.maximum(symbols - _SMALL, 0), 2)
     low = np.where(symbols < _SMALL, 0, half + _FIRST_SIZE - 2)
-    bits, end = _read_bits(data, start + length, low)
+    bits, end = read_bits(data, start + length, low)
     return np.where(symbols < _SMALL, symbols, (2 + second << low) | bits), end
 
 
-def write_fixed(values: Int64[np.ndarray, " n"], width: int) -> bytes:
-    """Write numbers of `width` bits each, highest first. Zeros fill the last byte."""
-    return _write_bits(values, np.full(len(values), width))
-
-
-def read_fixed(data: bytes, start: int, count: int, width: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Read numbers of `write_fixed`, and their end. Raises ValueError if bytes are missing or filled otherwise."""
-    if count * width > 8 * (len(data) - start):
-        raise ValueError(f"{count} numbers of {width} bits do not fit the {len(data) - start} bytes that follow")
-    return _read_bits(data, start, np.full(count, width))
-
-
-def _write_bits(values: np.ndarray, width: np.ndarray) -> bytes:
-    """Write the lower `width` bits of each number."""
+def write_bits(values: Int64[np.ndarray, " n"], width: int | Int64[np.ndarray, " n"]) -> bytes:
+    """Write the lower `width` bits of each number, highest first. Zeros fill the last byte."""
+    width = np.broadcast_to(width, len(values))
     return np.packbits((np.repeat(values, width) >> _places(width)) & 1).tobytes()
 
 
-def _read_bits(data: bytes, start: int, width: np.ndarray) -> tuple[np.ndarray, int]:
+def read_bits(data: bytes, start: int, width: Int64[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " n"], int]:
+    """Read numbers of `write_bits`, and their end. Raises ValueError if bytes are missing or filled otherwise."""
     total = int(width.sum())
     end = start + -(-total // 8)
     if end > len(data):

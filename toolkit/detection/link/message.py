@@ -145,8 +145,8 @@ class Inbox:
     """Messages of one sensor, each taken once, and none after a newer one.
 
     sensor: its number, see `sensor_number`; latest: header of the last message taken, None before the first; taken,
-    duplicates, late: counts. A message with a number not above the last one is a duplicate, if that number was taken
-    before, or else late; both are counted and not shown. Skipped numbers are lost until they arrive late.
+    duplicates, late, lost: counts. A number not above the last one is a duplicate, if it was taken before, or else
+    late; neither is shown. Skipped numbers are lost until they arrive late.
     """
 
     def __init__(self, sensor: int) -> None:
@@ -154,7 +154,7 @@ class Inbox:
         self.latest: MessageHeader | None = None
         self.taken = self.duplicates = self.late = 0
         self._seen: deque[int] = deque(maxlen=REMEMBERED)
-        self._first = self._missing = 0
+        self._first = self.lost = 0
 
     def receive(self, message: bytes) -> Arrival:
         """Take a message, or return why not. Raises ValueError for a damaged message, another sensor's, or a time that
@@ -168,7 +168,7 @@ class Inbox:
                 return Arrival.DUPLICATE
             self._seen.append(header.number)
             self.late += 1
-            self._missing -= header.number > self._first
+            self.lost -= header.number > self._first
             return Arrival.LATE
         if self.latest is not None and header.time_us < self.latest.time_us:
             raise ValueError(
@@ -178,16 +178,11 @@ class Inbox:
         if self.latest is None:
             self._first = header.number
         else:
-            self._missing += header.number - self.latest.number - 1
+            self.lost += header.number - self.latest.number - 1
         self.latest = header
         self.taken += 1
         self._seen.append(header.number)
         return Arrival.TAKEN
-
-    @property
-    def lost(self) -> int:
-        """Number of messages between the first and the last one taken that have not arrived."""
-        return self._missing
 
     def age(self, now: float) -> float:
         """Seconds since the shown measurement. Infinite before the first."""

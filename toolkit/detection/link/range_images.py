@@ -23,7 +23,7 @@ import numpy as np
 from toolkit.arrays import Float32, Float64, ImageMask, ImageRanges, ImageSteps
 from toolkit.detection.codec import PAPER, Amount, Codec, Message, Parameters, RangeImage
 from toolkit.detection.link import message as wire
-from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_fixed, write_fixed
+from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_bits, write_bits
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
@@ -54,7 +54,7 @@ def encode_boxes(detections: Detections) -> bytes:
     for column in table.astype(np.int64).T if len(table) else ():
         least, width = int(column.min()), int(np.ptp(column)).bit_length()
         heads.append(_COLUMN.pack(width, least))
-        bodies.append(write_fixed(column - least, width))
+        bodies.append(write_bits(column - least, width))
     return _COUNT.pack(len(detections)) + b"".join(heads + bodies)
 
 
@@ -75,7 +75,7 @@ def decode_boxes(content: bytes) -> Detections:
         width, least = _COLUMN.unpack_from(content, _COUNT.size + place * _COLUMN.size)
         if width > 31:
             raise ValueError(f"numbers of boxes have up to 31 bits, got {width}")
-        numbers, start = read_fixed(content, start, count, width)
+        numbers, start = read_bits(content, start, np.full(count, width))
         columns.append(numbers + least)
     if start != len(content):
         raise ValueError(f"{count} boxes must end the message, got {len(content) - start} more bytes")

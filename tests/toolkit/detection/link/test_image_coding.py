@@ -13,9 +13,9 @@ from toolkit.detection.link.image_coding import (
     decode_pixels,
     encode_pixels,
     pack_integers,
-    read_fixed,
+    read_bits,
     unpack_integers,
-    write_fixed,
+    write_bits,
 )
 
 numbers = st.lists(st.one_of(st.integers(0, 20), st.integers(0, LARGEST)), max_size=60)
@@ -46,12 +46,12 @@ def test_numbers_are_packed_in_few_bytes():
     entropy = -(share[share > 0] * np.log2(share[share > 0])).sum()
     assert 8 * len(pack_integers(values)) < 1.08 * entropy * len(values)
     values = np.array([5, 0, 7, 1])
-    assert write_fixed(values, 3) == bytes([0b10100011, 0b10010000])
-    again, end = read_fixed(b"xx" + write_fixed(values, 3), 2, 4, 3)
+    assert write_bits(values, 3) == bytes([0b10100011, 0b10010000])
+    again, end = read_bits(b"xx" + write_bits(values, 3), 2, np.full(4, 3))
     assert (again.tolist(), end) == (values.tolist(), 4)
-    assert read_fixed(b"", 0, 4, 0)[0].tolist() == [0] * 4
-    with pytest.raises(ValueError, match="4 numbers of 3 bits do not fit the 1 bytes"):
-        read_fixed(b"x", 0, 4, 3)
+    assert read_bits(b"", 0, np.zeros(4, np.int64))[0].tolist() == [0] * 4
+    with pytest.raises(ValueError, match="12 bits do not fit the 1 bytes"):
+        read_bits(b"x", 0, np.full(4, 3))
 
 
 @pytest.mark.parametrize("values", [[-1], [LARGEST + 1], [3, -5]])
