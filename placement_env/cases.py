@@ -50,22 +50,22 @@ TIE = 1e-6  # share of the intact set's AP, so that a search that adds one senso
 
 @dataclass(frozen=True, kw_only=True)
 class Cases:
-    """Circumstances under which a set is scored."""
+    """Conditions under which a set of sensors is scored."""
 
     iou: float | str | tuple[float, ...] = 0.7
-    """IoU from which a detection counts; 0.5:0.95 for the mean AP over 0.5, 0.55 to 0.95, as in COCO."""
+    """IoU at which a detection counts; 0.5:0.95 averages AP over 0.5, 0.55 to 0.95, as in COCO."""
     failing: int = 0
-    """Sensors that fail (0 to 2); what is left of a set counts."""
+    """Number of sensors that fail (0 to 2); the remaining sensors are scored."""
     failures: Combine = "worst"
-    """Whether the worst choice of failing sensors counts, or the mean."""
+    """Score the worst choice of failing sensors, or the mean over all choices."""
     levels: int = 1
-    """Levels of traffic (1 to 4), by the number of road users present; each is scored by itself."""
+    """Number of traffic levels (1 to 4), from thin to dense, that are scored separately."""
     levels_by: Combine = "worst"
-    """Whether the level of least AP counts, or the mean."""
+    """Score the worst traffic level, or the mean over levels."""
     errors: Profiles = ("paper",)
-    """Error profiles of the sensors, one or several, known to the detector alone."""
+    """Error profiles of the sensors: paper, surveyed, typical, poor; for scoring by the detector."""
     errors_by: Combine = "worst"
-    """Whether the error profile of least AP counts, or the mean."""
+    """Score the worst error profile, or the mean over profiles."""
 
     def __post_init__(self) -> None:
         ious = _thresholds(self.iou)

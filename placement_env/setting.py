@@ -30,12 +30,12 @@ Rendering = Literal["auto", "full", "panorama"]
 
 @dataclass(frozen=True)
 class Weights:
-    """Costs in AP that are taken off the reward; with both 0 it is the AP. Raises ValueError for negative ones."""
+    """Penalties subtracted from the AP."""
 
     comm: float = 0.0
-    """AP that a kbit per sensor and frame costs."""
+    """Penalty per kbit, sensor and frame, in AP."""
     price: float = 0.0
-    """AP that one ordinary mount costs."""
+    """Penalty per ordinary pole, in AP."""
 
     def __post_init__(self) -> None:
         if not (0 <= self.comm < math.inf and 0 <= self.price < math.inf):

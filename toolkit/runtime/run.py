@@ -33,12 +33,12 @@ _Out = TypeVar("_Out")
 
 @dataclass(frozen=True, kw_only=True)
 class Processes:
-    """Processes or machines that do the work."""
+    """Parallel work."""
 
     workers: int | None = 1
-    """Processes on this machine; None for one per core."""
+    """Number of processes on this machine; None for one per core."""
     ray: str | None = None
-    """Address of a Ray cluster to work on instead; auto for the one this machine is in, local for this machine."""
+    """Ray cluster to use instead: its address, auto to join this machine's cluster, or local to start one."""
     progress: Stages | None = field(default=None, compare=False, repr=False)
     """Called with the name of a stage, what is done and what is to be done (None where unknown)."""
 
@@ -77,14 +77,14 @@ class Processes:
 
 @dataclass(frozen=True, kw_only=True)
 class Run(Processes):
-    """Computation of an answer: random numbers, amount of traffic, cache and processes."""
+    """Random numbers, amount of traffic, cache and processes."""
 
     seed: int = 0
     """Seed of all random numbers."""
     frames: int | None = None
-    """Number of frames; None for the usual number, or all of a recording."""
+    """Number of frames; None for the usual number, or for all frames of a recording."""
     cache: Path | None = None
-    """Folder that keeps results of long work for the next run; None for no folder."""
+    """Folder that keeps intermediate results, so that an interrupted run resumes; None for no folder."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -31,15 +31,15 @@ def demo(
 ) -> int:
     """Show what six sensors at a T-junction detect, and plan which to build.
 
-    Table, pictures, PR curves, and a report to open in a browser.
+    Makes a table, pictures, PR curves, and a report to open in a browser.
 
     Args:
         out: Folder for the recording, the table, the pictures and the plan.
-        frames: How many frames to record and score.
-        plan_frames: Frames of each part of the plan's traffic; 0 for no plan.
-        seed: Of the traffic.
-        detector: As in coview evaluate.
-        overwrite: Replace what is in the folder; another demo's files are replaced anyway.
+        frames: Number of frames to record and score.
+        plan_frames: Number of frames of each part of the plan's traffic; 0 for no plan.
+        seed: Seed of the traffic.
+        detector: Detector, as in coview evaluate.
+        overwrite: Replace existing files; those of another demo are replaced anyway.
     """
     from toolkit.detection.evaluation import curve_files
     from toolkit.detection.example_picture import draw_example

@@ -28,21 +28,19 @@ def reproduce(
     json: bool = False,
     processes: Processes = Processes(),
 ) -> int:
-    """Run the paper's experiments at one of its two sites; write our figures beside the paper's as page, CSV and SVG.
+    """Run the paper's experiments at one of its two sites, and write our figures beside the paper's.
 
-    An interrupted run resumes when started again; a finished one rewrites the page from its detections within seconds.
+    Results are a page, CSV and SVG. An interrupted run resumes; a finished one rewrites its page within seconds.
 
     Example: coview reproduce tjunction --frames 100 --out out/paper_tjunction
 
     Args:
         site: tjunction or roundabout.
-        out: Folder for index.html, the files of each experiment, the test recording and its detections.
-        frames: Test frames; the paper has 1000, 20 take minutes.
-        detector: As in coview evaluate; any but the site's own needs a new table of all sensor sets, which takes long:
-            make one with coview table elsewhere and give it as --table.
+        out: Folder for the page, the files of each experiment, the test recording and its detections.
+        frames: Number of test frames; the paper has 1000, 20 take minutes.
+        detector: Detector, as in coview evaluate; any but the site's own makes a new table, which takes long.
         table: Table of all sensor sets (.npz of coview table) in place of the shipped one.
         json: Print all figures as JSON.
-        processes: That simulate and detect.
     """
     from coview.studies.paper.reproduction import PAGE, check_paper_site, run_reproduction
 

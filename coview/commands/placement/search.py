@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Annotated, Literal
 
+import tyro
 from tyro.conf import Positional
 
 from coview.arguments import check_least, check_positive, check_schemes, check_share, site_file
@@ -17,40 +18,33 @@ from coview.progress_bar import progress_bar
 from placement_env.cases import USUAL_CASES
 from toolkit.runtime.run import Run
 
-if TYPE_CHECKING:
-    from placement_env.search.exact.cheapest import Demand
-
 Method = Literal["portfolio", "exhaustive", "greedy", "raced", "swap", "cpsat", "hits", "cheapest", "cmaes", "ppo"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """Search for an answer, and check of it."""
+    """Search, and check of its answer."""
 
     method: Method | None = None
-    """Search: portfolio runs several, lets their answers race on fresh traffic and judges the winner on other; cpsat
-    proves how much more could be covered, hits how much more be hit, exhaustive needs 16 candidates or fewer, raced
-    needs fidelity detector, cmaes turns and lifts what greedy found, ppo learns a policy first. Left out: portfolio;
-    exhaustive for fidelity table, greedy with --verify, cheapest with --at-least."""
+    """Search method: portfolio races several searches on fresh traffic; chosen by the other options when left out."""
     budget: int = 4
-    """Most sensors."""
+    """Maximum number of sensors."""
     verify: Literal["detector"] | None = None
-    """Score what one method found, and its best neighbours, with the detector."""
+    """Score the answer of one method, and its best neighbours, with the detector."""
     judge: Literal["detector", "surrogate", "coverage"] | None = None
-    """Fidelity of a portfolio's race and answer: the detector when left out, another where none knows the classes."""
+    """What judges a portfolio: the detector when left out; another where no detector knows the classes."""
     confidence: float = 0.95
-    """Confidence at which the race ends: that no entrant is better by more than 0.01."""
+    """Confidence, at the end of a portfolio's race, that no other set is better by more than 0.01."""
     curve: bool = False
-    """Print the best AP of every number of sensors up to the budget, or for every amount of --money up to that."""
+    """Print the best AP for every number of sensors up to --budget, or for every sum up to --money."""
     at_least: float | None = None
-    """AP, or share covered, to reach: the answer is the cheapest set that does, whichever sensor fails and at each of
-    the --levels, and a proven bound."""
+    """Score to reach, whichever sensor fails and at every traffic level; finds the cheapest set that does."""
     parts: int = 1
-    """Consecutive parts of the traffic, in each of which --at-least must be reached."""
+    """Number of consecutive parts of the traffic that must each reach --at-least."""
     seconds: float | None = None
-    """Time limit after the candidates are rendered; a portfolio races and judges within it too."""
+    """Time limit after the candidates are rendered."""
     evaluations: int | None = None
-    """Most sets to score."""
+    """Maximum number of sets to score."""
 
     def __post_init__(self) -> None:
         check_least("--budget", self.budget, 1)
@@ -64,16 +58,19 @@ def search(
     site: Positional[str],
     /,
     *,
-    how: SearchOptions = SearchOptions(),
-    setting: SettingOptions = SettingOptions(),
+    search: SearchOptions = SearchOptions(),
+    setting: Annotated[SettingOptions, tyro.conf.arg(name="")] = SettingOptions(),
     run: Run = Run(frames=200, cache=Path("out/cache")),
     output: Output = Output(),
 ) -> int:
-    """Search the sensors to build: which poles, headings and tilts, at most a budget of them.
+    """Search for the sensors to build: which poles, headings and tilts.
 
-    With --out the folder gets the site with its sensors, schedule, map, picture and origin; with --curve a table,
-    picture, origin, and the site with each set. Of the frames, a portfolio has up to 96 more to race on and 120 to
-    judge by.
+    With --out, the folder gets the site with its sensors, a schedule, a map and a picture; with --curve, a table, a
+    picture and the site with each set. A portfolio uses up to 96 more frames for its race and 120 to judge the winner.
+
+    The methods cpsat and hits prove how much more could be covered or hit, exhaustive needs at most 16 candidates,
+    raced needs --fidelity detector, cmaes turns and lifts what greedy found, and ppo learns a policy first. Left out,
+    the method is portfolio, or exhaustive for --fidelity table, greedy with --verify, cheapest with --at-least.
 
     Example: coview search tjunction --budget 4 --scheme early --confidence 0.9 --out answer
 
@@ -81,30 +78,34 @@ def search(
         site: tjunction, roundabout, or a site file.
     """
     from placement_env.search.answer import answer_files, check_georeference, write_answer
+    from placement_env.search.exact.cheapest import Demand
     from placement_env.search.order import SearchOrder, run_search
     from toolkit.sites.files import load_site
 
-    method = _check(how, setting)
+    method = _check(search, setting)
     if run.cache is not None:
         check_writable(run.cache.resolve(), run.cache)
     place = load_site(site)
     if output.out is not None:
         check_georeference(place)
-    demand, asked = _demand(how, setting)
-    built, currency = asked.build(place, run)
+    demand = None
+    if search.at_least is not None:  # the demand takes failures and levels out of the setting
+        demand = Demand(search.at_least, setting.cases.failing, search.parts, setting.cases.levels)
+        setting = replace(setting, cases=replace(setting.cases, failing=0, levels=1))
+    built, currency = setting.build(place, run)
     with progress_bar("", hidden=output.json) as bar:
         order = SearchOrder(
             setting=built,
             run=replace(run, progress=bar.stage),
             method=method,
-            budget=how.budget,
-            verify=how.verify,
-            judge=how.judge or "detector",
-            confidence=how.confidence,
-            seconds=how.seconds,
-            evaluations=how.evaluations,
+            budget=search.budget,
+            verify=search.verify,
+            judge=search.judge or "detector",
+            confidence=search.confidence,
+            seconds=search.seconds,
+            evaluations=search.evaluations,
             demand=demand,
-            curve=how.curve,
+            curve=search.curve,
             currency=currency,
         )
         inputs = [*site_file(site), *site_file(setting.candidates.candidates)]
@@ -118,37 +119,27 @@ def search(
     return OK if answer.met else NOT_MET
 
 
-def _check(how: SearchOptions, setting: SettingOptions) -> str:
+def _check(query: SearchOptions, setting: SettingOptions) -> str:
     """Method to use. Raises ValueError where options do not fit each other."""
     from placement_env.search.methods import usual_method
 
     check_schemes([setting.scheme])
-    method: str = how.method or usual_method(
-        setting.fidelity, verify=how.verify is not None, at_least=how.at_least is not None
+    method: str = query.method or usual_method(
+        setting.fidelity, verify=query.verify is not None, at_least=query.at_least is not None
     )
-    if (method == "cheapest") != (how.at_least is not None) or (how.at_least is None and how.parts > 1):
+    if (method == "cheapest") != (query.at_least is not None) or (query.at_least is None and query.parts > 1):
         raise ValueError("--method cheapest and --parts go with --at-least 0.9, and no other method does")
-    if how.at_least is not None and "mean" in (setting.cases.failures, setting.cases.levels_by):
+    if query.at_least is not None and "mean" in (setting.cases.failures, setting.cases.levels_by):
         raise ValueError("--at-least asks for the worst case: leave --failures mean and --levels-by mean out")
-    if how.verify is not None and method == "portfolio":
+    if query.verify is not None and method == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
-    for option, said in (("--judge", how.judge), ("--curve", how.curve or None)):
+    for option, said in (("--judge", query.judge), ("--curve", query.curve or None)):
         if said is not None and method != "portfolio":
             raise ValueError(f"{option} is for --method portfolio, got {method}: leave one of them out")
-    judged = method == "portfolio" and how.judge in (None, "detector")
-    detects = "detector" in (setting.fidelity, how.verify) or judged
+    judged = method == "portfolio" and query.judge in (None, "detector")
+    detects = "detector" in (setting.fidelity, query.verify) or judged
     errors = setting.cases.errors != USUAL_CASES.errors
     for option, given in (("--errors", errors), ("--detector", setting.detector is not None)):
         if given and not detects:
             raise ValueError(f"{option} is for --fidelity, --verify or --judge detector: say one of them")
     return method
-
-
-def _demand(how: SearchOptions, setting: SettingOptions) -> tuple[Demand | None, SettingOptions]:
-    """Demand on the cheapest set, which takes failures and levels out of the setting; None where a budget is given."""
-    from placement_env.search.exact.cheapest import Demand
-
-    if how.at_least is None:
-        return None, setting
-    demand = Demand(how.at_least, setting.cases.failing, how.parts, setting.cases.levels)
-    return demand, replace(setting, cases=replace(setting.cases, failing=0, levels=1))

@@ -11,7 +11,7 @@ from coview.arguments import check_errors, site_file
 from coview.detectors import check_digest, recording_detector
 from coview.exits import OK
 from coview.options import ClassOptions
-from coview.outputs import check_file
+from coview.outputs import Writing, check_file
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
@@ -19,11 +19,9 @@ from toolkit.runtime.run import Processes
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableOptions:
-    """Table, and the recording it is of."""
+class Subject:
+    """Recording and detector."""
 
-    out: Path
-    """Table to write (.npz); placement_env loads it by its path."""
     detector: str = "voxelnet"
     """Detector, as in coview evaluate."""
     errors: str = "paper"
@@ -33,11 +31,7 @@ class TableOptions:
     site: str | None = None
     """Site of the recording, as in coview evaluate."""
     drop_invalid: bool = False
-    """Leave impossible objects out, as in coview evaluate."""
-    overwrite: bool = False
-    """Replace a table that is there."""
-    json: bool = False
-    """Print the best sets as JSON."""
+    """Leave out invalid objects, as in coview evaluate."""
 
     def __post_init__(self) -> None:
         check_errors(self.errors)
@@ -47,11 +41,13 @@ def table(
     dataset: Positional[Path],
     /,
     *,
-    asked: TableOptions,
+    out: Path,
+    subject: Subject = Subject(),
     classes: ClassOptions = ClassOptions(),
     processes: Processes = Processes(),
+    writing: Writing = Writing(),
 ) -> int:
-    """Score every set of a recording's sensors, in every scheme, with a detector; killed and started again it goes on.
+    """Score every set of a recording's sensors, in every scheme, with a detector. An interrupted run resumes.
 
     The table holds the AP of each class; --class-weights and --combine are for the best sets that are printed.
 
@@ -59,6 +55,7 @@ def table(
 
     Args:
         dataset: Recording of at most 16 sensors.
+        out: Table to write (.npz).
     """
     from models.train import commit
     from placement_env.fidelity.renders import Renders
@@ -67,18 +64,18 @@ def table(
     from toolkit.sensors.error_profiles import find_profile
 
     counted = classes.build()
-    check_file(asked.out, inputs=[dataset, *site_file(asked.site)], overwrite=asked.overwrite)
-    if asked.out.suffix != ".npz":
-        raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {asked.out}")
-    opened = open_recording(dataset, asked.site, drop_invalid=asked.drop_invalid)
-    with opened as recording, progress_bar("frame", hidden=asked.json) as bar:
-        count = frame_count(recording, asked.frames)
-        detect = recording_detector(asked.detector, recording)
-        check_digest(asked.detector, detect, ": what is detected is kept until the table is whole")
+    check_file(out, inputs=[dataset, *site_file(subject.site)], overwrite=writing.overwrite)
+    if out.suffix != ".npz":
+        raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {out}")
+    opened = open_recording(dataset, subject.site, drop_invalid=subject.drop_invalid)
+    with opened as recording, progress_bar("frame", hidden=writing.json) as bar:
+        count = frame_count(recording, subject.frames)
+        detect = recording_detector(subject.detector, recording)
+        check_digest(subject.detector, detect, ": what is detected is kept until the table is whole")
         made = make_table(
-            Renders.of(recording, errors=find_profile(asked.errors)),
+            Renders.of(recording, errors=find_profile(subject.errors)),
             detect,
-            asked.out,
+            out,
             frames=count,
             commit=commit(),
             classes=counted,
@@ -90,5 +87,5 @@ def table(
         for scheme, sizes in best.items()
         for size, sets in sizes.items()
     ]
-    print_result(best, "\n".join(lines), as_json=asked.json)
+    print_result(best, "\n".join(lines), as_json=writing.json)
     return OK
