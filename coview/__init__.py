@@ -1,6 +1,6 @@
-"""Plan roadside perception.
+"""Plan roadside perception: decide what to build at a junction, and see what it will see.
 
-Decide what to build at a junction, and see what it will see. The names below are all that most programs need; nothing
+The names below are all that most programs need; nothing
 loads before it is used. More is in the faces of the floors, `toolkit`, `models` and `placement_env`.
 
 >>> from coview import load_site
@@ -47,20 +47,8 @@ else:
         "models": ("load_detector",),
         "placement_env": ("Objective", "Question", "Result", "Setting", "Weights", "as_sb3", "plan"),
         "toolkit": (
-            "Detections",
-            "Objects",
-            "Renderer",
-            "Run",
-            "catalogue",
-            "crop",
-            "evaluate_recording",
-            "from_depth",
-            "fuse",
-            "load_site",
-            "open_recording",
-            "points_per_box",
-            "save_site",
-            "simulate",
+            *("Detections", "Objects", "Renderer", "Run", "catalogue", "crop", "evaluate_recording", "from_depth"),
+            *("fuse", "load_site", "open_recording", "points_per_box", "save_site", "simulate"),
         ),
     }
     _HOMES = {name: face for face, names in _FACES.items() for name in names}

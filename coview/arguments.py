@@ -11,13 +11,13 @@ Combine = Literal["mean", "worst"]
 
 
 def check_least(option: str, value: float | None, least: float, remedy: str = "") -> None:
-    """Check that a number reaches its minimum. Raises ValueError if it is below; None passes."""
+    """Raise ValueError for a number below its minimum; None passes."""
     if value is not None and not least <= value < float("inf"):
         raise ValueError(f"{option} must be at least {least:g}, got {value:g}{remedy and ': '}{remedy}")
 
 
 def check_positive(option: str, value: float | None) -> None:
-    """Check that a number is above 0. Raises ValueError if it is not; None passes."""
+    """Raise ValueError for a number that is not above 0; None passes."""
     if value is not None and not 0 < value < float("inf"):
         raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
 
@@ -30,7 +30,7 @@ def refuse_given(options: dict[str, bool], why: str) -> None:
 
 
 def check_share(option: str, value: float) -> None:
-    """Check that a number lies between 0 and 1. Raises ValueError if it does not."""
+    """Raise ValueError for a number that does not lie between 0 and 1."""
     if not 0 < value < 1:
         raise ValueError(f"{option} must lie between 0 and 1, got {value:g}")
 
@@ -43,7 +43,7 @@ def check_ious(values: Iterable[float]) -> None:
 
 
 def check_schemes(names: Iterable[str]) -> None:
-    """Check that all fusion schemes exist. Raises ValueError, which lists the known ones, for an unknown scheme."""
+    """Raise ValueError, which lists the known ones, for an unknown fusion scheme."""
     from toolkit.detection.schemes import SCHEMES
 
     for name in names:
@@ -52,7 +52,7 @@ def check_schemes(names: Iterable[str]) -> None:
 
 
 def check_errors(name: str) -> None:
-    """Check that an error profile exists. Raises ValueError, which lists the known ones, for an unknown profile."""
+    """Raise ValueError, which lists the known ones, for an unknown error profile."""
     from toolkit.sensors.error_profiles import find_profile
 
     find_profile(name)
@@ -67,9 +67,7 @@ def sensor_set(text: str) -> list[int | str] | None:
 
 
 def split_names(text: str) -> list[str] | None:
-    """Split names of sensors, like `sensor_set`.
-
-    For recordings whose sensors go by name alone.
+    """Split names like `sensor_set`, for recordings whose sensors go by name alone.
 
     >>> split_names("north, 106")
     ['north', '106']

@@ -1,7 +1,6 @@
 """Detectors that --detector names.
 
-A name followed by `+background` means a detector that knows the empty site. It leaves out what it takes for a road user
-but stands there in every frame.
+A name followed by `+background` means a detector that knows the empty site: it leaves out what always stands there.
 """
 
 from __future__ import annotations
@@ -22,12 +21,11 @@ if TYPE_CHECKING:
 def recording_detector(
     name: str | None, recording: Recording, place: Place | None = None, scenes: Scenes | None = None
 ) -> Detector:
-    """Return the detector for a recording.
+    """Return the detector for a recording: cluster, which learns its empty site, or one of `site_detector`.
 
-    cluster learns the recording's empty site; any other is one of `site_detector`. name: None for cluster at a known
-    site, else general. +background: that of the site, or where the site has no scenery, of what the recording shows
-    behind all that moves. place: where it will detect, where that is not the site itself; scenes: empty ones to learn
-    from.
+    name: None for cluster at a known site, else general; +background: that of the site, or where the site has no
+    scenery, of what the recording shows behind all that moves; place: where it will detect, if not at the site itself;
+    scenes: empty ones to learn from.
     """
     from toolkit.detection.place import Place
 
@@ -62,7 +60,7 @@ def _at_site(name: str, recording: Recording, site: Site) -> Detector:
 
 
 def site_detector(name: str, site: Site) -> Detector:
-    """Return a detector by name, for a site.
+    """Return a detector for a site.
 
     name: voxelnet for the site's own shipped network, a shipped name, a weights file, or package.module:callable;
     +background: of the site's scenery.
@@ -84,7 +82,7 @@ def site_detector(name: str, site: Site) -> Detector:
 
 
 def place_detector(name: str, place: Place) -> Detector:
-    """Return a detector for frames of any recording. It takes points counted from the middle of the place."""
+    """Return a detector for frames of any recording, of points counted from the middle of the place."""
     import numpy as np
 
     from toolkit.sites.site import Site
@@ -98,9 +96,7 @@ def place_detector(name: str, place: Place) -> Detector:
 
 
 def split_background(name: str) -> tuple[str, bool]:
-    """Split a detector's name from `BACKGROUND`.
-
-    The second value is True if `BACKGROUND` followed the name.
+    """Split a detector's name from `BACKGROUND`, and tell whether that followed it.
 
     >>> split_background("general+background")
     ('general', True)
@@ -109,10 +105,7 @@ def split_background(name: str) -> tuple[str, bool]:
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:
-    """Check that a detector's detections can be kept.
-
-    Raises ValueError where they are to be kept and the detector does not say what they depend on.
-    """
+    """Raise ValueError for a detector that does not say what its kept detections depend on."""
     if not hasattr(detector, "digest"):
         raise ValueError(
             f"detector {name} needs an attribute digest, a text that changes with all it depends on{remedy}"

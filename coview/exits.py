@@ -18,7 +18,8 @@ REPORT = "this is a fault of coview, not of what you gave it: please report it w
 def report(error: BaseException, *, debug: bool = False) -> int:
     """Print an error on stderr and return its exit code. debug: print the traceback of any error."""
     if isinstance(error, BrokenPipeError):
-        _silence()
+        with suppress(OSError, ValueError):  # stdout may be no real file
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads further output
         return PIPE_CLOSED
     code, message = _classify(error)
     if debug or code == INTERNAL:
@@ -33,27 +34,11 @@ def _classify(error: BaseException) -> tuple[int, str]:
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):
         return LOST, str(error)
-    if isinstance(error, ImportError) and not _is_ours(error.name):
+    if isinstance(error, ImportError) and (error.name or "").partition(".")[0] not in OURS:
         return MISSING, str(error)
-    if isinstance(error, OSError):
-        return BAD_INPUT, _explain(error)
-    if isinstance(error, ValueError):
+    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
+        remedy = "give another path, or make this one readable and writable"
+        return BAD_INPUT, f"cannot use {error.filename}: {error.strerror}; {remedy}"  # without the error's number
+    if isinstance(error, OSError | ValueError):
         return BAD_INPUT, str(error)
     return INTERNAL, REPORT
-
-
-def _is_ours(module: str | None) -> bool:
-    return module is not None and module.partition(".")[0] in OURS
-
-
-def _explain(error: OSError) -> str:
-    """Describe a refused file operation without its error number."""
-    if error.filename is None or error.strerror is None:
-        return str(error)
-    return f"cannot use {error.filename}: {error.strerror}; give another path, or make this one readable and writable"
-
-
-def _silence() -> None:
-    """Discard further output: nobody reads it."""
-    with suppress(OSError, ValueError):  # stdout may be no real file
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
 
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands with their room of `coview.commands` and a line for --help
     "Start here": {
@@ -102,21 +101,28 @@ def overview() -> str:
 
 
 def _call(arguments: Sequence[str]) -> int:
-    """Return the exit code of the command. It is the parser's after --help and unknown arguments."""
+    """Return the exit code of the command, or of the parser after --help and unknown arguments."""
     import io
     import warnings
     from contextlib import redirect_stderr
+    from functools import partial, wraps
 
     import tyro
 
     if arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
         raise ValueError(f"unknown command {arguments[0]!r}: choose among {', '.join(COMMANDS)}")
     warnings.showwarning = lambda message, *_, **__: print(f"coview: note: {message}", file=sys.stderr)
+
+    def delay(load: Callable[..., int]) -> Callable[..., Callable[[], int]]:
+        """Parse the arguments of a command without running it yet."""
+        return wraps(load)(lambda *args, **options: partial(load, *args, **options))
+
     said = io.StringIO()
+    wanted = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
     try:
         with redirect_stderr(said):
             call = tyro.extras.subcommand_cli_from_dict(
-                {name: _delay(each) for name, each in _load_commands(arguments).items()},
+                {name: delay(command(name)) for name in wanted},
                 prog="coview",
                 args=arguments,
                 config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.SuppressFixed),
@@ -130,19 +136,8 @@ def _call(arguments: Sequence[str]) -> int:
     return call()
 
 
-def _delay(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
-    """Wrap a command to delay its run. Parsing its arguments does not run it yet."""
-    from functools import partial, wraps
-
-    @wraps(command)
-    def later(*args: Any, **options: Any) -> Callable[[], int]:
-        return partial(command, *args, **options)
-
-    return later
-
-
 def _find_refusal(stopped: SystemExit) -> ValueError | None:
-    """Find the dataclass error behind the parser's exit. The dataclass is one of ours."""
+    """Find the error of one of our dataclasses behind the parser's exit."""
     from traceback import walk_tb
 
     from coview.exits import OURS
@@ -157,12 +152,6 @@ def _find_refusal(stopped: SystemExit) -> ValueError | None:
     return None
 
 
-def _load_commands(arguments: Sequence[str]) -> dict[str, Callable[..., int]]:
-    """Load the command in the arguments. All commands are loaded if they name none."""
-    wanted = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
-    return {name: command(name) for name in wanted}
-
-
 def command(name: str) -> Callable[..., int]:
     """Load the function of a command."""
     from importlib import import_module
@@ -171,10 +160,7 @@ def command(name: str) -> Callable[..., int]:
 
 
 def refuse_hidden_packages() -> None:
-    """Refuse a user's file that hides our packages.
-
-    Raises ValueError, which names the file. Python takes the first `models` on its path.
-    """
+    """Raise ValueError for a user's file that hides our packages: Python takes the first `models` on its path."""
     from importlib.util import find_spec
     from pathlib import Path
 

@@ -1,7 +1,4 @@
-"""Progress of long work on stderr.
-
-A terminal shows a bar, anything else a line now and then. Nothing is shown where JSON is asked for.
-"""
+"""Progress of long work on stderr: a bar in a terminal, else a line now and then; nothing where JSON is asked for."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ EVERY_S = 10.0  # between two lines where there is no terminal
 
 
 class Bar:
-    """Progress bar of absolute counts. The counts are those of the toolkit's callbacks."""
+    """Progress bar of absolute counts, as of the toolkit's callbacks."""
 
     def __init__(self, bar: Any, hidden: bool, unit: str = "") -> None:
         self._bar, self._hidden, self._stage = bar, hidden, unit
@@ -56,7 +53,7 @@ class Bar:
             self._bar.write(text, file=sys.stderr)
 
     def describe(self) -> str:
-        """Describe the current state of the work. Stage, done, to do, and time left at the pace of this stage."""
+        """Describe the stage, what is done and to do, and the time left at the pace of this stage."""
         done, total, spent = self._done, self._bar.total, time.monotonic() - self._began
         text = f"{self._stage or 'working'}: {done}{f' of {total}' if total else ''}"
         if not total or done <= self._first:
@@ -76,18 +73,18 @@ def _describe_time(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _talk(bar: Bar, ended: Event) -> None:
-    while not ended.wait(EVERY_S):
-        print(f"coview: {bar.describe()}", file=sys.stderr, flush=True)
-
-
 @contextmanager
 def progress_bar(unit: str, total: int | None = None, *, hidden: bool = False) -> Iterator[Bar]:
     """Show a bar while the block runs. Without a terminal it is a line every `EVERY_S` seconds."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
         bar, ended = Bar(inner, hidden, unit), Event()
+
+        def talk() -> None:
+            while not ended.wait(EVERY_S):
+                print(f"coview: {bar.describe()}", file=sys.stderr, flush=True)
+
         if not hidden and not sys.stderr.isatty():
-            Thread(target=_talk, args=(bar, ended), daemon=True).start()
+            Thread(target=talk, daemon=True).start()
         try:
             yield bar
         finally:

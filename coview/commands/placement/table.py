@@ -19,7 +19,7 @@ from toolkit.runtime.run import Processes
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subject:
+class TableData:
     """Recording and detector."""
 
     detector: str = "voxelnet"
@@ -42,7 +42,7 @@ def table(
     /,
     *,
     out: Path,
-    subject: Subject = Subject(),
+    data: TableData = TableData(),
     classes: ClassOptions = ClassOptions(),
     processes: Processes = Processes(),
     writing: Writing = Writing(),
@@ -64,16 +64,16 @@ def table(
     from toolkit.sensors.error_profiles import find_profile
 
     counted = classes.build()
-    check_file(out, inputs=[dataset, *site_file(subject.site)], overwrite=writing.overwrite)
+    check_file(out, inputs=[dataset, *site_file(data.site)], overwrite=writing.overwrite)
     if out.suffix != ".npz":
         raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {out}")
-    opened = open_recording(dataset, subject.site, drop_invalid=subject.drop_invalid)
+    opened = open_recording(dataset, data.site, drop_invalid=data.drop_invalid)
     with opened as recording, progress_bar("frame", hidden=writing.json) as bar:
-        count = frame_count(recording, subject.frames)
-        detect = recording_detector(subject.detector, recording)
-        check_digest(subject.detector, detect, ": what is detected is kept until the table is whole")
+        count = frame_count(recording, data.frames)
+        detect = recording_detector(data.detector, recording)
+        check_digest(data.detector, detect, ": what is detected is kept until the table is whole")
         made = make_table(
-            Renders.of(recording, errors=find_profile(subject.errors)),
+            Renders.of(recording, errors=find_profile(data.errors)),
             detect,
             out,
             frames=count,
