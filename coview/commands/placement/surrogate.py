@@ -17,7 +17,7 @@ from toolkit.runtime.run import Run
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
+class SurrogateFit:
     """What the surrogate is fitted to."""
 
     detector: str = "voxelnet"
@@ -61,7 +61,7 @@ def surrogate(
     /,
     *,
     out: Path,
-    fit: Fit = Fit(),
+    fit: SurrogateFit = SurrogateFit(),
     run: Run = Run(seed=1000, frames=100, cache=Path("out/cache")),
     writing: Writing = Writing(),
 ) -> int:
