@@ -18,7 +18,7 @@ from toolkit.runtime.run import Run
 
 @dataclass(frozen=True, kw_only=True)
 class SurrogateFit:
-    """What the surrogate is fitted to."""
+    """Detector, classes and samples to fit to."""
 
     detector: str = "voxelnet"
     """Detector, as in coview evaluate except cluster."""
