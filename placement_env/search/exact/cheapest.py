@@ -171,9 +171,7 @@ def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, dema
     if max(demand.parts, demand.levels) > 1:
         seen = objective.visibility
         if seen is None:
-            raise ValueError(
-                "parts and levels of traffic need to know what each candidate sees: pass visibility=see(...)"
-            )
+            raise ValueError("parts and levels of traffic need to know what candidates see: pass visibility=see(...)")
         seen = seen.of_classes(objective.classes.labels)
         shares = [surrogate.in_frames(frames) for frames in demand.shares(objective, seen)]
 
@@ -184,17 +182,17 @@ def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, dema
         return float(reached(objective.row(chosen)[None])[0])
 
     what = f"reaches AP {demand.at_least:g}{demand.describe(len(shares))}"
-    lost: list[Bool[np.ndarray, " C"]] = []
-    above, steps = (join_levels([build_levels(share, above=each) for share in shares]) for each in (True, False))
+    lost: list[Bool[np.ndarray, " C"]] | None = [] if demand.failing else None
+    levels = (join_levels([build_levels(share, above=each) for share in shares]) for each in (True, False))
+    above, steps = (Programme.of(objective, progress.budget, each, lost=lost) for each in levels)
     need, until = math.floor(demand.at_least * GAINS), 1.0 if plain else BOUNDING
-    relaxed = _solve_cases(progress, above, need, prices, lost, failing=demand.failing, seed=seed, until=until)
+    relaxed = _solve(progress, above, need, prices, seed, until)
     if relaxed.chosen is None and relaxed.optimal:
         return _result(progress, relaxed, prices.unit, what)
     asked = demand.at_least
     answer: list[int] | None = None
     for _ in range(TRIES):
-        need = math.ceil(asked * GAINS)
-        found = _solve_cases(progress, steps, need, prices, lost, failing=demand.failing, seed=seed)
+        found = _solve(progress, steps, math.ceil(asked * GAINS), prices, seed)
         if found.chosen is None or progress.spent:
             break
         short = demand.at_least - reach(found.chosen)
@@ -219,41 +217,32 @@ def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, dema
     return _result(progress, solved, prices.unit, what, said)
 
 
-def _solve_cases(
-    progress: Progress,
-    levels: Levels,
-    need: int,
-    prices: Prices,
-    lost: list[Bool[np.ndarray, " C"]],
-    *,
-    failing: int,
-    seed: int,
-    until: float = 1.0,
+def _solve(
+    progress: Progress, programme: Programme, need: int, prices: Prices, seed: int, until: float = 1.0
 ) -> Solved:
-    """Solve with the failure cases that bind, which join those in `lost`. until: share of the time.
+    """The cheapest set that meets the need, in the rest of a share of the time, in all cases that may be `lost`.
 
-    No set is cheaper than the bound, even if time runs out; only a set that satisfies every case is an answer.
+    Those that bind join them. No set is cheaper than the bound, even if time runs out before a set satisfies all cases.
     """
     mount, bound = progress.objective.candidates.mount, 0
     alone = progress.objective.candidates.places[mount] == 1  # a failing sensor takes all candidates of such a pole
     while True:
-        programme = Programme.of(progress.objective, progress.budget, levels, lost=lost)
-        found = _solve(progress, programme, need, prices, seed, until)
+        left = max(0.1, until * progress.limits.seconds - progress.limits.elapsed)
+        found = solve(programme, SolverLimits(left, seed), at_least=need, cost=prices)
         bound = max(bound, found.bound)
         if found.chosen is None:
             return found._replace(bound=bound)
-        cases = [mount == mount[c] if alone[c] else np.arange(len(mount)) == c for c in found.chosen if failing]
-        missing = [
-            gone
-            for gone in cases
-            if not any((gone == each).all() for each in lost)
-            and levels.worth([c for c in found.chosen if not gone[c]]) < need
-        ]
-        if not missing:
+        missing = []
+        for c in found.chosen if programme.lost is not None else ():
+            gone = mount == mount[c] if alone[c] else np.arange(len(mount)) == c
+            known = any((gone == each).all() for each in programme.lost or ())
+            if not known and programme.levels.worth([other for other in found.chosen if not gone[other]]) < need:
+                missing.append(gone)
+        if programme.lost is None or not missing:
             return found._replace(bound=min(bound, found.figure))
         if progress.limits.elapsed >= until * progress.limits.seconds:
             return Solved(None, 0, bound, False)
-        lost += missing
+        programme.lost.extend(missing)
 
 
 def join_levels(parts: Sequence[Levels]) -> Levels:
@@ -275,14 +264,6 @@ def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
     scale = np.concatenate([of_size * (1.0 if worst else share) for _, of_size, _, share in evidence])
     gain = (np.ceil if above else np.rint)(levels.gain * scale).astype(np.int64)
     return levels._replace(gain=gain, parties=levels.parties if worst else np.ones((1, len(scale)), np.bool_))
-
-
-def _solve(
-    progress: Progress, programme: Programme, need: int, prices: Prices, seed: int, until: float = 1.0
-) -> Solved:
-    """The cheapest set that meets the need. It uses the rest of a share of the time."""
-    left = max(0.1, until * progress.limits.seconds - progress.limits.elapsed)
-    return solve(programme, SolverLimits(left, seed), at_least=need, cost=prices)
 
 
 def _prune(objective: Objective, chosen: list[int], at_least: float, reached: SetFunction) -> list[int]:

@@ -18,7 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -223,20 +223,13 @@ class Programme:
     may_stand: Bool[np.ndarray, " C"]
     money: Prices | None = None
     failing: int = 0
-    lost: Sequence[Bool[np.ndarray, " C"]] = ()
+    lost: list[Bool[np.ndarray, " C"]] | None = None
 
     @staticmethod
-    def of(
-        objective: Objective,
-        budget: int,
-        levels: Levels,
-        *,
-        failing: int = 0,
-        lost: Sequence[Bool[np.ndarray, " C"]] = (),
-    ) -> Programme:
-        """Programme of an objective's candidates, with its poles and money."""
-        poles, money = Poles.of(objective), Prices.of(objective)
-        return Programme(levels, budget, poles, objective.allowed([]), money, failing, lost)
+    def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> Programme:
+        """Programme of an objective's candidates, with its poles and money. cases: `failing` or `lost`."""
+        allowed = objective.allowed([])
+        return Programme(levels, budget, Poles.of(objective), allowed, Prices.of(objective), **cases)
 
 
 def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:
@@ -281,7 +274,7 @@ def solve(
     if programme.failing:
         worths = _surviving(model, built, levels, may_stand)
     else:
-        cases = [may_stand & ~gone for gone in programme.lost] or [may_stand]
+        cases = [may_stand & ~gone for gone in programme.lost or ()] or [may_stand]
         worths = [worth for case in cases for worth in _reached(model, built, levels, case)]
     least = model.new_int_var(0, max(0, levels.whole), "") if cost is None else at_least
     for worth in worths:
@@ -299,7 +292,7 @@ def solve(
         return Solved(None, 0, max(0, lowest) // (budget + 1), status == "INFEASIBLE")
     chosen = [c for c, x in enumerate(built) if solver.boolean_value(x)]
     if cost is None:
-        left = [[c for c in chosen if not gone[c]] for gone in programme.lost] or [chosen]
+        left = [[c for c in chosen if not gone[c]] for gone in programme.lost or ()] or [chosen]
         figure = levels.surviving(chosen) if programme.failing else min(map(levels.worth, left))
         bound = max(figure, math.floor(solver.best_objective_bound + 1e-6))
     else:
