@@ -50,11 +50,6 @@ class Limits:
         """True where a limit is reached."""
         return self.count >= self.evaluations or self.elapsed >= self.seconds
 
-    @property
-    def share(self) -> float:
-        """Share of the nearer limit used, 0 to 1."""
-        return min(1.0, max(self.count / self.evaluations, self.elapsed / self.seconds))
-
     def record(self, reward: float, *, at: int | None = None) -> None:
         """Record a new best reward. It holds since the given number of sets, None for now."""
         self.rows.append((self.count if at is None else at, self.elapsed, reward))

@@ -35,18 +35,12 @@ PARTS = 10**9  # parts into which the sum over several classes is divided
 
 
 class Cover(NamedTuple):
-    """Solution of a coverage programme: objects covered, and the most that any feasible set covers.
-
-    merged: objects after merging; built, solved: seconds.
-    """
+    """Solution of a coverage programme: objects covered, and the most that any feasible set covers."""
 
     chosen: list[int]
     covered: int
     bound: int
     optimal: bool
-    merged: int
-    built: float
-    solved: float
 
 
 def search(
@@ -135,15 +129,15 @@ def cover_most(
     if cost is not None:
         model.add(cost.expression(model, built) <= cost.most)
     solver = replace(limits, seconds=max(0.01, limits.seconds - (time.monotonic() - began))).build_solver()
-    ready = time.monotonic()
-    status = solver.status_name(solver.solve(model))
-    times = (ready - began, time.monotonic() - ready)
-    if status in ("OPTIMAL", "FEASIBLE"):  # otherwise time ran out before a solution was found
+    if solver.status_name(solver.solve(model)) in (
+        "OPTIMAL",
+        "FEASIBLE",
+    ):  # otherwise time ran out before a solution was found
         start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
     chosen = sorted(kept[start].tolist())
     covered = int((each @ (seen[chosen].sum(axis=0) >= views)).min())
-    return Cover(chosen, covered, max(bound, covered), bound <= covered, weights.shape[1], *times)
+    return Cover(chosen, covered, max(bound, covered), bound <= covered)
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[Int64[np.ndarray, "k O"], int]:

@@ -17,7 +17,6 @@ def test_the_incumbent_is_the_best_feasible_or_settled_set_within_limits(make):
     assert np.isfinite(figures.reward).sum() == np.isfinite(figures.ap).sum() == 5
     assert (figures.reward[5:] == -np.inf).all()
     assert progress.spent
-    assert progress.limits.share == 1
     progress = Progress(make(4, 2), 3, None, None)
     progress.rewards(np.eye(8, dtype=bool))
     progress.settle([])
