@@ -64,12 +64,7 @@ def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RE
 
 
 def ratio_interval(
-    parts: ArrayLike,
-    wholes: ArrayLike,
-    *,
-    seed: int = 0,
-    draws: Draws | None = None,
-    confidence: float = 0.95,
+    parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, draws: Draws | None = None, confidence: float = 0.95
 ) -> Interval:
     """Return the interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean.
 

@@ -96,9 +96,7 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndar
 
 
 def best_of_equals(
-    progress: Progress,
-    chosen: Sequence[int],
-    count: Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]],
+    progress: Progress, chosen: Sequence[int], count: Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]]
 ) -> list[int]:
     """Best set by the objective that changes of one sensor reach within the limits while they keep the count.
 
