@@ -17,6 +17,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -65,33 +66,47 @@ def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
     """
     collection, where = _read(Path(path)), str(path)
     features = list(_features(collection, where))
-    points = [single for i, f in features for single in _points(i, f, f"{where}: features[{i}]")]
-    _warn_unknown(features, where)
-    if not points:
+    poles: list[tuple[str, str, Json, list[float]]] = []  # place in the file, name, properties, coordinates
+    for place, name, properties, geometry in features:
+        at: list[Any] = geometry.get("coordinates")  # type: ignore[assignment]  # checked below
+        if geometry.get("type") == "Point":
+            poles.append((place, name, properties, at))
+        elif geometry.get("type") == "MultiPoint":
+            if not isinstance(at, list):
+                raise ValueError(f"{place}.geometry.coordinates of a MultiPoint must be a list, got {str(at)[:60]}")
+            names = [name] if len(at) == 1 else [f"{name}-{k}" for k in range(1, len(at) + 1)]
+            poles += [(place, own, properties, each) for own, each in zip(names, at, strict=True)]
+    points, areas = ([f[2] for f in features if word in str(f[3].get("type"))] for word in ("Point", "Polygon"))
+    for unknown in (list_unknown(points), list_unknown(areas, areas=True)):
+        if unknown:
+            warnings.warn(f"{where}: properties that are not understood, so not used: {unknown}", stacklevel=2)
+    for place in [place for place, *_, geometry in features if geometry.get("type") == "GeometryCollection"][:1]:
+        warnings.warn(f"{place} is a GeometryCollection, not used: export its points", stacklevel=2)
+    if not poles:
         raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point or MultiPoint features")
-    coordinates = np.array([_coordinates(f["geometry"], f"{where}: features[{i}]") for i, f in points])
+    for place, _, _, row in poles:
+        if not isinstance(row, list) or len(row) not in (2, 3) or not all(map(_is_number, row)):
+            raise ValueError(f"{place}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")
+    coordinates = np.array([[*row, np.nan][:3] for *_, row in poles], np.float64)
     places = _in_site(coordinates[:, :2], collection, site, where)
     given = np.isfinite(coordinates[:, 2]) & ("coview_site" in collection)
     feet = np.column_stack([places, np.where(given, coordinates[:, 2], site.ground(places))])
-    mounts = [
-        _mount(f["properties"], _name(i, f), foot, f"{where}: features[{i}]")
-        for (i, f), foot in zip(points, feet, strict=True)
-    ]
+    mounts = [_mount(own, name, foot, place) for (place, name, own, _), foot in zip(poles, feet, strict=True)]
     _check(mounts, site, where)
     spots, free = shapely.points(feet[:, :2]), np.ones(len(mounts), bool)
-    keep_out, lanes = _keep_out(collection, site, where), [shapely.Polygon(lane) for lane in site.lanes]
-    for areas, place in ((list(keep_out), "in a keep-out area"), (lanes, "on the carriageway")):
-        barred = free & shapely.intersects(shapely.union_all(areas), spots)
+    lanes = [shapely.Polygon(lane) for lane in site.lanes]
+    for barring, said in ((_keep_out(collection, site, where), "in a keep-out area"), (lanes, "on the carriageway")):
+        barred = free & shapely.intersects(shapely.union_all(barring), spots)
         free &= ~barred
         if barred.any():
-            names = ", ".join(mount.name for mount, is_barred in zip(mounts, barred, strict=True) if is_barred)
-            warnings.warn(f"{where}: left out, since they stand {place}: {names}", stacklevel=2)
-    return tuple(mount for mount, is_free in zip(mounts, free, strict=True) if is_free)
+            left = ", ".join(mount.name for mount in compress(mounts, barred))
+            warnings.warn(f"{where}: left out, since they stand {said}: {left}", stacklevel=2)
+    return tuple(compress(mounts, free))
 
 
 def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
     """Load the keep-out areas in `path`, in the site's metres. Raises ValueError in one line if one is damaged."""
-    return _keep_out(_read(Path(path)), site, str(path))
+    return tuple(_keep_out(_read(Path(path)), site, str(path)))
 
 
 def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
@@ -131,8 +146,8 @@ def _read(path: Path) -> Json:
     return collection
 
 
-def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Yield number and feature, with geometry and properties checked, but for the sensors and bays of a site."""
+def _features(collection: Json, where: str) -> Iterator[tuple[str, str, Json, Json]]:
+    """Yield place in the file, name, properties and geometry, but for the sensors and bays of a site."""
     for i, feature in enumerate(collection["features"]):
         place = f"{where}: features[{i}]"
         if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
@@ -141,41 +156,10 @@ def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
         if not isinstance(properties, dict):
             raise ValueError(f"{place}.properties must be an object {{...}}, got {str(properties)[:60]}")
         if properties.get("layer") not in ("sensor", "parking"):
-            yield i, {**feature, "properties": {k: v for k, v in properties.items() if v is not None}}
-
-
-def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Yield number and feature of each pole. A Point is one pole, a MultiPoint one for each of its points."""
-    kind, places = feature["geometry"].get("type"), feature["geometry"].get("coordinates")
-    if kind == "Point":
-        yield number, feature
-    if kind != "MultiPoint":
-        return
-    if not isinstance(places, list):
-        raise ValueError(f"{where}.geometry.coordinates of a MultiPoint must be a list, got {str(places)[:60]}")
-    name = _name(number, feature)
-    for k, place in enumerate(places, 1):
-        properties = {**feature["properties"], "name": name if len(places) == 1 else f"{name}-{k}"}
-        yield number, {**feature, "properties": properties, "geometry": {"type": "Point", "coordinates": place}}
-
-
-def _warn_unknown(features: Sequence[tuple[int, Json]], where: str) -> None:
-    """Warn of ignored properties and geometries that seem to be meant."""
-    kinds = [(str(feature["geometry"].get("type")), feature["properties"], number) for number, feature in features]
-    poles, areas = ([own for kind, own, _ in kinds if word in kind] for word in ("Point", "Polygon"))
-    for unknown in (list_unknown(poles), list_unknown(areas, areas=True)):
-        if unknown:
-            warnings.warn(f"{where}: properties that are not understood, so not used: {unknown}", stacklevel=3)
-    for number in [number for kind, _, number in kinds if kind == "GeometryCollection"][:1]:
-        warnings.warn(f"{where}: features[{number}] is a GeometryCollection, not used: export its points", stacklevel=3)
-
-
-def _coordinates(geometry: Json, where: str) -> list[float]:
-    """x, y, z or longitude, latitude, altitude. NaN stands for a missing third one."""
-    row = geometry.get("coordinates")
-    if not isinstance(row, list) or len(row) not in (2, 3) or not all(_is_number(value) for value in row):
-        raise ValueError(f"{where}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")
-    return [float(value) for value in (*row, np.nan)[:3]]
+            properties = {key: value for key, value in properties.items() if value is not None}
+            name = properties.get("name", feature.get("id"))
+            name = str(name).replace("/", "-") if name not in (None, "") else f"pole{i:02}"
+            yield place, name, properties, feature["geometry"]
 
 
 def _is_number(value: object) -> bool:
@@ -202,11 +186,6 @@ def _in_site(
     return site_metres(site, coordinates)
 
 
-def _name(number: int, feature: Json) -> str:
-    name = feature["properties"].get("name", feature.get("id"))
-    return str(name).replace("/", "-") if name not in (None, "") else f"pole{number:02}"
-
-
 def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: str) -> Mount:
     def number(default: float, *keys: str) -> float:
         for key in keys:
@@ -226,10 +205,8 @@ def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: s
 
 def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
     """Raise ValueError for poles that coincide or are out of place."""
-    names = [mount.name for mount in mounts]
-    feet = np.array([mount.position for mount in mounts])
-    spots = shapely.points(feet[:, :2])
-    distance = shapely.distance(shapely.box(*site.area), spots)
+    names, feet = [mount.name for mount in mounts], np.array([mount.position for mount in mounts])
+    distance = shapely.distance(shapely.box(*site.area), shapely.points(feet[:, :2]))
     far = np.flatnonzero(~(distance <= SURROUNDINGS))
     if len(far):
         others = f" (and {len(far) - 1} more)" if len(far) > 1 else ""
@@ -248,20 +225,18 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
         raise ValueError(f"{where}: {times} poles are named {name!r}: rename all but one")
     first, second = np.triu(np.hypot(*(feet[:, None] - feet)[..., :2].transpose(2, 0, 1)) <= SAME_PLACE, 1).nonzero()
     if len(first):
-        raise ValueError(
-            f"{where}: poles {names[first[0]]!r} and {names[second[0]]!r} stand at the same place: remove one of them"
-        )
+        pair = f"{names[first[0]]!r} and {names[second[0]]!r}"
+        raise ValueError(f"{where}: poles {pair} stand at the same place: remove one of them")
 
 
-def _keep_out(collection: Json, site: Site, where: str) -> tuple[shapely.Geometry, ...]:
+def _keep_out(collection: Json, site: Site, where: str) -> list[shapely.Geometry]:
     areas = []
-    for i, feature in _features(collection, where):
-        properties, place = feature["properties"], f"{where}: features[{i}]"
+    for place, _, properties, geometry in _features(collection, where):
         if not isinstance(marked := properties.get("keep_out", False), bool):
             raise ValueError(f"{place}.properties.keep_out must be true or false, got {marked!r:.60}")
         if not (marked or properties.get("kind") == "keep_out"):
             continue
-        geometry, place = feature["geometry"], f"{place}.geometry"
+        place = f"{place}.geometry"
         if (kind := geometry.get("type")) not in ("Polygon", "MultiPolygon"):
             raise ValueError(f"{place}.type of a keep-out area must be Polygon or MultiPolygon, got {kind}")
         try:
@@ -274,4 +249,4 @@ def _keep_out(collection: Json, site: Site, where: str) -> tuple[shapely.Geometr
             why = shapely.is_valid_reason(drawn)
             raise ValueError(f"{place} must be a simple polygon ({why}): draw the area again")
         areas.append(shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where)))
-    return tuple(areas)
+    return areas
