@@ -18,17 +18,13 @@ from toolkit.mesh import Mesh, merge
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Rigid mesh and the ground truth box it stands in.
-
-    vertices: (k, 3) m, from the middle of the box; triangles: (m, 3) rows of `vertices`; label: class number; truth:
-    length, width, height (m) of the box if parts stick out of it, None if it is tight.
-    """
+    """Rigid mesh and the ground truth box it stands in."""
 
     name: str
     label: int
-    vertices: Float32[np.ndarray, "k 3"] = field(repr=False)
+    vertices: Float32[np.ndarray, "k 3"] = field(repr=False)  # m, from the middle of the box
     triangles: Int32[np.ndarray, "m 3"] = field(repr=False)
-    truth: tuple[float, float, float] | None = None
+    truth: tuple[float, float, float] | None = None  # length, width, height (m) of the box if parts stick out of it
 
     @property
     def size(self) -> tuple[float, float, float]:

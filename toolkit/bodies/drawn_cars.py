@@ -27,21 +27,16 @@ ProfileCorner = tuple[float | int, float | int]
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of car.
-
-    share: of all cars; length, height: m, from .. to; width: m, at the shortest and the longest; profile: distance from
-    the front and height of the body's top, as parts of length and height; wheel: radius (m), from .. to; lean: of the
-    sides above the belt, from .. to, as parts of the half width.
-    """
+    """Kind of car; ranges are from .. to."""
 
     name: str
-    share: float
-    length: tuple[float, float]
-    width: tuple[float, float]
-    height: tuple[float, float]
-    profile: tuple[ProfileCorner, ...]
-    wheel: tuple[float, float]
-    lean: tuple[float, float]
+    share: float  # of all cars
+    length: tuple[float, float]  # m
+    width: tuple[float, float]  # m, at the shortest and the longest
+    height: tuple[float, float]  # m
+    profile: tuple[ProfileCorner, ...]  # distance from the front and height of the top, as parts of length and height
+    wheel: tuple[float, float]  # radius (m)
+    lean: tuple[float, float]  # of the sides above the belt, as parts of the half width
     belt: tuple[float, float] = (0.56, 0.66)
     clearance: tuple[float, float] = (0.13, 0.2)
 

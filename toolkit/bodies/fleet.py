@@ -29,10 +29,9 @@ _SPAWNED = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY
 
 
 def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple[Body, ...]:
-    """Bodies of the catalogue: cars, two-wheelers, pedestrians, trucks, buses.
+    """Bodies of the catalogue: cars, two-wheelers, pedestrians, trucks, buses, then those of a folder of meshes.
 
-    held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never trained on; meshes: a
-    folder of mesh files, see `toolkit.bodies.meshes`; theirs come last.
+    held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never trained on.
 
     >>> [sum(body.label == label for body in catalogue()) for label in range(4)]
     [21, 7, 14, 5]
@@ -47,17 +46,12 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Fleet:
-    """Bodies of traffic: fixed ones, drawn ones, or both.
-
-    drawn: classes whose bodies are drawn for each spawned object, mixed half and half with the fixed ones of a class;
-    mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the body otherwise; notes: a
-    line on how each mesh of a folder was taken.
-    """
+    """Bodies of traffic: fixed ones, drawn ones, or both."""
 
     fixed: tuple[Body, ...] = ()
-    drawn: tuple[int, ...] = ()
-    mirrors: bool = False
-    notes: tuple[str, ...] = ()
+    drawn: tuple[int, ...] = ()  # classes drawn for each spawned object, half and half with the fixed ones of a class
+    mirrors: bool = False  # count wing mirrors into the boxes of drawn bodies, which end at the body otherwise
+    notes: tuple[str, ...] = ()  # a line on how each mesh of a folder was taken
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,13 +85,10 @@ def fleet_named(
 
     own: all bodies drawn; catalogue: our 47 bodies and any meshes; meshes: those of the folder, and drawn ones for the
     other classes; both: half drawn, half from the folder, class by class; None: own, but meshes if a folder is given
-    and catalogue if held-out cars are asked for.
+    and catalogue if held-out cars are asked for. held_out: see `catalogue`; mirrors: count wing mirrors into ground
+    truth boxes, also of meshes where they are seen to stick out.
 
-    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, also of meshes where they are seen
-    to stick out; boxes end at the body otherwise.
-
-    Raises ValueError for another name, where a folder is missing or given in vain, and for arguments that exclude each
-    other.
+    Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other.
     """
     if name is None:
         name = "catalogue" if held_out else "own" if meshes is None else "meshes"

@@ -37,20 +37,14 @@ BACKWARDS = -0.18  # `Shape.ahead` of no car: a pick-up has -0.14
 
 
 class Shape(NamedTuple):
-    """Shape of a mesh, measured on points of its surface.
+    """Shape of a mesh, measured on points of its surface."""
 
-    size: of the bounds (m); fills: covered share of the box's outline, seen along x, y, z; asymmetry: share of the
-    surface without a counterpart when mirrored along x, y, z; stance: length and width (m) of its contact with the
-    ground; clearance: lowest height over the middle (m); ahead: how much lower the front is than the rear, as a part of
-    the height.
-    """
-
-    size: Float64[np.ndarray, "3"]
-    fills: Float64[np.ndarray, "3"]
-    asymmetry: Float64[np.ndarray, "3"]
-    stance: tuple[float, float]
-    clearance: float
-    ahead: float
+    size: Float64[np.ndarray, "3"]  # of the bounds (m)
+    fills: Float64[np.ndarray, "3"]  # covered share of the box's outline, seen along x, y, z
+    asymmetry: Float64[np.ndarray, "3"]  # share of the surface without a counterpart when mirrored along x, y, z
+    stance: tuple[float, float]  # length and width (m) of its contact with the ground
+    clearance: float  # lowest height over the middle (m)
+    ahead: float  # how much lower the front is than the rear, as a part of the height
 
 
 def measure_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]) -> Shape:
@@ -172,12 +166,12 @@ _AXES = {sign + axis: (1 if not sign else -1) * np.eye(3)[i] for i, axis in enum
 
 @dataclass(frozen=True)
 class MeshEntry:
-    """Entry of the table for a file; None for what it does not say. up, forward: axes of the file; scale: metres."""
+    """Entry of the table for a file; None for what it does not say."""
 
     label: int | None = None
-    up: str | None = None
+    up: str | None = None  # axis of the file
     forward: str | None = None
-    scale: float | None = None
+    scale: float | None = None  # metres
 
     @property
     def has_frame(self) -> bool:

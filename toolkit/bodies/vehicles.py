@@ -35,36 +35,31 @@ _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
 
 @dataclass(frozen=True, eq=False)
 class Proportions:
-    """Proportions of one car; lengths in metres.
+    """Proportions of one car; lengths in metres, stations from 0 (front) to 1.
 
-    belt, lean, rounding and ends are parts of height, half width, length and width; stations go from 0 (front) to 1.
-    profile: (k, 2) distance from the front and height of the body's top, as parts of length and height; axles:
-    distances from the front; wheel: radius; rounding: depth of the plan's corners, front, rear; ends: width of the very
-    front and rear; bow: how far screens bulge forward in plan; camber: of the roof (m); soft: half the length over
-    which the profile is smoothed, at `samples` places; barrel: how much narrower both ends are; tail: rise of the floor
-    at the rear (m); bed: begin and end of a pick-up's bed, and its width as a part of that of the roof.
+    belt, lean, rounding and ends are parts of height, half width, length and width.
     """
 
     kind: str
     length: float
     width: float
     height: float
-    profile: Float64[np.ndarray, "k 2"]
-    axles: tuple[float, float]
-    wheel: float
+    profile: Float64[np.ndarray, "k 2"]  # station and height of the body's top, as a part of the height
+    axles: tuple[float, float]  # distances from the front
+    wheel: float  # radius
     clearance: float
     belt: float
     lean: float
-    rounding: tuple[float, float]
-    ends: tuple[float, float]
-    bow: float
-    camber: float
-    soft: float
-    samples: int = 5
-    barrel: float = 0.05
-    tail: float = 0.12
+    rounding: tuple[float, float]  # depth of the plan's corners, front, rear
+    ends: tuple[float, float]  # width of the very front and rear
+    bow: float  # how far screens bulge forward in plan
+    camber: float  # of the roof (m)
+    soft: float  # half the length over which the profile is smoothed
+    samples: int = 5  # places at which it is
+    barrel: float = 0.05  # how much narrower both ends are
+    tail: float = 0.12  # rise of the floor at the rear (m)
     tyre: float = 0.115  # width of a wheel, as a part of the car's
-    bed: tuple[float, float, float] | None = None
+    bed: tuple[float, float, float] | None = None  # begin and end of a pick-up's, its width as a part of the roof's
     spread: Float64[np.ndarray, " n"] = field(default_factory=lambda: _spread(13))
 
     def half_width(self, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:

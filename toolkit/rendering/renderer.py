@@ -29,25 +29,19 @@ from toolkit.traffic.snapshots import Snapshot
 
 
 class Footprints(NamedTuple):
-    """Ground that bodies cover, and how high they reach.
+    """Ground that bodies cover, and how high they reach."""
 
-    points: corners of the convex footprints, world frame, one object after the other; first: (n + 1,) where those of
-    each begin; low, high: z (m); rectangles: around each footprint: x y of the middle, half the length and width,
-    cosine and sine of the yaw.
-    """
-
-    points: Float64[np.ndarray, "k 2"]
-    first: Int64[np.ndarray, " _"]
-    low: Float64[np.ndarray, " n"]
+    points: Float64[np.ndarray, "k 2"]  # corners of the convex footprints, world frame, object after object
+    first: Int64[np.ndarray, " _"]  # (n + 1,) where those of each begin
+    low: Float64[np.ndarray, " n"]  # z (m)
     high: Float64[np.ndarray, " n"]
-    rectangles: Float64[np.ndarray, "n 6"]
+    rectangles: Float64[np.ndarray, "n 6"]  # around them: x y of the middle, half length and width, cos and sin of yaw
 
 
 class Moment:
     """Moving objects of a frame in one scene: a body and a box each.
 
-    threads: of Open3D, 0 for all cores; slope: of the ground, with which bodies are sheared (see
-    `toolkit.geometry.level_motion`).
+    threads: of Open3D, 0 for all cores; slope: of the ground, with which bodies are sheared (`geometry.level_motion`).
     """
 
     def __init__(
@@ -147,11 +141,7 @@ Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene, and
 
 
 class Rendered(NamedTuple):
-    """Images of measurements and hits, per sensor.
-
-    measurements: m, depth of a camera, range of a lidar, 0 for no return; hits: row of the object in the snapshot, -1
-    for none and for the static scene.
-    """
+    """Images of measurements (m, 0 for no return) and hits (row of the object, -1 for none), per sensor."""
 
     measurements: tuple[Float32[np.ndarray, "_ _"], ...]
     hits: tuple[Int32[np.ndarray, "_ _"], ...]

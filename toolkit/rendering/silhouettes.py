@@ -29,13 +29,10 @@ class Silhouette(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """Rectangles of pixels around one box, in all sensors.
+    """Rectangles of pixels around one box, in all sensors."""
 
-    rows: sensor, top, bottom, left, right (pixels); least: lower bound of each sensor's measurement of it (m).
-    """
-
-    rows: Int64[np.ndarray, "m 5"]
-    least: Float32[np.ndarray, " S"]
+    rows: Int64[np.ndarray, "m 5"]  # sensor, top, bottom, left, right (pixels)
+    least: Float32[np.ndarray, " S"]  # lower bound of each sensor's measurement of it (m)
 
 
 class SensorRays:

@@ -38,19 +38,15 @@ Shows = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # by window,
 
 
 class Strips(NamedTuple):
-    """Upright strips of the visible parts of objects.
+    """Upright strips of the visible parts of objects."""
 
-    viewpoint, item: numbers of both; left < right: azimuth (rad, world, counter-clockwise, left from -2 pi on); bottom
-    < top: elevation (rad); shows: `OUTSIDE`, `WITHIN` or `BEYOND`.
-    """
-
-    viewpoint: Int32[np.ndarray, " n"]
+    viewpoint: Int32[np.ndarray, " n"]  # numbers of both
     item: Int32[np.ndarray, " n"]
-    left: Float32[np.ndarray, " n"]
+    left: Float32[np.ndarray, " n"]  # < right: azimuth (rad, world, counter-clockwise, left from -2 pi on)
     right: Float32[np.ndarray, " n"]
-    bottom: Float32[np.ndarray, " n"]
+    bottom: Float32[np.ndarray, " n"]  # < top: elevation (rad)
     top: Float32[np.ndarray, " n"]
-    shows: Int32[np.ndarray, " n"]
+    shows: Int32[np.ndarray, " n"]  # `OUTSIDE`, `WITHIN` or `BEYOND`
 
 
 class Counted(NamedTuple):
@@ -61,18 +57,14 @@ class Counted(NamedTuple):
 
 
 class Sectors(NamedTuple):
-    """Sectors around objects, of pairs of viewpoint and object.
-
-    start: azimuth of the first column (rad); width: of a column (rad); columns: their number; step: between the rays of
-    a column (rad, about).
-    """
+    """Sectors around objects, of pairs of viewpoint and object."""
 
     viewpoint: Int64[np.ndarray, " p"]
     item: Int64[np.ndarray, " p"]
-    start: Float64[np.ndarray, " p"]
-    width: Float64[np.ndarray, " p"]
-    columns: Int64[np.ndarray, " p"]
-    step: Float64[np.ndarray, " p"]
+    start: Float64[np.ndarray, " p"]  # azimuth of the first column (rad)
+    width: Float64[np.ndarray, " p"]  # of a column (rad)
+    columns: Int64[np.ndarray, " p"]  # their number
+    step: Float64[np.ndarray, " p"]  # between the rays of a column (rad, about)
 
     def take(self, pairs: Int64[np.ndarray, " q"]) -> Sectors:
         """Sectors of some pairs."""
@@ -80,16 +72,13 @@ class Sectors(NamedTuple):
 
 
 class _Columns(NamedTuple):
-    """Columns of rays.
-
-    window: of each; azimuth: of its middle; low: lowest elevation; step: between its rays (rad); rows: number of rays.
-    """
+    """Columns of rays."""
 
     window: Int64[np.ndarray, " c"]
-    azimuth: Float64[np.ndarray, " c"]
-    low: Float64[np.ndarray, " c"]
-    step: Float64[np.ndarray, " c"]
-    rows: Int64[np.ndarray, " c"]
+    azimuth: Float64[np.ndarray, " c"]  # of its middle
+    low: Float64[np.ndarray, " c"]  # lowest elevation
+    step: Float64[np.ndarray, " c"]  # between its rays (rad)
+    rows: Int64[np.ndarray, " c"]  # number of rays
 
 
 def cast_strips(

@@ -85,11 +85,11 @@ class _Term:
 
 @dataclass(frozen=True)
 class ClockOffset(_Term):
-    """Offset of each sensor's clock, constant over a recording. offset: its standard deviation (s)."""
+    """Offset of each sensor's clock, constant over a recording."""
 
     needs_velocities: ClassVar[bool] = True
 
-    offset: float = 0.0
+    offset: float = 0.0  # its standard deviation (s)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Move the points on objects to where they are when the sensor measures; ValueError without velocities."""
@@ -128,17 +128,13 @@ def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, fl
 
 @dataclass(frozen=True)
 class DropOut(_Term):
-    """Returns that fail, at random and by range and incidence.
-
-    share: of all returns; half_range: range (m) from which half of the surfaces at right angles return, 0 for no loss
-    by range and incidence; steepness: of the law above.
-    """
+    """Returns that fail, at random and by range and incidence."""
 
     _shares = ("share",)
 
-    share: float = 0.0
-    half_range: float = 0.0
-    steepness: float = 2.0
+    share: float = 0.0  # of all returns
+    half_range: float = 0.0  # m from which half of the surfaces at right angles return; 0: no loss by range
+    steepness: float = 2.0  # of the law above
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Drop failed returns."""
@@ -188,18 +184,16 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 @dataclass(frozen=True)
 class MixedPixels(_Term):
-    """Pixels beside an edge that measure something between two surfaces.
+    """Pixels beside an edge that measure something between two surfaces, with even probability.
 
-    share: of the pixels beside an edge; gap: least difference to a neighbour at an edge (m); reach: largest difference
-    that mixes (m), for pulsed lidars c/2 times the pulse's length, some 1.5 m, beyond which they tell two returns
-    apart. One of the four neighbours of each pixel is drawn; the measurement lies between both, with even probability.
+    One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing.
     """
 
     _shares = ("share",)
 
-    share: float = 0.0
-    gap: float = 0.3
-    reach: float = 1000.0
+    share: float = 0.0  # of the pixels beside an edge
+    gap: float = 0.3  # least difference to a neighbour at an edge (m)
+    reach: float = 1000.0  # largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Mix pixels at edges."""
@@ -218,14 +212,10 @@ class MixedPixels(_Term):
 
 @dataclass(frozen=True)
 class Calibration(_Term):
-    """Error of calibration, constant over a recording.
+    """Error of calibration, constant over a recording, normal about and along each axis."""
 
-    rotation: root mean square of the angle (rad) about any axis through the sensor; translation: root mean square of
-    the displacement (m) in any direction. Both are normal along each axis, smaller by the square root of 3.
-    """
-
-    rotation: float = angle(0.0)
-    translation: float = 0.0
+    rotation: float = angle(0.0)  # root mean square of the angle (rad) about any axis through the sensor
+    translation: float = 0.0  # root mean square of the displacement (m) in any direction
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Place the reading at the calibrated pose."""
@@ -242,15 +232,14 @@ class Calibration(_Term):
 class PoleSway(_Term):
     """Slow sway of poles; all sensors of a pole sway together.
 
-    amplitude: angle by which the tip of a pole turns (rad); period (s): up to a third longer or shorter from pole to
-    pole. To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing
-    is rendered anew. A pole's foot is taken to be at z = 0.
+    To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing is
+    rendered anew. A pole's foot is taken to be at z = 0.
     """
 
     _positive = ("period",)
 
-    amplitude: float = angle(0.0)
-    period: float = 3.0
+    amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)
+    period: float = 3.0  # s, up to a third longer or shorter from pole to pole
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Place the reading at the pose of the pole at rest."""
@@ -292,15 +281,12 @@ class OwnNoise(_Term):
 
 @dataclass(frozen=True)
 class RangeNoise(_Term):
-    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m) of the measurement z.
-
-    measures: limits it to sensors that measure "depth" or "range", None for all.
-    """
+    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m) of the measurement z."""
 
     constant: float = 0.0
     proportional: float = 0.0
     quadratic: float = 0.0
-    measures: Measure | None = None
+    measures: Measure | None = None  # limits it to sensors that measure "depth" or "range"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -344,18 +330,14 @@ def lidar_noise(*, constant: float = 0.02, proportional: float = 0.0005) -> Rang
 
 @dataclass(frozen=True)
 class Glass(_Term):
-    """Window glass of cars.
-
-    share: of the window band that is glass, the rest being pillars; lower, upper: the band, as shares of a vehicle's
-    height; behind: share of the rays through glass that return from anywhere inside; the others return nothing.
-    """
+    """Window glass of cars: some rays return from anywhere inside, the others return nothing."""
 
     _shares = ("share", "lower", "upper", "behind")
 
-    share: float = 0.0
-    lower: float = 0.62
+    share: float = 0.0  # of the window band that is glass, the rest being pillars
+    lower: float = 0.62  # the band, as shares of a vehicle's height
     upper: float = 0.93
-    behind: float = 0.3
+    behind: float = 0.3  # share of the rays through glass that return from the inside
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -389,19 +371,14 @@ class Glass(_Term):
 
 @dataclass(frozen=True)
 class Paint(_Term):
-    """Dark or wet paint of vehicles, heavy ones included.
-
-    share: of dark vehicles, by track id, the same for all sensors and frames (recordings without track ids draw anew);
-    dark: their reflectivity relative to others; wet: reflectivity of every vehicle relative to a dry one; half_range,
-    steepness: of `DropOut`, for a vehicle that is not dark.
-    """
+    """Dark or wet paint of vehicles, heavy ones included. Recordings without track ids draw anew in each frame."""
 
     _shares, _positive = ("share", "dark", "wet"), ("half_range",)
 
-    share: float = 0.0
-    dark: float = 0.1
-    wet: float = 1.0
-    half_range: float = 150.0
+    share: float = 0.0  # of dark vehicles, by track id, the same for all sensors and frames
+    dark: float = 0.1  # their reflectivity relative to others
+    wet: float = 1.0  # reflectivity of every vehicle relative to a dry one
+    half_range: float = 150.0  # of `DropOut`, for a vehicle that is not dark
     steepness: float = 2.0
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
@@ -437,17 +414,13 @@ PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
 
 @dataclass(frozen=True)
 class Weather(_Term):
-    """Rain, fog or snow.
-
-    extinction: per metre; share: of rays into the open that return from the air, below 1; reach: distance by which the
-    rate of such returns falls to 1/e (m).
-    """
+    """Rain, fog or snow."""
 
     _shares, _positive = ("share",), ("reach",)
 
-    extinction: float = 0.0
-    share: float = 0.0
-    reach: float = 8.0
+    extinction: float = 0.0  # per metre
+    share: float = 0.0  # of rays into the open that return from the air, below 1
+    reach: float = 8.0  # m by which the rate of such returns falls to 1/e
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -50,25 +50,19 @@ class _Noisy:
 
 @dataclass(frozen=True)
 class DepthCamera(_Noisy):
-    """Pinhole depth camera; frame: x right, y down, z forward.
-
-    The defaults are the paper's. width, height: full image (pixels); stride: every stride-th pixel of each row and
-    column is measured; fov: horizontal field of view (rad); sigma: standard deviation of the additive depth noise (m);
-    max_range: depth beyond which nothing returns (m); centre: principal point (u, v) in pixels of the full image, None
-    for the middle.
-    """
+    """Pinhole depth camera; frame: x right, y down, z forward. The defaults are the paper's."""
 
     kind: ClassVar[str] = "camera"
     measures: ClassVar[Measure] = "depth"
     body_SE3_sensor: ClassVar[np.ndarray] = BODY_SE3_CAMERA
 
-    width: int = 400
+    width: int = 400  # pixels of the full image
     height: int = 300
-    stride: int = 2
-    fov: float = angle(np.pi / 2)
-    sigma: float = 0.015
-    max_range: float = 1000.0
-    centre: tuple[float, float] | None = None
+    stride: int = 2  # every stride-th pixel of each row and column is measured
+    fov: float = angle(np.pi / 2)  # horizontal (rad)
+    sigma: float = 0.015  # standard deviation of the additive depth noise (m)
+    max_range: float = 1000.0  # depth beyond which nothing returns (m)
+    centre: tuple[float, float] | None = None  # principal point (u, v) in pixels of the full image, or its middle
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -246,22 +240,17 @@ class _Lidar(_Noisy):
 
 @dataclass(frozen=True)
 class SpinningLidar(_Lidar):
-    """Spinning lidar; frame: x forward, y left, z up.
-
-    channels: laser rows, top first; fov_up, fov_down: highest and lowest row (rad above the horizon);
-    azimuth_step: rad between columns; azimuth_fov: rad swept, centred on +x; sigma: noise of the range (m);
-    max_range: range beyond which nothing returns (m).
-    """
+    """Spinning lidar; frame: x forward, y left, z up."""
 
     kind: ClassVar[str] = "lidar"
 
-    channels: int = 64
-    fov_up: float = angle(np.deg2rad(10.0))
-    fov_down: float = angle(np.deg2rad(-40.0))
-    azimuth_step: float = angle(np.deg2rad(0.4))
-    azimuth_fov: float = angle(2 * np.pi)
-    sigma: float = 0.02
-    max_range: float = 120.0
+    channels: int = 64  # laser rows, top first
+    fov_up: float = angle(np.deg2rad(10.0))  # highest row (rad above the horizon)
+    fov_down: float = angle(np.deg2rad(-40.0))  # lowest row
+    azimuth_step: float = angle(np.deg2rad(0.4))  # rad between columns
+    azimuth_fov: float = angle(2 * np.pi)  # rad swept, centred on +x
+    sigma: float = 0.02  # noise of the range (m)
+    max_range: float = 120.0  # m
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -281,12 +270,7 @@ class SpinningLidar(_Lidar):
 
 @dataclass(frozen=True)
 class SolidStateLidar(_Lidar):
-    """Solid-state lidar; frame: x forward, y left, z up.
-
-    rows, columns: pixels; horizontal_fov, vertical_fov: its field of view (rad), centred on +x; sigma: noise of the
-    range (m) at the sensor, which grows by `sigma_per_metre` with the range; max_range: range beyond which nothing
-    returns (m).
-    """
+    """Solid-state lidar; frame: x forward, y left, z up, field of view centred on +x."""
 
     kind: ClassVar[str] = "solidstate"
 
@@ -294,19 +278,17 @@ class SolidStateLidar(_Lidar):
     columns: int = 300
     horizontal_fov: float = angle(float(np.deg2rad(120.0)))
     vertical_fov: float = angle(float(np.deg2rad(25.0)))
-    sigma: float = 0.02
-    sigma_per_metre: float = 0.0003
-    max_range: float = 150.0
+    sigma: float = 0.02  # noise of the range at the sensor (m)
+    sigma_per_metre: float = 0.0003  # by which it grows with the range
+    max_range: float = 150.0  # m
 
     def __post_init__(self) -> None:
         check_numbers(self)
         if min(self.rows, self.columns) < 1:
             raise ValueError(f"rows and columns must be at least 1, got {self.rows} and {self.columns}")
         if not (0 < self.horizontal_fov <= 2 * np.pi and 0 < self.vertical_fov <= np.pi):
-            raise ValueError(
-                "need 0 < horizontal_fov <= 2 pi and 0 < vertical_fov <= pi rad, got "
-                f"{self.horizontal_fov} and {self.vertical_fov}: give degrees as np.deg2rad(120)"
-            )
+            got = f"{self.horizontal_fov} and {self.vertical_fov}: give degrees as np.deg2rad(120)"
+            raise ValueError(f"need 0 < horizontal_fov <= 2 pi and 0 < vertical_fov <= pi rad, got {got}")
         check_noise(self.sigma, self.max_range)
         if not 0 <= self.sigma_per_metre < np.inf:
             raise ValueError(f"sigma_per_metre must be finite and not negative, got {self.sigma_per_metre}")
@@ -327,21 +309,16 @@ _ELEVATIONS = tuple(np.deg2rad(_DEGREES).tolist())
 
 @dataclass(frozen=True)
 class RowLidar(_Lidar):
-    """Lidar of rows that need not be evenly spaced; frame: x forward, y left, z up.
-
-    elevations: of its rows (rad above the horizon), top first; columns: of the azimuths it sweeps; azimuth_fov: rad
-    swept, centred on `heading` (rad from +x to the left); sigma: noise of the range (m); max_range: range beyond which
-    nothing returns (m).
-    """
+    """Lidar of rows that need not be evenly spaced; frame: x forward, y left, z up."""
 
     kind: ClassVar[str] = "rowlidar"
 
-    elevations: tuple[float, ...] = angle(_ELEVATIONS)
-    columns: int = 1800
-    azimuth_fov: float = angle(2 * np.pi)
-    heading: float = angle(0.0)
-    sigma: float = 0.02
-    max_range: float = 200.0
+    elevations: tuple[float, ...] = angle(_ELEVATIONS)  # of its rows (rad above the horizon), top first
+    columns: int = 1800  # of the azimuths it sweeps
+    azimuth_fov: float = angle(2 * np.pi)  # rad swept, centred on `heading`
+    heading: float = angle(0.0)  # rad from +x to the left
+    sigma: float = 0.02  # noise of the range (m)
+    max_range: float = 200.0  # m
 
     def __post_init__(self) -> None:
         check_numbers(self)

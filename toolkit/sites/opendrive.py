@@ -300,16 +300,12 @@ HEAD_BELOW = 2.1  # m, lowest place for the lower edge of a sign or a signal hea
 
 @dataclass
 class Standing:
-    """Objects beside the roads, in the map's frame.
+    """Objects beside the roads, in the map's frame."""
 
-    groups: solids that stand or fall together; bays: x, y, yaw; lamps: street lamps; understood, unknown: number of
-    objects by type.
-    """
-
-    groups: list[list[Solid]] = field(default_factory=list)
-    bays: list[tuple[float, float, float]] = field(default_factory=list)
+    groups: list[list[Solid]] = field(default_factory=list)  # solids that stand or fall together
+    bays: list[tuple[float, float, float]] = field(default_factory=list)  # x, y, yaw
     lamps: list[tuple[float, float]] = field(default_factory=list)
-    understood: Counter[str] = field(default_factory=Counter)
+    understood: Counter[str] = field(default_factory=Counter)  # number of objects by type
     unknown: Counter[str] = field(default_factory=Counter)
 
 

@@ -50,17 +50,13 @@ class Way:
 
 @dataclass(frozen=True)
 class Extract:
-    """Map in metres around its `centre` (longitude, latitude).
+    """Map in metres around its centre."""
 
-    heading: of x (rad counter-clockwise from east); areas: polygons, holes and all, with their tags; places: tagged
-    single points and their (2,) positions.
-    """
-
-    centre: tuple[float, float]
-    heading: float
+    centre: tuple[float, float]  # longitude, latitude
+    heading: float  # of x (rad counter-clockwise from east)
     ways: tuple[Way, ...]
-    areas: tuple[tuple[shapely.Polygon, Tags], ...]
-    places: tuple[tuple[Float64[np.ndarray, "2"], Tags], ...]
+    areas: tuple[tuple[shapely.Polygon, Tags], ...]  # holes and all
+    places: tuple[tuple[Float64[np.ndarray, "2"], Tags], ...]  # tagged single points
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:

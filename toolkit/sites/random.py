@@ -35,18 +35,14 @@ class Shoulder:
 
 @dataclass(frozen=True)
 class Leg:
-    """Road that meets the junction.
+    """Road that meets the junction."""
 
-    path: (k, 2) from the junction outwards; inbound, outbound: lanes each way, 0 if one-way; lane, footway: widths (m);
-    shoulders: of both directions.
-    """
-
-    path: Float64[np.ndarray, "k 2"]
-    inbound: int
+    path: Float64[np.ndarray, "k 2"]  # from the junction outwards
+    inbound: int  # lanes, 0 if one-way
     outbound: int
-    lane: float
-    footway: float
-    shoulders: tuple[Shoulder, Shoulder]
+    lane: float  # width (m)
+    footway: float  # width (m)
+    shoulders: tuple[Shoulder, Shoulder]  # of both directions
     speed: float
 
     @property

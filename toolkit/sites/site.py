@@ -51,18 +51,14 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """Pole or corner that can carry sensors.
-
-    position: (3,) foot on the ground; min_height, max_height: of sensors above it (m); price: of building there, in
-    units of one ordinary mount; capacity: of the link to the fusion centre (kbit per frame), shared by all its sensors.
-    """
+    """Pole or corner that can carry sensors."""
 
     name: str
-    position: Float64[np.ndarray, "3"]
-    min_height: float = 3.0
+    position: Float64[np.ndarray, "3"]  # foot on the ground
+    min_height: float = 3.0  # of sensors above it (m)
     max_height: float = 8.0
-    price: float = 1.0
-    capacity: float = 2000.0
+    price: float = 1.0  # of building there, in units of one ordinary mount
+    capacity: float = 2000.0  # of the link to the fusion centre (kbit per frame), shared by all its sensors
     max_sensors: int = 1
 
     def __post_init__(self) -> None:
@@ -81,15 +77,11 @@ class Mount:
 
 @dataclass(frozen=True)
 class Relief:
-    """Shape of the ground: a plane, and unevenness on it.
+    """Shape of the ground: a plane, and unevenness on it."""
 
-    slope: rise of the plane through the site's origin along x and y (m per m); amplitude: largest deviation from it
-    (m); seed: of the unevenness.
-    """
-
-    amplitude: float = 0.0
-    seed: int = 0
-    slope: Slope = LEVEL
+    amplitude: float = 0.0  # largest deviation from the plane (m)
+    seed: int = 0  # of the unevenness
+    slope: Slope = LEVEL  # rise of the plane through the site's origin along x and y (m per m)
 
     def __post_init__(self) -> None:
         if not 0 <= self.amplitude < np.inf:
@@ -103,30 +95,24 @@ class Relief:
 class Site:
     """A junction: detection area, roads, solids, mounts, sensors and network.
 
-    area: (4,) xmin ymin xmax ymax of the detection area; height: up to which points are kept (m); lanes, footways: (k,
-    2) polygons for wheels and for feet, in and around the area; mounts: possible places of sensors; sensors: present
-    ones; parking: (n, 3) bays x, y, yaw of parked vehicles; network: SUMO net.xml text in site coordinates, "" for a
-    site without traffic; geo_reference: PROJ string of the map frame, None if unknown; hybrid_radius: within which
-    sensors send no points in hybrid fusion (m, paper section IV-B).
-
     Two sites are equal if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
     field that does not fit.
     """
 
     name: str
-    area: Float64[np.ndarray, "4"]
-    height: float = 4.0
-    lanes: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
+    area: Float64[np.ndarray, "4"]  # xmin ymin xmax ymax of the detection area
+    height: float = 4.0  # up to which points are kept (m)
+    lanes: tuple[Float64[np.ndarray, "_ 2"], ...] = ()  # polygons for wheels and for feet, in and around the area
     footways: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
     solids: tuple[Solid, ...] = ()
-    mounts: tuple[Mount, ...] = ()
-    sensors: tuple[Sensor, ...] = ()
-    parking: Float64[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))
-    network: str = ""
+    mounts: tuple[Mount, ...] = ()  # possible places of sensors
+    sensors: tuple[Sensor, ...] = ()  # present ones
+    parking: Float64[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))  # bays x, y, yaw
+    network: str = ""  # SUMO net.xml text in site coordinates, "" for a site without traffic
     map_SE3_site: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
-    geo_reference: str | None = None
+    geo_reference: str | None = None  # PROJ string of the map frame, None if unknown
     relief: Relief = Relief()
-    hybrid_radius: float = HYBRID_RADIUS
+    hybrid_radius: float = HYBRID_RADIUS  # m within which sensors send no points in hybrid fusion (paper IV-B)
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {"area": check_area(self.area)}

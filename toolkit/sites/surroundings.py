@@ -25,17 +25,13 @@ POLE = 2.8  # m, height of a mount's own pole: sensors hang above it
 
 @dataclass(frozen=True, eq=False)
 class Road:
-    """Surface of a road, and the paths of its legs.
-
-    paths: (k, 2) each; half_widths: of each leg, left and right (m); lanes: everything with a kerb, including
-    `shoulders`, the strips without traffic.
-    """
+    """Surface of a road, and the paths of its legs."""
 
     paths: Sequence[Float64[np.ndarray, "_ 2"]]
-    half_widths: Sequence[tuple[float, float]]
-    lanes: f.Outlines
+    half_widths: Sequence[tuple[float, float]]  # of each leg, left and right (m)
+    lanes: f.Outlines  # everything with a kerb, including `shoulders`
     footways: f.Outlines
-    shoulders: f.Outlines = ()
+    shoulders: f.Outlines = ()  # strips without traffic
 
     @cached_property
     def carriageway(self) -> shapely.Geometry:

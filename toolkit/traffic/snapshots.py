@@ -167,31 +167,21 @@ COMING_AND_GOING = 8  # times `INTERVAL` more before frames closer together: at 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """One instant of traffic, site frame.
+    """One instant of traffic, site frame."""
 
-    objects: all that touch the detection area or the `MARGIN` around it, so some centres lie outside the area; bodies:
-    row of each object in the bodies given to `simulate`; time: seconds since the first frame; repaired: how many
-    objects were moved aside or taken out because bodies overlapped.
-    """
-
-    objects: Objects
-    bodies: Int64[np.ndarray, " n"]
-    time: float = 0.0
-    repaired: int = 0
+    objects: Objects  # all that touch the area or the `MARGIN` around it, so some centres lie outside the area
+    bodies: Int64[np.ndarray, " n"]  # row of each object in the bodies given to `simulate`
+    time: float = 0.0  # s since the first frame
+    repaired: int = 0  # objects moved aside or taken out because bodies overlapped
 
 
 @dataclass(frozen=True)
 class Mix:
-    """Shares of moving and parked objects.
+    """Shares of moving and parked objects. Raises ValueError for impossible numbers."""
 
-    most: objects at a time; parked: vehicles among them that park, a fifth at most by default; stay: frames that all
-    parked vehicles stay before others stand in other bays, which makes blocks of frames independent; by default
-    `STAY` on average, each vehicle on its own. Raises ValueError for impossible numbers.
-    """
-
-    most: int = MOST_OBJECTS
-    parked: int | None = None
-    stay: int | None = None
+    most: int = MOST_OBJECTS  # at a time
+    parked: int | None = None  # vehicles among them that park, a fifth at most by default
+    stay: int | None = None  # frames until all stand in other bays, for independent blocks; None: each on its own
 
     def __post_init__(self) -> None:
         if self.most < 1:

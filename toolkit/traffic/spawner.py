@@ -226,20 +226,16 @@ _SHOULDER = (0.55, 0.8)  # m between two pedestrians side by side, from .. to
 
 @dataclass
 class Spawned:
-    """State of one spawned object.
+    """State of one spawned object."""
 
-    body: its row; frames: number it has been seen in; turn (rad), aside, behind (m): deviation from SUMO's pose;
-    leader: the object whose pose that is, for companions on foot, which SUMO does not know.
-    """
-
-    body: int
+    body: int  # its row
     walks: bool
-    aside: float
+    aside: float  # m, rad, and behind: deviation from SUMO's pose
     turn: float
     inserted: bool = False
-    frames: int = 0
+    frames: int = 0  # it has been seen in
     behind: float = 0.0
-    leader: int | None = None
+    leader: int | None = None  # object whose pose that is, for companions on foot, which SUMO does not know
 
 
 class Spawner:
