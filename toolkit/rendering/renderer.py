@@ -207,24 +207,20 @@ class Renderer:
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
 
-    def reach(self, chosen: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Boxes around all of the bodies' meshes, mirrors included."""
-        reached, out = boxes.copy(), np.flatnonzero(self._sticking_out[chosen])
-        middle, yaw = self._bounds[chosen[out], :3], boxes[out, 6]
-        reached[out, 0] += np.cos(yaw) * middle[:, 0] - np.sin(yaw) * middle[:, 1]
-        reached[out, 1] += np.sin(yaw) * middle[:, 0] + np.cos(yaw) * middle[:, 1]
-        reached[out, 2] += middle[:, 2]
-        reached[out, 3:6] = self._bounds[chosen[out], 3:]
-        return reached
-
     def outer_corners(
         self, chosen: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]
     ) -> Float64[np.ndarray, "n 8 3"]:
-        """Corners of `reach`, world frame, sheared with the slope."""
-        reached = corners(self.reach(chosen, boxes))
+        """Corners of boxes around all of the bodies' meshes, mirrors included; world frame, sheared with the slope."""
+        whole, out = boxes.copy(), np.flatnonzero(self._sticking_out[chosen])
+        middle, yaw = self._bounds[chosen[out], :3], boxes[out, 6]
+        whole[out, 0] += np.cos(yaw) * middle[:, 0] - np.sin(yaw) * middle[:, 1]
+        whole[out, 1] += np.sin(yaw) * middle[:, 0] + np.cos(yaw) * middle[:, 1]
+        whole[out, 2] += middle[:, 2]
+        whole[out, 3:6] = self._bounds[chosen[out], 3:]
+        outer = corners(whole)
         if self._slope != LEVEL:
-            reached[..., 2] += (reached[..., :2] - boxes[:, None, :2]) @ np.array(self._slope)
-        return reached
+            outer[..., 2] += (outer[..., :2] - boxes[:, None, :2]) @ np.array(self._slope)
+        return outer
 
     def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Float64[np.ndarray, "4 4"]:
         """Motion of the world into the frame of the body in a box, the slope of the ground taken out."""
@@ -305,10 +301,9 @@ class Renderer:
         if misfit.any():
             row = int(np.flatnonzero(misfit)[0])
             body = self.bodies[chosen[row]]
-            raise ValueError(
-                f"object {row} has a box of {boxes[row, 3:6].round(3).tolist()} m, but its body {body.name!r} measures "
-                f"{np.round(body.size, 3).tolist()}: simulate and render with the same bodies"
-            )
+            found, size = boxes[row, 3:6].round(3).tolist(), np.round(body.size, 3).tolist()
+            says = f"object {row} has a box of {found} m, but its body {body.name!r} measures {size}"
+            raise ValueError(f"{says}: simulate and render with the same bodies")
 
 
 @lru_cache(maxsize=64)

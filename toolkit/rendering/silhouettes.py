@@ -47,7 +47,10 @@ class SensorRays:
         images = renderer.looking(sensors).background
         self.still = np.concatenate([image.ravel() for image in images])
         self.first = np.cumsum([0, *(image.size for image in images)])
-        self.rays = np.concatenate([_world_rays(sensor) for sensor in sensors])
+        turns = [sensor.pose[:3, :3].T.astype(np.float32) for sensor in sensors]
+        self.rays = np.concatenate(
+            [s.model.rays().reshape(-1, 3) @ turn for s, turn in zip(sensors, turns, strict=True)]
+        )
         self._poses = np.array([sensor.pose for sensor in sensors])
         most = np.repeat([sensor.model.max_range for sensor in sensors], np.diff(self.first)).astype(np.float32)
         self._reach = np.where(self.still > 0, self.still, most)
@@ -116,11 +119,7 @@ class SensorRays:
         pixels, sensors = counting(width) + np.repeat(begin, width), np.repeat(sensor, width)
         reached = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
         pixels, sensors = pixels[reached], sensors[reached]
-        if once_each:
-            return pixels, sensors
-        pixels, once = np.unique(pixels, return_index=True)  # a lidar's windows may meet beyond its seam
-        return pixels, sensors[once]
-
-
-def _world_rays(sensor: Sensor) -> Float32[np.ndarray, "pixels 3"]:
-    return sensor.model.rays().reshape(-1, 3) @ sensor.pose[:3, :3].T.astype(np.float32)
+        if not once_each:  # a lidar's windows may meet beyond its seam
+            pixels, once = np.unique(pixels, return_index=True)
+            sensors = sensors[once]
+        return pixels, sensors

@@ -53,8 +53,7 @@ def plant(
 ) -> bool:
     """Plant a tree at `foot`; return False if there is no room.
 
-    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: lower and upper end
-    of the crown (m).
+    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: its ends (m).
     """
     x, y = (round(float(c), 3) for c in foot)
     spot = shapely.Point(x, y)

@@ -55,20 +55,16 @@ def post(x: float, y: float, height: float, radius: float = 0.08) -> Solid:
 
 def sign(x: float, y: float, facing: float) -> list[Solid]:
     """Traffic sign on its post, its face towards `facing` (rad)."""
-    half = 0.35 * np.array([-np.sin(facing), np.cos(facing)])
-    plate = bar((x - half[0], y - half[1]), (x + half[0], y + half[1]), 0.06)
+    plate = block((0.7, 0.06), (x, y), facing + np.pi / 2)
     return [post(x, y, 2.2, 0.04), Solid(plate, 2.2, 2.9, "sign")]
 
 
 def tree(x: float, y: float, height: float = 7.0, crown: float = 1.6, clear: float = 2.3) -> list[Solid]:
     """Trunk, and a crown from `clear` m up to `height`. crown: its radius (m); it is narrower below and above."""
-    middle, upper = clear + 0.25 * (height - clear), clear + 0.7 * (height - clear)
-    return [
-        Solid(disc(x, y, 0.16), 0.0, clear, "trunk"),
-        Solid(disc(x, y, 0.75 * crown), clear, middle, "tree"),
-        Solid(disc(x, y, crown), middle, upper, "tree"),
-        Solid(disc(x, y, 0.6 * crown), upper, height, "tree"),
-    ]
+    levels = clear, clear + 0.25 * (height - clear), clear + 0.7 * (height - clear), height
+    parts = zip((0.75, 1.0, 0.6), pairwise(levels), strict=True)
+    clumps = [Solid(disc(x, y, part * crown), *ends, "tree") for part, ends in parts]
+    return [Solid(disc(x, y, 0.16), 0.0, clear, "trunk"), *clumps]
 
 
 def litter_bin(x: float, y: float) -> Solid:
@@ -78,9 +74,7 @@ def litter_bin(x: float, y: float) -> Solid:
 
 def bench(x: float, y: float, along: float = 0.0) -> Solid:
     """Bench 1.8 m long. along: its direction (rad)."""
-    half = 0.9 * np.array([np.cos(along), np.sin(along)])
-    start, end = np.array([x, y]) + np.stack([-half, half])
-    return Solid(bar(tuple(start), tuple(end), 0.5), 0.0, 0.5, "bench")
+    return Solid(block((1.8, 0.5), (x, y), along), 0.0, 0.5, "bench")
 
 
 def hedge(line: Sequence[Point], height: float = 1.4, width: float = 0.7) -> list[Solid]:
@@ -176,7 +170,7 @@ def _draw_block(kind: str, *ranges: tuple[float, float]) -> Make:
 
 
 hedge_block = _draw_block("hedge", (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))  # clipped, up to the size of a van
-cabinet = _draw_block("cabinet", (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))  # power or telephone box
+_cabinet = _draw_block("cabinet", (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))  # power or telephone box
 
 
 def bushes(rng: np.random.Generator) -> list[Solid]:
@@ -190,8 +184,7 @@ def bushes(rng: np.random.Generator) -> list[Solid]:
     return made
 
 
-def planter(rng: np.random.Generator) -> list[Solid]:
-    """Stone tub with a plant in it."""
+def _planter(rng: np.random.Generator) -> list[Solid]:
     length, width, height, green = _size(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9), (0.2, 0.9))
     grown = Solid(block((0.8 * length, 0.8 * width)), height, round(height + green, 2), "bush")
     return [Solid(block((length, width)), 0.0, height, "planter"), grown]
@@ -217,8 +210,7 @@ def skip(rng: np.random.Generator) -> list[Solid]:
     ]
 
 
-def bus_shelter(rng: np.random.Generator) -> list[Solid]:
-    """Bus shelter open towards -y: back wall, sides and roof."""
+def _bus_shelter(rng: np.random.Generator) -> list[Solid]:
     length, width = _size(rng, (2.5, 6.0), (1.2, 2.0))
     xmin, ymin, xmax, ymax = -length / 2, -width / 2, length / 2, width / 2
     return [
@@ -228,8 +220,7 @@ def bus_shelter(rng: np.random.Generator) -> list[Solid]:
     ]
 
 
-def bins(rng: np.random.Generator) -> list[Solid]:
-    """One to five large bins side by side."""
+def _bins(rng: np.random.Generator) -> list[Solid]:
     number = int(rng.integers(1, 6))
     length, width, height = _size(rng, (0.6, 1.4), (0.7, 1.1), (1.0, 1.5))
     at = (np.arange(number) - (number - 1) / 2) * (length + 0.12)
@@ -246,8 +237,7 @@ def heap(rng: np.random.Generator) -> list[Solid]:
     ]
 
 
-def column(rng: np.random.Generator) -> list[Solid]:
-    """Advertising column, or a board on feet."""
+def _column(rng: np.random.Generator) -> list[Solid]:
     radius, height, length = _size(rng, (0.5, 0.8), (2.4, 3.6), (1.2, 3.6))
     if rng.random() < 0.5:
         return [Solid(disc(0.0, 0.0, radius, 12), 0.0, height, "sign")]
@@ -267,5 +257,5 @@ def digger(rng: np.random.Generator) -> list[Solid]:
     return [*sides, house, cab, boom, stick]
 
 
-PLANTED: tuple[Make, ...] = (hedge_block, hedge_block, bushes, bushes, planter)
-BUILT: tuple[Make, ...] = (cabinet, container, skip, bus_shelter, bins, heap, column)
+PLANTED: tuple[Make, ...] = (hedge_block, hedge_block, bushes, bushes, _planter)
+BUILT: tuple[Make, ...] = (_cabinet, container, skip, _bus_shelter, _bins, heap, _column)

@@ -279,12 +279,11 @@ def import_opendrive(
 
     Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
-    path, (x, y) = _check_file(path, ".xodr"), _check_place(centre, size, heading)
+    path, (x, y), area = _check(path, ".xodr", centre, size, heading)
     with name_errors(path):
         root = opendrive.read_opendrive(path, (x, y))
     geo_reference = opendrive.find_projection(root, path.name)
-    area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
-    window = shapely.Polygon(_corners(area, REACH) @ pose(yaw=heading)[:2, :2].T + [x, y])
+    window = opendrive.in_map(_around(area, REACH), pose(x, y, yaw=heading))
     used = [{"id": k, "speed": s, "priority": p, "allow": u} for k, (s, p, u) in _USED_LANES.items()]
     unused = [{"id": kind, "speed": 1, "priority": 0, "disallow": "all"} for kind in _UNUSED_LANES]
     with tempfile.TemporaryDirectory() as folder:
@@ -309,14 +308,21 @@ def import_opendrive(
     walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
     if not paved:
         raise ValueError(_no_road(path, (x, y)))
-    reach, tracks = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre"), find_tracks(network)
+    reach, tracks = _around(area, SURROUNDINGS), find_tracks(network)
     lanes, footways = whole_road(paved, walked, tracks, reach, fillings=junction_corners(network))
     for lane in found:
         if lane.kind == "parking" and lane.width >= 1.8:
             middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
             there.bays.extend(bays_along(shapely.get_coordinates(middle)))
     solids, notes = opendrive.off_the_road(there, reach, lanes, tracks)
-    relief, said = _slope(roads, opendrive.in_map(shapely.box(*area), map_SE3_site), map_SE3_site)
+    slope, off, steepest = opendrive.find_plane(roads, opendrive.in_map(shapely.box(*area), map_SE3_site), map_SE3_site)
+    rise, relief = float(np.hypot(*slope)), Relief()
+    if steepest > LEAST_SLOPE and LEAST_SLOPE < rise <= STEEPEST:
+        relief = Relief(slope=(round(slope[0], 5), round(slope[1], 5)))
+        said = f"the site slopes by {100 * rise:.1f} % as its roads do, which leave that plane by up to {off:.2f} m"
+        notes.append(said)
+    elif steepest > LEAST_SLOPE:
+        notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
     site = Site(
         name or path.stem,
         area,
@@ -329,21 +335,7 @@ def import_opendrive(
         relief=relief,
     )
     lamps = np.array(there.lamps).reshape(-1, 2)
-    return _finish(site, path, (x, y), solids, lamps=lamps, seed=seed, notes=[*notes, *said])
-
-
-def _slope(
-    roads: Sequence[opendrive.MapRoad], window: shapely.Geometry, map_SE3_site: np.ndarray
-) -> tuple[Relief, list[str]]:
-    """Plane of the roads in a window of the map as a relief, and notes."""
-    slope, off, steepest = opendrive.find_plane(roads, window, map_SE3_site)
-    rise = float(np.hypot(*slope))
-    if steepest <= LEAST_SLOPE:
-        return Relief(), []
-    if not LEAST_SLOPE < rise <= STEEPEST:
-        return Relief(), [f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level"]
-    said = f"the site slopes by {100 * rise:.1f} % as its roads do, which leave that plane by up to {off:.2f} m"
-    return Relief(slope=(round(slope[0], 5), round(slope[1], 5))), [said]
+    return _finish(site, path, (x, y), solids, lamps=lamps, seed=seed, notes=notes)
 
 
 def import_osm(
@@ -367,10 +359,8 @@ def import_osm(
 
     Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO.
     """
-    path, place = _check_file(path, ".osm"), _check_place(centre, size, heading)
-    extract = osm.read_map(path, place, heading)
-    area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
-    within = shapely.Polygon(_corners(area, REACH))
+    path, place, area = _check(path, ".osm", centre, size, heading)
+    extract, within = osm.read_map(path, place, heading), _around(area, REACH)
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
     if not pieces:
         raise ValueError(_no_road(path, place))
@@ -389,7 +379,7 @@ def import_osm(
                 network = _in_site_frame(convert(options), map_SE3_site)
             except ValueError as error:
                 notes.append(f"parking along the kerbs was left out ({error})")
-    window = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
+    window = _around(area, SURROUNDINGS)
     lanes, footways = road_polygons(network, area)
     paved, street = unite(lanes), unite([*lanes, *footways])
     solids, cut = osm.buildings(extract, window, street.buffer(0.1))
@@ -434,7 +424,14 @@ def _finish(
     road = Road((), (), site.lanes, site.footways)
     walls = unite(s.footprint for s in solids if s.top > 2.0).buffer(0.3)
     walls = walls.union(shapely.union_all([outline(bay, MAP_BAY) for bay in site.parking]).buffer(0.3))
-    mounts = _lamp_mounts(lamps, road, site, walls)
+    mounts: list[Mount] = []
+    near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
+    for lamp in lamps:  # on brackets over the road
+        spot = shapely.Point(lamp)
+        towards = shapely.get_coordinates(shapely.shortest_line(spot, road.carriageway))[1] - lamp
+        place = lamp + BRACKET * towards / (np.hypot(*towards) + 1e-9)
+        if near.contains(spot) and not occupied.intersects(shapely.Point(place)):
+            mounts.append(Mount(f"lamp{len(mounts):02}", np.array([*place.round(3), 0.0]), 3.0, 8.0))
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
         near = shapely.MultiPoint(lamps).buffer(2.0)
@@ -452,34 +449,21 @@ def _finish(
     return made
 
 
-def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
-    """Mounts on brackets over the road, on the lamp posts in and near the area."""
-    mounts: list[Mount] = []
-    near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
-    for lamp in lamps:
-        spot = shapely.Point(lamp)
-        towards = shapely.get_coordinates(shapely.shortest_line(spot, road.carriageway))[1] - lamp
-        place = lamp + BRACKET * towards / (np.hypot(*towards) + 1e-9)
-        if near.contains(spot) and not occupied.intersects(shapely.Point(place)):
-            mounts.append(Mount(f"lamp{len(mounts):02}", np.array([*place.round(3), 0.0]), 3.0, 8.0))
-    return mounts
-
-
-def _check_file(path: str | Path, suffix: str) -> Path:
+def _check(
+    path: str | Path, suffix: str, centre: Sequence[float | int], size: Sequence[float | int], heading: float
+) -> tuple[Path, tuple[float, float], Float64[np.ndarray, "4"]]:
+    """Path, centre, and area in the site's frame."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no map {str(path)!r}: give an {suffix} file")
     if path.stat().st_size == 0:
         raise ValueError(f"{path}: the file is empty: download the map again")
-    return path
-
-
-def _check_place(centre: Sequence[float | int], size: Sequence[float | int], heading: float) -> tuple[float, float]:
     if not (len(centre) == 2 and np.isfinite([*centre, heading]).all()):
         raise ValueError(f"centre must be two finite numbers and heading one, got {centre} and {heading}")
     if not (len(size) == 2 and np.isfinite(size).all() and min(size) > 0 and max(size) <= 1000):
         raise ValueError(f"size must be two lengths above 0 and at most 1000 m, got {size}: give --size LENGTH WIDTH")
-    return float(centre[0]), float(centre[1])
+    area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
+    return path, (float(centre[0]), float(centre[1])), area
 
 
 def _no_road(path: Path, centre: tuple[float, float]) -> str:
@@ -542,5 +526,5 @@ def _repair(ring: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
     return shapely.get_coordinates(max(polygons, key=shapely.area, default=strip).exterior)[:-1]
 
 
-def _corners(area: Float[np.ndarray, "4"], margin: float) -> Float64[np.ndarray, "4 2"]:
-    return f.rectangle(*(area + margin * np.array([-1, -1, 1, 1])))
+def _around(area: Float[np.ndarray, "4"], margin: float) -> shapely.Polygon:
+    return shapely.box(*(area + margin * np.array([-1, -1, 1, 1])))

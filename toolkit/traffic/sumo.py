@@ -16,16 +16,28 @@ STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
 FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` still
 LATERAL_RESOLUTION = 0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
 
+_OPTIONS = {
+    "lateral-resolution": LATERAL_RESOLUTION,
+    "collision.action": "none",
+    "time-to-teleport": -1,
+    "max-depart-delay": 0,
+    **dict.fromkeys(("xml-validation", "xml-validation.net"), "never"),
+    **dict.fromkeys(("no-step-log", "no-warnings", "duration-log.disable"), "true"),
+}
+
 
 @contextmanager
 def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[Any]:
-    """Run the libsumo module with a network and vehicle types.
+    """Run the libsumo module with a network (net.xml text) and vehicle types (additional-file text); step: s.
 
-    network: net.xml text; types: additional-file text; step: s. Raises ImportError without SUMO, RuntimeError where a
-    simulation is open in this process already (libsumo knows only one), ValueError with SUMO's own words where it
-    refuses the network.
+    Raises ImportError without SUMO, RuntimeError where a simulation is open in this process already (libsumo knows only
+    one), ValueError with SUMO's own words where it refuses the network.
     """
-    sumo = load_sumo()
+    try:
+        with redirect_stdout(io.StringIO()):  # it greets with a warning about pyarrow, which is not used here
+            sumo = import_module("libsumo")
+    except ImportError as error:
+        raise ImportError(f'traffic needs SUMO ({error}): pip install "coview[sim]"') from None
     if sumo.simulation.isLoaded():
         raise RuntimeError(
             "SUMO simulates one site at a time in a process, and one is open: "
@@ -35,9 +47,16 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
         files = {name: Path(folder) / name for name in ("net.xml", "types.xml", "said.txt")}
         files["net.xml"].write_text(network, encoding="utf-8")
         files["types.xml"].write_text(types, encoding="utf-8")
+        changing = {
+            "net-file": files["net.xml"],
+            "additional-files": files["types.xml"],
+            "seed": seed,
+            "step-length": step,
+        }
+        options = {**changing, **({} if step == STEP else {"default.action-step-length": STEP}), **_OPTIONS}
         try:
             with _stderr_into(files["said.txt"]):
-                sumo.start(["sumo", *_options(files["net.xml"], files["types.xml"], seed, step)])
+                sumo.start(["sumo", *(word for name, value in options.items() for word in (f"--{name}", str(value)))])
         except Exception as error:  # SUMO says why only on stderr
             said = files["said.txt"].read_text(encoding="utf-8").strip() or str(error)
             reason = said.splitlines()[0].removeprefix("Error: ").rstrip(".")
@@ -46,15 +65,6 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
         yield sumo
     finally:
         sumo.close()
-
-
-def load_sumo() -> Any:
-    """Import libsumo, or raise ImportError that says how to install it."""
-    try:
-        with redirect_stdout(io.StringIO()):  # it greets with a warning about pyarrow, which is not used here
-            return import_module("libsumo")
-    except ImportError as error:
-        raise ImportError(f'traffic needs SUMO ({error}): pip install "coview[sim]"') from None
 
 
 @contextmanager
@@ -69,23 +79,3 @@ def _stderr_into(file: Path) -> Iterator[None]:
     finally:
         os.dup2(kept, 2)
         os.close(kept)
-
-
-def _options(network: Path, types: Path, seed: int, step: float) -> list[str]:
-    options = {
-        "net-file": network,
-        "additional-files": types,
-        "seed": seed,
-        "step-length": step,
-        **({} if step == STEP else {"default.action-step-length": STEP}),
-        "lateral-resolution": LATERAL_RESOLUTION,
-        "collision.action": "none",
-        "time-to-teleport": -1,
-        "max-depart-delay": 0,
-        "xml-validation": "never",
-        "xml-validation.net": "never",
-        "no-step-log": "true",
-        "no-warnings": "true",
-        "duration-log.disable": "true",
-    }
-    return [word for name, value in options.items() for word in (f"--{name}", str(value))]
