@@ -190,25 +190,18 @@ def save(cloud: PointCloud, path: str | Path) -> None:
     refused = OSError(f"cannot write {path}: check that its folder exists and the disk has room")
     if not path.parent.is_dir():
         raise refused
-    with writing(path) as unfinished:
-        reserve(unfinished, sum(values.numpy().nbytes for _, values in cloud.point.items()))
-        if not o3d.t.io.write_point_cloud(unfinished, _writable(cloud, path)):
-            raise refused
-
-
-def _writable(cloud: PointCloud, path: Path) -> PointCloud:
-    """Return the cloud as Open3D can write it: normals of the positions' type, for ply and pcd no unknown wide
-    attributes.
-    """
     columns = attributes(cloud)
-    if "normals" in columns:
+    if "normals" in columns:  # Open3D's PCD writer expects the type of the positions
         columns["normals"] = columns["normals"].astype(columns["positions"].dtype)
     known = ("positions", "normals", "colors")
     wide = [name for name, column in columns.items() if name not in known and column[:1].size > 1]
-    if path.suffix.lower() == ".npz" or not wide:
-        return from_attributes(columns)
-    warnings.warn(f"{path}: {', '.join(wide)} left out: several columns need .npz", stacklevel=3)
-    return from_attributes({name: column for name, column in columns.items() if name not in wide})
+    if path.suffix.lower() != ".npz" and wide:
+        warnings.warn(f"{path}: {', '.join(wide)} left out: several columns need .npz", stacklevel=2)
+        columns = {name: column for name, column in columns.items() if name not in wide}
+    with writing(path) as unfinished:
+        reserve(unfinished, sum(values.numpy().nbytes for _, values in cloud.point.items()))
+        if not o3d.t.io.write_point_cloud(unfinished, from_attributes(columns)):
+            raise refused
 
 
 def load(path: str | Path) -> PointCloud:
@@ -218,54 +211,44 @@ def load(path: str | Path) -> PointCloud:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
-    if path.suffix.lower() == ".pcd":
-        return from_attributes(_check_attributes(read_pcd(path), path))
-    if path.suffix.lower() == ".npz":
+    nothing = f"{path} has no points that Open3D can read: is it a damaged or foreign file?"
+    kind = path.suffix.lower()
+    if kind in (".pcd", ".npz"):
         try:
-            return from_attributes(_check_attributes(load_arrays(path), path))
+            columns = read_pcd(path) if kind == ".pcd" else load_arrays(path)
         except ValueError as error:
-            raise ValueError(f"{_no_points(path)} ({error})") from None
-    if _ply_is_cut_off(path):
+            raise ValueError(f"{error}" if kind == ".pcd" else f"{nothing} ({error})") from None
+        points = columns.get("positions")
+        if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
+            raise ValueError(nothing)
+        sound = {
+            name: column
+            for name, column in columns.items()  # without what no cloud can have
+            if (column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64))
+            and column.dtype.isnative
+            and column.ndim in (1, 2)
+            and len(column) == len(points)
+        }
+        if "sensor" in sound and (sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"):
+            raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
+        return from_attributes(sound)
+    if kind == ".ply" and _ply_is_cut_off(path.read_bytes()):
         raise ValueError(f"{path} is cut off, with fewer points than its header says: copy it again")
     try:
         cloud = o3d.t.io.read_point_cloud(path)
     except RuntimeError:
-        raise ValueError(_no_points(path)) from None
+        raise ValueError(nothing) from None
     if "positions" not in cloud.point:
-        raise ValueError(_no_points(path))
+        raise ValueError(nothing)
     return from_attributes({name: column.copy() for name, column in attributes(cloud).items()})
 
 
-def _no_points(path: Path) -> str:
-    return f"{path} has no points that Open3D can read: is it a damaged or foreign file?"
+_SIZES = {1: "char uchar int8 uint8", 2: "short ushort int16 uint16", 4: "int uint float int32 uint32 float32"}
+_PLY_BYTES = {name: size for size, names in {**_SIZES, 8: "double float64"}.items() for name in names.split()}
 
 
-def _check_attributes(attributes: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Drop a file's attributes that no cloud can have. Raises ValueError without valid positions."""
-    points = attributes.get("positions")
-    if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
-        raise ValueError(_no_points(path))
-    sound = {name: column for name, column in attributes.items() if _is_column(column, len(points))}
-    if "sensor" in sound and (sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"):
-        raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
-    return sound
-
-
-def _is_column(column: np.ndarray, points: int) -> bool:
-    numeric = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)
-    return numeric and column.dtype.isnative and column.ndim in (1, 2) and len(column) == points
-
-
-_PLY_BYTES = {"char": 1, "short": 2, "int": 4, "float": 4, "double": 8}
-_PLY_BYTES |= {"uchar": 1, "ushort": 2, "uint": 4, "float32": 4, "float64": 8}
-_PLY_BYTES |= {"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4}
-
-
-def _ply_is_cut_off(path: Path) -> bool:
+def _ply_is_cut_off(content: bytes) -> bool:
     """Return True if a ply ends before its last point. Open3D would fill the rest with stray memory."""
-    if path.suffix.lower() != ".ply":
-        return False
-    content = path.read_bytes()
     header, _, body = content.partition(b"end_header")
     vertex = re.search(r"element vertex (\d+)\s+((?:property \w+ \w+\s+)+)", header.decode("ascii", "replace"))
     if vertex is None:
