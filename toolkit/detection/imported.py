@@ -1,13 +1,9 @@
-"""`ImportedDetector`: any Python detector by its import path.
+"""`ImportedDetector`: any Python detector by its import path, such as `my_package.my_module:detect`.
 
-For example `my_package.my_module:detect`. The name stands for one of:
-
-    a detector           called with the points (n, 3) of a frame, world frame, m, it returns `Detections`
-    a maker of one       it has a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or none at all, and
-                         returns a detector for that place; a class counts, its instances being the detectors
-
-A detector may have an attribute `digest`, a text that changes with everything its detections depend on. Detections are
-kept for another run only with a digest.
+The name stands for a detector, called with the points (n, 3) of a frame, world frame, m, or for a maker of one: a
+class, or a callable with a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or none at all. A detector
+may have an attribute `digest`, a text that changes with everything its detections depend on. Detections are kept for
+another run only with a digest.
 """
 
 from __future__ import annotations

@@ -1,31 +1,16 @@
-"""Differences: foreground messages that send only the changes since an earlier message.
+"""Differences: foreground messages that send only the changes since an earlier one: docs/reference/message-format.md.
 
 A whole image, an ordinary foreground message, comes at least every `key_every` messages; those between are differences.
-Each names the message that it refers to, and a checksum of the state that sender and reader share after it. A reader
-without that state, having missed a message, refuses the difference (`MissedReference`) and waits for the next whole
+Each names the message that it refers to, and a checksum of the `Reference` that sender and reader share after it. A
+reader without it, having missed a message, refuses the difference (`MissedReference`) and waits for the next whole
 image. A difference refers to
 
     previous   the message before it: the smallest, but a lost message makes all useless up to the next whole image
     key        the last whole image: a lost difference is lost alone; for links that lose messages
 
-On the wire a difference is, after the header, the number of messages back to its reference (uint8, from 1), whether the
-next difference refers to this one (uint8: 1) or to the same as this (0), the checksum (uint32, CRC-32 of `Reference`),
-the pixels, and missing pixels as in a foreground message.
-
-Sender and reader both keep a `Reference`: for every pixel of the last message the mean of its measurements since it
-last changed, over 8 images at most, in 16ths of a step, so that noise averages out. Moving surfaces are better
-predicted from their neighbours as in a single image, still ones from the reference; the sender chooses by squares of 8
-x 8 pixels. The pixels on the wire:
-
-    squares    a bit for each square that holds a pixel of the reference, row after row, filled with zeros to a whole
-               byte: 1 where it stands still
-    mask       pixels sent otherwise than the reference says: those of the squares that stand still
-    still      packed: measured less the reference, rounded (half up), of the sent pixels that it knows in these
-               squares, as 2r for r >= 0 and -2r - 1 below, r counted towards where the reference was rounded from
-    others     packed: the other sent pixels, predicted from known neighbours
-
-Mask and packed numbers are those of `toolkit.detection.link.image_coding`. All arithmetic is in whole numbers, so that
-sender and reader agree on every machine.
+A `Reference` has for every pixel of the last message the mean of its measurements since it last changed, so that noise
+averages out. Moving surfaces are better predicted from their neighbours, still ones from the reference; the sender
+chooses by squares of 8 x 8 pixels. All arithmetic is in whole numbers, so that both agree on every machine.
 """
 
 from __future__ import annotations

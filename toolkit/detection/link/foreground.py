@@ -1,14 +1,11 @@
 """`Foreground`: sensors send only what stands out from their empty scene.
 
 The centre knows the empty scenes, draws them into all other pixels, and all points go through the detector together, as
-in early fusion. Sent pixels arrive within half a step. On the wire the missing pixels, if any, follow the measurements
-as a mask (`toolkit.detection.link.image_coding`).
-
-A pixel in the crop stands out if its measurement lies farther than some spreads from both medians of the scene. A pixel
-is missing where the centre would draw a point of the empty scene and the sensor has none in the crop: nothing returned,
-from a blinded lens or dark wet paint, or something stands close before the sensor, outside the crop. Single returns
-drop out in every image, and are better drawn than sent: missing pixels are sent where at least half of those about them
-(5 x 5) that should show the scene are missing too, three or all of them; and everywhere when all are.
+in early fusion. A pixel in the crop stands out if its measurement lies farther than some spreads from both medians of
+the scene. It is missing where the centre would draw a point of the empty scene and the sensor has none in the crop:
+nothing returned, or something stands close before the sensor. Single returns drop out in every image, and are better
+drawn than sent: missing pixels are sent where at least half of those about them (5 x 5) that should show the scene are
+missing too, three or all of them; and everywhere when all are.
 """
 
 from __future__ import annotations

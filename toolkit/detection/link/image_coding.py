@@ -1,21 +1,9 @@
-"""Lossless coding of whole numbers and of the pixels of range images.
+"""Lossless coding of whole numbers and of the pixels of range images: docs/reference/message-format.md.
 
-Numbers: a number below 8 is its own symbol; one of e > 3 bits has the symbol 8 + 2 (e - 4) + its second bit, and its
-lower e - 2 bits follow apart. On the wire:
-
-    count     variable length, 7 bits a byte, lowest first
-    length    variable length: of the next part
-    symbols   a byte for each number, raw deflate (RFC 1951), by the strategy that makes it the shortest
-    bits      the lower bits of all large numbers, highest first, filled with zeros to a whole byte
-
-Pixels in whole steps: the mask is coded by the places where it changes along the rows, or by those where it differs
-from its left and upper neighbours, whichever takes less; their distances are packed. Measurements are predicted from
-earlier pixels (left, up, upper left) as in lossless JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE Transactions on
-Image Processing 9, 2000) if these are in the mask, else from those that are. On the wire:
-
-    way        uint8: 0 changes along the rows, 1 changes against left and up
-    mask       packed: distance from each change to the next, the first from the pixel before the first
-    residuals  packed: measured less predicted, as 2r for r >= 0 and -2r - 1 below, pixel after pixel of the mask
+A mask is coded by the places where it changes along the rows, or by those where it differs from its left and upper
+neighbours, whichever takes less. Measurements are predicted from earlier pixels (left, up, upper left) as in lossless
+JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE Transactions on Image Processing 9, 2000) if these are in the mask,
+else from those that are.
 """
 
 from __future__ import annotations

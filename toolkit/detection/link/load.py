@@ -1,15 +1,9 @@
-"""Load of messages on a link.
+"""Load of messages on a link: rate, packets, and share of usual capacities.
 
-Rate, packets, and share of usual capacities.
-
-A packet carries at most 1400 bytes of a message, so that with the headers of IP and UDP it fits an Ethernet frame, and
-a message of up to that size arrives whole or not at all. Capacities are nominal, shared by all senders, and hold what
-the standards' headers, gaps and collisions take as well, so that a share well below 1 is needed:
-
-    802.11p      6 Mbit/s   the default rate of ITS-G5 and WAVE in a channel of 10 MHz (IEEE 802.11-2020, clause 17)
-    LTE-V2X      8 Mbit/s   a transport block of 7992 bits each ms: 50 resource blocks of 10 MHz, QPSK (3GPP TS 36.213,
-                            table 7.1.7.2.1-1, index 9)
-    Ethernet   100 Mbit/s   a cable to every pole (100BASE-TX)
+A packet carries at most 1400 bytes of a message, so that with the headers of IP and UDP it fits an Ethernet frame.
+Capacities are nominal and shared by all senders, so that a share well below 1 is needed: of 802.11p the default rate in
+a channel of 10 MHz (IEEE 802.11-2020, clause 17), of LTE-V2X a transport block of 7992 bits each ms, that is 50
+resource blocks of 10 MHz, QPSK (3GPP TS 36.213, table 7.1.7.2.1-1, index 9), of Ethernet a cable (100BASE-TX).
 """
 
 from __future__ import annotations

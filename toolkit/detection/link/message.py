@@ -1,19 +1,4 @@
-"""Messages from a sensor to the fusion centre: header, content and checksum.
-
-    offset  bytes  type    field
-    0       2      bytes   "cv"
-    2       1      uint8   version of this format, 1
-    3       1      uint8   kind: 1 range image, 2 foreground of an empty scene, 3 boxes, 4 request of the centre,
-                           5 difference of foregrounds
-    4       4      uint32  sensor: CRC-32 of its name, 0 where it is not said
-    8       4      uint32  number: counts the messages of a sensor, from 0
-    12      8      uint64  time of measurement (µs)
-    20      2      uint16  step (mm) of the numbers in the content
-    22      4      2 uint16  rows and columns of the image, 0 and 0 for boxes
-    26      4      uint32  the empty scene that is the background: the first 4 bytes of its digest, 0 for none
-    30      n              content, by kind: see `toolkit.detection.link.image_coding`, `box_coding`,
-                         and `differences`; kind 4 was a request of adaptive sharing
-    30 + n  4      uint32  CRC-32 of all before
+"""Messages from a sensor to the fusion centre, as docs/reference/message-format.md has them.
 
 A reader takes nothing on trust: what is cut off, damaged, of another version, sensor or scene is a ValueError.
 """

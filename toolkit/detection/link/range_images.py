@@ -1,16 +1,9 @@
-"""`RangeImages`: codec for range images and boxes.
+"""`RangeImages`: codec for range images and boxes (docs/reference/message-format.md).
 
 Points are sent as the pixels of their image and arrive within half a step of the measurement, along the pixel's ray.
-Boxes are sent in steps of 2 cm and half a degree with 9 bits of score:
-
-    count      uint16
-    columns    for x, y, z, length, width, height (steps of 2 cm), yaw (steps of 0.5°, 0 to 719), score (0 to 511),
-               label: width of its numbers (uint8, bits) and its least one (int32)
-    numbers    column after column, each number less the least, filled with zeros to a whole byte after each column
-
-The order of the boxes stays. Yaw arrives between -180° and 180°, a score below 0 as 0 and one above 1 as 1. A score s
-is sent as 511 times the square root of 1 - s: sure scores lie close together, and decide which of two boxes of an
-object stays.
+Boxes are sent in their order, in steps of 2 cm and half a degree. Yaw arrives between -180° and 180°, a score below 0
+as 0 and one above 1 as 1. A score s is sent as 511 times the square root of 1 - s: sure scores lie close together, and
+decide which of two boxes of an object stays.
 """
 
 from __future__ import annotations
