@@ -15,12 +15,12 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
 from toolkit.sensors.models import find_model_class, make_model
-from toolkit.sensors.sensor import SensorModel, is_angle
+from toolkit.sensors.sensor import SensorModel, find_angles
 
 KNOWN = ("currency", "pole_price", "sensor")
 OWN = ("name", "model", "price")  # of a sensor, beside the fields of its model
@@ -93,7 +93,7 @@ def _read_sensor(row: object, where: str) -> PricedModel:
         if not isinstance(text, str) or not text:
             raise ValueError(f"{where}.{key} must be a non-empty text, got {text!r:.60}")
     try:
-        angles = {field.name: is_angle(field) for field in fields(find_model_class(row["model"]))}
+        angles = find_angles(find_model_class(row["model"]))
     except ValueError as error:
         raise ValueError(f"{where}.model: {error}") from None
     values = dict(_value(key, value, angles, where) for key, value in row.items() if key not in OWN)

@@ -322,19 +322,26 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sens
         if (matrix := hdf5.find_array(group, name)) is None:
             raise ValueError(f"{where}/{name} is missing")
         matrices.append(matrix)
-    model = published.parse_intrinsic(matrices[0], *shape, name=f"{where}/intrinsic")
-    pose = published.parse_extrinsic(matrices[1], site.map_SE3_site, f"{where}/extrinsic")
-    attributes = hdf5.read_node_attributes(group, where)
-    if "site_SE3_sensor" not in attributes:
+    intrinsic, extrinsic = matrices
+    attributes, ours, stride = hdf5.read_node_attributes(group, where), None, None
+    if "site_SE3_sensor" in attributes:
+        ours = _own_sensor(attributes, where)
+        camera = published.pinhole(ours.model)
+        if camera is None:
+            kind = type(ours.model).__name__
+            raise ValueError(f"{where} is a {kind}, which dslices cannot hold: write the file again")
+        stride = camera.stride
+        written = published.intrinsic(camera), published.extrinsic(ours.pose, site.map_SE3_site)
+        if (camera.height, camera.width) == shape and all(
+            own.shape == matrix.shape and np.allclose(own, matrix)
+            for own, matrix in zip(written, matrices, strict=True)
+        ):
+            return ours, stride
+    model = published.parse_intrinsic(intrinsic, *shape, name=f"{where}/intrinsic")
+    pose = published.parse_extrinsic(extrinsic, site.map_SE3_site, f"{where}/extrinsic")
+    if ours is None or stride is None:
         return Sensor(where.removeprefix("cameras/"), model, pose), model.stride
-    ours = _own_sensor(attributes, where)
-    camera = published.pinhole(ours.model)
-    if camera is None:
-        raise ValueError(f"{where} is a {type(ours.model).__name__}, which dslices cannot hold: write the file again")
-    same_image = (camera.height, camera.width) == shape and np.allclose(camera.intrinsic, model.intrinsic)
-    if same_image and np.allclose(ours.pose, pose):
-        return ours, camera.stride
-    return Sensor(ours.name, replace(model, stride=camera.stride), pose), camera.stride
+    return Sensor(ours.name, replace(model, stride=stride), pose), stride
 
 
 def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:

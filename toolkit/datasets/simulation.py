@@ -1,8 +1,7 @@
-"""Simulated datasets: traffic, rendered frame by frame.
+"""Simulated datasets: traffic, rendered frame by frame, in a run that may be killed at any moment.
 
-The run may be killed at any moment. Frames are made in blocks of `BLOCK`, each with its own seed, so neither the number
-of workers nor an interruption changes a byte. A finished block is one shard, a complete small dataset, in
-`FILE.parts/`. The last step joins them into FILE.
+Frames are made in blocks of `BLOCK`, each with its own seed, so neither the number of workers nor an interruption
+changes a byte. A finished block is one shard, a complete small dataset, in `FILE.parts/`; the last step joins them.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -24,7 +22,7 @@ from toolkit.datasets.recording import RECORDING_SCHEMA, Header, Scene, encode, 
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, Objects
 from toolkit.runtime.code_digest import code_digest
-from toolkit.runtime.resumable import ShardFolder, describe_differences, make_shards
+from toolkit.runtime.resumable import Plan, ShardFolder, describe_differences, make_shards
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
@@ -120,17 +118,16 @@ class Job:
         return sum(len(self.block_frames(block)) for block in blocks)
 
     @cached_property
-    def plan(self) -> dict[str, Any]:
-        """Plan values that two runs with equal bytes share. They are compared and shown to people."""
+    def plan(self) -> dict[str, object]:
+        """Plan values that two runs with equal bytes share, to be compared and shown to people."""
         from toolkit.sites.files import format_site
 
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
         bodies = sha256()
         for body in self.fleet.fixed:
             truth = "" if body.truth is None else f" {body.truth}"
-            bodies.update(
-                f"{body.name} {body.label}{truth}".encode() + body.vertices.tobytes() + body.triangles.tobytes()
-            )
+            bodies.update(f"{body.name} {body.label}{truth}".encode())
+            bodies.update(body.vertices.tobytes() + body.triangles.tobytes())
         drawn = ""
         if self.fleet.drawn:
             code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if self.fleet.mirrors else "without"
@@ -151,7 +148,7 @@ class Job:
         return Header(self.site, self.sensors, self.fleet.names, json.dumps(self.plan))
 
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
-        """Build the static parts, once per process. Returns the function that makes the scenes of a block."""
+        """Build the static parts, once per process; return the function that makes the scenes of a block."""
         from toolkit.rendering.renderer import Renderer
         from toolkit.traffic.snapshots import simulate
 
@@ -182,18 +179,17 @@ class Job:
         return encode(self.header, scenes)
 
 
-def _check_same(out: Path, plan: dict[str, Any]) -> None:
-    """Check the plan of a finished file. Raises FileExistsError unless `out` was made from `plan`."""
+def _check_same(out: Path, plan: Plan) -> None:
+    """Raise FileExistsError unless the finished file `out` was made from `plan`."""
     try:
         with h5py.File(out) as file:
-            made_from = json.loads(file["coview"].attrs["plan"])
+            differences = describe_differences(json.loads(file["coview"].attrs["plan"]), plan)
     except (OSError, KeyError, ValueError):
-        raise FileExistsError(
-            f"{out} exists but is no complete file of coview simulate: write to another file, or --overwrite it"
-        ) from None
-    differences = describe_differences(made_from, plan)
-    if differences:
-        raise FileExistsError(f"{out} exists, made from {differences}: write to another file, or --overwrite it")
+        why = "but is no complete file of coview simulate"
+    else:
+        why = f"made from {differences}" if differences else ""
+    if why:
+        raise FileExistsError(f"{out} exists, {why}: write to another file, or --overwrite it")
 
 
 def _digest(text: str) -> str:

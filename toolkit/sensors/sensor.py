@@ -153,9 +153,9 @@ def angle(default: float | tuple[float, ...]) -> Any:
     return field(default=default, metadata={"unit": "rad"})
 
 
-def is_angle(entry: Field[Any]) -> bool:
-    """True if a model's field was declared by `angle`."""
-    return entry.metadata.get("unit") == "rad"
+def find_angles(model: Any) -> dict[str, bool]:
+    """Fields of a model or its class, True for those declared by `angle`."""
+    return {entry.name: entry.metadata.get("unit") == "rad" for entry in fields(model)}
 
 
 def check_numbers(model: Any) -> None:

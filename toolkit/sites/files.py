@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import Field, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,9 @@ import numpy as np
 from toolkit.geometry import LEVEL, pose
 from toolkit.runtime.files import name_errors, read_json, write_text
 from toolkit.sensors.models import class_names, find_model_class, make_model
-from toolkit.sensors.sensor import Sensor, SensorModel, is_angle
+from toolkit.sensors.sensor import Sensor, SensorModel, find_angles
 from toolkit.sites import BUILT_IN
-from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygon
+from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygons
 
 
 def load_site(name_or_path: str | Path) -> Site:
@@ -65,9 +65,7 @@ def document(site: Site) -> Json:
         rest = {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
         features.append(_point(mount.position.tolist(), layer="mount", **rest))
     for s in site.sensors:
-        values = [(f, getattr(s.model, f.name)) for f in fields(s.model)]
-        model = {_written(f): _written_value(f, value) for f, value in values if value is not None}
-        described = {**_attitude(s), "model": {"type": type(s.model).__name__, **model}}
+        described = {**_attitude(s), "model": {"type": type(s.model).__name__, **_format_model(s.model)}}
         features.append(_point(s.position.tolist(), layer="sensor", name=s.name, **described))
     relief = {"amplitude": site.relief.amplitude, "seed": site.relief.seed}
     return {
@@ -153,6 +151,8 @@ def parse(collection: JsonValue) -> Site:
         layers[layer].append(value)
     if len(layers["area"]) != 1:
         raise ValueError(f"features must hold exactly one of layer 'area', got {len(layers['area'])}")
+    outlines = [outline for layer in ("area", "lane", "footway", "solid") for outline, *_ in layers[layer]]
+    polygons = check_polygons(dict(outlines))
     relief = root.node("relief")
     geo_reference = collection.get("geo_reference")
     if not isinstance(geo_reference, str | None):
@@ -169,11 +169,11 @@ def parse(collection: JsonValue) -> Site:
     rise, across = relief.numbers("slope", 2) if "slope" in relief.value else LEVEL
     return Site(
         name=root.get("name", str),
-        area=layers["area"][0],
+        area=_find_area(*layers["area"][0], polygons),
         height=root.number("height"),
-        lanes=tuple(layers["lane"]),
-        footways=tuple(layers["footway"]),
-        solids=tuple(layers["solid"]),
+        lanes=tuple(polygons[where] for (where, _), _ in layers["lane"]),
+        footways=tuple(polygons[where] for (where, _), _ in layers["footway"]),
+        solids=tuple(_make_solid(polygons[where], properties) for (where, _), properties in layers["solid"]),
         mounts=tuple(layers["mount"]),
         sensors=tuple(layers["sensor"]),
         parking=np.array(layers["parking"], np.float64).reshape(-1, 3),
@@ -200,27 +200,30 @@ def _read_feature(feature: _Node) -> tuple[str, JsonValue]:
     return layer, read(geometry, properties)
 
 
-def _read_ring(geometry: _Node, _: _Node) -> np.ndarray:
+_Outline = tuple[str, list[JsonValue]]  # its place in the document, and its corners
+
+
+def _read_ring(geometry: _Node, properties: _Node) -> tuple[_Outline, _Node]:
+    """Outline of a polygon, not yet checked, and the rest of its feature."""
     coordinates, where = geometry.get("coordinates", list), geometry.where("coordinates")
     if len(coordinates) != 1:
         raise ValueError(f"{where} must hold one ring, got {len(coordinates)}: split polygons with holes")
     ring = coordinates[0]
     if not isinstance(ring, list) or len(ring) < 4 or ring[0] != ring[-1]:
         raise ValueError(f"{where} must be a closed ring of at least three corners: repeat the first corner at the end")
-    return check_polygon(ring[:-1], where)
+    return (where, ring[:-1]), properties
 
 
-def _read_area(geometry: _Node, properties: _Node) -> np.ndarray:
-    ring = _read_ring(geometry, properties)
+def _find_area(outline: _Outline, _: _Node, polygons: Mapping[str, np.ndarray]) -> np.ndarray:
+    ring = polygons[outline[0]]
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
-        where = geometry.where("coordinates")
-        raise ValueError(f"{where}: the area must be a rectangle along x and y, got {ring.tolist()}")
+        raise ValueError(f"{outline[0]}: the area must be a rectangle along x and y, got {ring.tolist()}")
     return np.array([xmin, ymin, xmax, ymax])
 
 
-def _read_solid(geometry: _Node, properties: _Node) -> Solid:
-    footprint, base, top = _read_ring(geometry, properties), properties.number("base"), properties.number("top")
+def _make_solid(footprint: np.ndarray, properties: _Node) -> Solid:
+    base, top = properties.number("base"), properties.number("top")
     kind = properties.get("kind", str)
     with name_errors(properties.path):
         return Solid(footprint, base, top, kind)
@@ -250,7 +253,9 @@ def _read_model(properties: _Node) -> SensorModel:
     kind = properties.get("type", str)
     if kind not in class_names():
         raise ValueError(f"{properties.where('type')} must be one of {', '.join(class_names())}, got {kind[:60]!r}")
-    known = {_written(entry): entry for entry in fields(find_model_class(kind))}
+    model = find_model_class(kind)
+    angles = find_angles(model)
+    known = {f"{entry.name}_deg" if angles[entry.name] else entry.name: entry for entry in fields(model)}
     values: Json = {}
     for key, value in properties.value.items():
         if key not in ("type", *known):
@@ -268,7 +273,7 @@ def _read_model(properties: _Node) -> SensorModel:
         else:
             several = isinstance(value, list) and not isinstance(default, float)
             numbers = np.array(properties.numbers(key) if several else properties.number(key))
-            found = (np.deg2rad(numbers) if is_angle(entry) else numbers).tolist()
+            found = (np.deg2rad(numbers) if angles[entry.name] else numbers).tolist()
             found = tuple(found) if several else found
         values[entry.name] = found
     with name_errors(properties.path):
@@ -276,10 +281,10 @@ def _read_model(properties: _Node) -> SensorModel:
 
 
 _READERS: Mapping[str, tuple[str, Callable[[_Node, _Node], JsonValue], tuple[str, ...]]] = {
-    "area": ("Polygon", _read_area, ()),
+    "area": ("Polygon", _read_ring, ()),
     "lane": ("Polygon", _read_ring, ()),
     "footway": ("Polygon", _read_ring, ()),
-    "solid": ("Polygon", _read_solid, ("kind", "base", "top")),
+    "solid": ("Polygon", _read_ring, ("kind", "base", "top")),
     "parking": ("Point", _read_parking, ("heading_deg",)),
     "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity", "max_sensors")),
     "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),
@@ -295,14 +300,15 @@ def _point(coordinates: list[float], **properties: JsonValue) -> Json:
     return {"type": "Feature", "properties": properties, "geometry": {"type": "Point", "coordinates": coordinates}}
 
 
-def _written_value(entry: Field[Any], value: JsonValue) -> JsonValue:
-    if is_angle(entry):
-        return [_degrees(each) for each in value] if isinstance(value, tuple) else _degrees(value)
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _written(entry: Field[Any]) -> str:
-    return f"{entry.name}_deg" if is_angle(entry) else entry.name
+def _format_model(model: SensorModel) -> Json:
+    members: Json = {}
+    for name, is_angle in find_angles(model).items():
+        value = getattr(model, name)
+        if is_angle and value is not None:
+            value = [_degrees(each) for each in value] if isinstance(value, tuple) else _degrees(value)
+        if value is not None:
+            members[f"{name}_deg" if is_angle else name] = list(value) if isinstance(value, tuple) else value
+    return members
 
 
 def _attitude(sensor: Sensor) -> Json:

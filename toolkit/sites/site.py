@@ -7,7 +7,7 @@ Site frame: right-handed, metres, z up, zero at the mean height of the street; w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 from xml.etree import ElementTree
@@ -192,6 +192,11 @@ def check_area(area: Any, where: str = "area") -> Float64[np.ndarray, "4"]:
     if not (box[0] < box[2] and box[1] < box[3]):
         raise ValueError(f"{where} is empty: it needs xmin < xmax and ymin < ymax, got {box.tolist()}")
     return box
+
+
+def check_polygons(rings: Mapping[str, Any]) -> dict[str, Float64[np.ndarray, "_ 2"]]:
+    """Check several polygons by name, as `check_polygon`."""
+    return {where: check_polygon(ring, where) for where, ring in rings.items()}
 
 
 def check_polygon(vertices: Any, where: str) -> Float64[np.ndarray, "k 2"]:
