@@ -86,7 +86,7 @@ class Preparation:
         the site.
         """
         from placement_env.fidelity.panorama.live import LiveView
-        from placement_env.fidelity.panorama.panoramas import choose_quick
+        from placement_env.fidelity.seeing import choose_quick
 
         if not choose_quick(self.setting.pool.sensors, self.traffic, self.setting.rendering).all():
             return None

@@ -5,23 +5,35 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.fidelity.blocks import Block, see_blocks
 from placement_env.fidelity.occlusion import Seen, look_at
-from placement_env.fidelity.panorama.panoramas import choose_quick, look_round
+from placement_env.fidelity.panorama.ray_table import Lookup
+from placement_env.fidelity.panorama.surround import (
+    ScoredItems,
+    Still,
+    Surround,
+    find_place_strips,
+    successive_strips,
+)
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
 from placement_env.setting import Rendering, check_rendering
+from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import VEHICLE
+from toolkit.rendering.strips import SuccessiveStrips
 from toolkit.runtime.cache import make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, SensorModel
 
 BLOCK_PIXELS = 4_000_000  # pixels of the sensors handled at once, about 40 bytes each
+FRAMES_AT_ONCE = 8  # frames that a process handles before it returns its views from panoramas
+SHARED = 4  # mean number of sensors per place above which panoramas pay
+Block = tuple[int, int]  # first index of the block, of sensors or frames, and the first after it
 
 
 def see(
@@ -47,15 +59,34 @@ def see(
     labels, sensors = tuple(sorted(labels)), candidates.sensors
     quick = choose_quick(sensors, traffic, rendering)
     whole = Visibility.unseen(traffic, sensors, labels)
-    for look, some in ((look_round, quick), (_look_in_full, ~quick)):
+    for look, some in ((look_round, quick), (look_in_full, ~quick)):
         if some.any():
             seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, run)
             whole.points[some], whole.sent[some], whole.far[some] = seen
     return whole
 
 
-def _look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: tuple[int, ...], run: Run) -> Seen:
-    """Cast each ray of the sensors, in blocks of at most `BLOCK_PIXELS` pixels, or one sensor."""
+def choose_quick(sensors: Sequence[Sensor], traffic: Traffic, rendering: Rendering) -> Bool[np.ndarray, " S"]:
+    """Mask of sensors to see in panoramas.
+
+    "auto" takes panoramas where many sensors share their places, as in a pool. Only far-sighted sensors are seen so,
+    those that measure the whole detection area: panoramas have no limited range.
+    """
+    places = {sensor.position.round(6).tobytes() for sensor in sensors}
+    if rendering == "full" or (rendering == "auto" and len(sensors) < SHARED * len(places)):
+        return np.zeros(len(sensors), np.bool_)
+    xmin, ymin, xmax, ymax = traffic.site.area.tolist()
+    corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
+    positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
+    across = np.linalg.norm(positions[:, None, :2] - corners, axis=2).max(axis=1)
+    ends = np.concatenate([snapshot.objects.boxes[:, 2] for snapshot in traffic.snapshots] or [np.zeros(0)])
+    low, high = ends.min(initial=0) - 10, max(ends.max(initial=0) + 10, traffic.site.height)
+    up = np.maximum(np.abs(positions[:, 2] - low), np.abs(positions[:, 2] - high))
+    return np.hypot(across, up) < [sensor.model.max_range for sensor in sensors]
+
+
+def look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
+    """View of sensors on all frames, ray by ray, in blocks of at most `BLOCK_PIXELS` pixels, or one sensor."""
     blocks, first, pixels = list[Block](), 0, 0
     for c, sensor in enumerate(sensors):
         size = math.prod(sensor.model.shape)
@@ -64,23 +95,118 @@ def _look_in_full(traffic: Traffic, sensors: Sequence[Sensor], labels: tuple[int
             first, pixels = c, 0
         pixels += size
     blocks.append((first, len(sensors)))
-    look = _FullLook(traffic, tuple(sensors), labels)
-    seen = see_blocks(look, look.key, blocks, run, run.stage("poses rendered", len(sensors)))
+    seen = _FullLook(traffic, tuple(sensors), tuple(labels)).see(blocks, run, len(sensors))
     return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
+def look_round(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()) -> Seen:
+    """View of far-sighted sensors on all frames, from panoramas: each place is rendered once for all sensors there."""
+    blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
+    seen = _RoundLook(traffic, tuple(sensors), tuple(labels)).see(blocks, run, len(traffic))
+    return Seen(*(np.concatenate(parts, axis=1) for parts in zip(*seen, strict=True)))
+
+
 @dataclass(frozen=True, eq=False)
-class _FullLook:
-    """View of all frames from a block of sensors."""
+class _Look:
+    """View of traffic from sensors, block by block. Each worker gets a copy, without what it has computed."""
 
     traffic: Traffic
     sensors: tuple[Sensor, ...]
     labels: tuple[int, ...]
+    run: Run = Run()
 
-    def __call__(self, block: Block, /) -> Seen:
+    def see(self, blocks: Sequence[Block], run: Run, total: int) -> list[Seen]:
+        """Views of each block, from the run's cache or computed now. total: last index of all."""
+        job, tell = (
+            type(self)(self.traffic, self.sensors, self.labels, run),
+            run.stage("poses rendered", len(self.sensors)),
+        )
+        kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
+        made = run.map(job, [block for block in blocks if block not in kept])
+        seen = []
+        for block in blocks:
+            seen.append(kept[block] if block in kept else next(made))
+            if tell:
+                tell(len(self.sensors) * block[1] // total)
+        return seen
+
+    def __call__(self, block: Block) -> Seen:
+        if (found := self.cached(block)) is None:
+            found = self.look(block)
+            if self.run.memo is not None:
+                self.run.memo.put({self.key(block): found})
+        return found
+
+    def cached(self, block: Block) -> Seen | None:
+        arrays = None if self.run.memo is None else self.run.memo.get([self.key(block)])[0]
+        return None if arrays is None else Seen(*arrays)
+
+    def look(self, block: Block) -> Seen:
+        raise NotImplementedError
+
+    def key(self, block: Block) -> bytes:
+        raise NotImplementedError
+
+    def _depends_on(self, sensors: Sequence[Sensor]) -> tuple[object, ...]:
+        code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
+        return code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.traffic, self.sensors, self.labels, self.run)
+
+
+class _FullLook(_Look):
+    """View of all frames from blocks of sensors."""
+
+    def look(self, block: Block) -> Seen:
         return look_at(self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels)
 
     def key(self, block: Block) -> bytes:
-        sensors = self.sensors[slice(*block)]
-        code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
-        return make_key("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels)
+        return make_key("seen", *self._depends_on(self.sensors[slice(*block)]))
+
+
+class _RoundLook(_Look):
+    """View of blocks of frames from all sensors."""
+
+    def look(self, block: Block) -> Seen:
+        scored = ScoredItems.of(self.traffic, self.traffic.snapshots[slice(*block)], self.labels)
+        places, viewpoint = self._places
+        seen = Seen(*(np.zeros((len(self.sensors), size), np.float32) for size in (scored.items, *[scored.frames] * 2)))
+        for v, strips in enumerate(find_place_strips(self._strips, self.traffic, range(*block), len(places))):
+            surround = Surround.of(strips, scored, self._stills[v])
+            for s in np.flatnonzero(viewpoint == v).tolist():
+                for whole, row in zip(seen, surround.seen(self._lookups[s]), strict=True):
+                    whole[s] = row
+        return seen
+
+    def key(self, block: Block) -> bytes:
+        return make_key("panoramas", self._whole, block)
+
+    @cached_property
+    def _whole(self) -> tuple[object, ...]:
+        return self._depends_on(self.sensors)
+
+    @cached_property
+    def _places(self) -> tuple[Float64[np.ndarray, "V 3"], Int64[np.ndarray, " S"]]:
+        """Places of the sensors, and that of each."""
+        positions = np.array([sensor.position for sensor in self.sensors]).round(6)
+        places, viewpoint = np.unique(positions, axis=0, return_inverse=True)
+        return places, viewpoint.ravel()
+
+    @cached_property
+    def _lookups(self) -> list[Lookup]:
+        return [Lookup.of(sensor) for sensor in self.sensors]
+
+    @cached_property
+    def _strips(self) -> SuccessiveStrips:
+        return successive_strips(self.traffic, self._places[0])
+
+    @cached_property
+    def _stills(self) -> list[dict[SensorModel, Still]]:
+        """Standing scene seen from each place by its sensors' models."""
+        stills: list[dict[SensorModel, Still]] = [{} for _ in self._places[0]]
+        for v, model in {
+            (v, sensor.model): None for v, sensor in zip(self._places[1].tolist(), self.sensors, strict=True)
+        }:
+            stills[v][model] = Still.of(build_renderer(self.traffic), self.traffic.site, self._places[0][v], model)
+        return stills

@@ -15,8 +15,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.panorama.ray_table import Lookup
-from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.panorama.surround import ScoredItems, Surround, find_place_strips, successive_strips
+from placement_env.fidelity.panorama.surround import ScoredItems, Still, Surround, find_place_strips, successive_strips
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility, distances
 from toolkit.arrays import Float64
@@ -38,7 +37,7 @@ class LiveView:
 
     labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
     processes, None for this object's memory. Sensors must measure all of the detection area, see
-    `placement_env.fidelity.panorama.panoramas.choose_quick`.
+    `placement_env.fidelity.seeing.choose_quick`.
     """
 
     def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.panorama.ray_table import AZIMUTHS, PER_TURN, Lookup, RayTable
-from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.panorama.surround import ScoredItems, Surround
+from placement_env.fidelity.panorama.surround import ScoredItems, Still, Surround
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 
