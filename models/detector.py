@@ -16,7 +16,7 @@ from models.network.anchors import anchors
 from models.network.candidates import LEAST_RIVAL, Candidates, all_candidates, apply_rivals, candidates, suppress
 from models.network.faces import measure_faces
 from models.network.sparse import SparseVoxelNet
-from models.network.tiles import TiledVoxelNet, tileable
+from models.network.tiles import TiledVoxelNet, UnionPlan, tileable
 from models.network.voxelnet import VoxelNet
 from models.network.voxels import collate, voxelise
 from models.weight_files import digest_detector, digest_tensors, load_weights
@@ -101,20 +101,19 @@ class VoxelNetDetector:
         The results are those of each union's points, to the rounding of float32, in much less time where most clouds
         reach only a part of the area (`models.network.tiles`).
         """
-        found = dict(self._at_once(clouds, unions)) if clouds else {}
+        found: dict[int, Detections] = {}
+        if clouds and len(unions) and self._tiled is not None:
+            plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
+            if self._tiled.gains(plan):
+                found = dict(self._at_once(self._tiled, plan, clouds))
         return [found[row] if row in found else self(join_clouds(clouds, union)) for row, union in enumerate(unions)]
 
     def _at_once(
-        self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: Sequence[Float[np.ndarray, "_ 3"]]
     ) -> Iterator[tuple[int, Detections]]:
-        """Yield row and detections of each union that gains from joint computation."""
-        if self._tiled is None:
-            return
-        plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
-        if not len(unions) or not self._tiled.gains(plan):
-            return
+        unions = plan.unions
         reaching = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
-        for some, entries, predictions in self._tiled(plan):
+        for some, entries, predictions in tiled(plan):
             parts = []
             for first, corner, maps in predictions:
                 part = all_candidates(maps, self.anchors, self.config, self._looked_at, corner)

@@ -29,10 +29,7 @@ WEIGHTS = "weights.safetensors"
 
 
 def run(
-    site: str | None,
-    options: TrainingOptions,
-    *,
-    progress: Callable[[int, int, dict[str, float]], None] | None = None,
+    site: str | None, options: TrainingOptions, *, progress: Callable[[int, int, dict[str, float]], None] | None = None
 ) -> tuple[Path, dict[str, float]]:
     """Train or resume with the options of `coview train`; return the weights file and the last validation figures.
 

@@ -48,10 +48,7 @@ class Candidates(NamedTuple):
 
 
 def candidates(
-    prediction: Prediction,
-    anchors: Float32[Tensor, "H W A 7"],
-    config: VoxelNetConfig,
-    thresholds: Sequence[float],
+    prediction: Prediction, anchors: Float32[Tensor, "H W A 7"], config: VoxelNetConfig, thresholds: Sequence[float]
 ) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
     """Return boxes and scores of each cloud's best anchors above a label's threshold."""
     found = all_candidates(prediction, anchors, config, thresholds)

@@ -20,7 +20,6 @@ from models.network.voxelnet import (
     Head,
     HeightFold,
     MiddleLayers,
-    PointLayer,
     Prediction,
     RegionProposal,
     VoxelNet,
@@ -45,7 +44,12 @@ class SparseVoxelNet(nn.Module):
         super().__init__()
         self.config = network.config
         self.features = copy.deepcopy(network.features)
-        self.features.layers = nn.ModuleList(fold_point_layer(layer) for layer in network.features.layers)  # type: ignore[arg-type]
+        layers: Any = network.features.layers
+        self.features.layers = nn.ModuleList()
+        for layer in layers:
+            linear = nn.Linear(layer.linear.in_features, layer.linear.out_features)
+            linear.weight.data, linear.bias.data = fold_norm(layer.linear, layer.norm)
+            self.features.layers.append(nn.Sequential(linear, nn.ReLU(inplace=True)))
         self.middle: nn.Module
         if isinstance(network.middle, HeightFold):
             self.rpn = FoldedRegionProposal(network.rpn, network.head)
@@ -79,14 +83,6 @@ def fold_norm(layer: nn.Linear | nn.Conv2d | nn.Conv3d, norm: nn.Module) -> tupl
     scale, shift = scale_and_shift(norm)
     bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
     return layer.weight.detach() * scale.view(-1, *(1,) * (layer.weight.ndim - 1)), bias
-
-
-def fold_point_layer(layer: PointLayer) -> nn.Sequential:
-    """Return a `PointLayer` without BatchNorm."""
-    weight, bias = fold_norm(layer.linear, layer.norm)
-    linear = nn.Linear(weight.shape[1], weight.shape[0])
-    linear.weight.data, linear.bias.data = weight, bias
-    return nn.Sequential(linear, nn.ReLU(inplace=True))
 
 
 class FoldedRegionProposal(nn.Module):

@@ -55,7 +55,10 @@ def assign(
     forced: list[tuple[tuple[int, ...], int]] = []
     for row, box in enumerate(boxes):
         near = _window(anchors, box, anchors[0, 0, :, 3:5].max() / 2)
-        iou = _snap_iou(anchors[near], box)
+        size, box_size = _snap_size(anchors[near]), _snap_size(box)
+        gap = np.abs(anchors[near][..., :2] - box[:2])
+        shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
+        iou = shared / (size.prod(-1) + box_size.prod() - shared)
         better = iou > overlap[near]
         overlap[near][better], owner[near][better] = iou[better], row
         if iou.size and iou.max() >= best:
@@ -110,14 +113,6 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
     rows = np.searchsorted(anchors[:, 0, 0, 0], [box[0] - reach, box[0] + reach])
     columns = np.searchsorted(anchors[0, :, 0, 1], [box[1] - reach, box[1] + reach])
     return slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
-
-
-def _snap_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"]:
-    """IoU of anchors and a box, each turned to the nearest multiple of 90°."""
-    size, box_size = _snap_size(anchors), _snap_size(box)
-    gap = np.abs(anchors[..., :2] - box[:2])
-    shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
-    return shared / (size.prod(-1) + box_size.prod() - shared)
 
 
 def _snap_size(boxes: np.ndarray) -> np.ndarray:

@@ -152,7 +152,17 @@ def _write(
     recorded: dict[int, tuple[np.ndarray, ...]] = {}
     file.create_group("rigs")
     for r, each in enumerate(recordings):
-        _write_rig(file.create_group(f"rigs/{r}"), each.rig)
+        rig, group = each.rig, file.create_group(f"rigs/{r}")
+        group.attrs["area"], group.attrs["height"] = np.array(rig.area, np.float64), rig.height
+        if rig.slope != LEVEL:
+            group.attrs["slope"] = np.array(rig.slope, np.float64)
+        models = [{"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)} for s in rig.sensors]
+        group.attrs["sensors"] = json.dumps(models)
+        group["poses"] = np.stack([sensor.pose for sensor in rig.sensors])
+        group["ends"] = np.cumsum([len(view) for view in rig.pixels])
+        for name, columns in (("pixels", rig.pixels), ("depth", rig.depth)):
+            data = np.concatenate(columns)
+            group.create_dataset(name, data=data, compression="gzip" if len(data) else None, shuffle=len(data) > 0)
         for found in each.changes:
             ends.append(np.cumsum([pixels.length, *map(len, found.pixels)]))
             for pixel, step in zip(found.pixels, found.steps, strict=True):
@@ -187,20 +197,6 @@ def _write(
         options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(points) else {}
         file.create_dataset("clouds/points", data=points, **options)
     return len(objects)
-
-
-def _write_rig(group: h5py.Group, rig: Rig) -> None:
-    group.attrs["area"], group.attrs["height"] = np.array(rig.area, np.float64), rig.height
-    if rig.slope != LEVEL:
-        group.attrs["slope"] = np.array(rig.slope, np.float64)
-    group.attrs["sensors"] = json.dumps(
-        [{"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)} for s in rig.sensors]
-    )
-    group["poses"] = np.stack([sensor.pose for sensor in rig.sensors])
-    group["ends"] = np.cumsum([len(pixels) for pixels in rig.pixels])
-    for name, columns in (("pixels", rig.pixels), ("depth", rig.depth)):
-        values = np.concatenate(columns)
-        group.create_dataset(name, data=values, compression="gzip" if len(values) else None, shuffle=len(values) > 0)
 
 
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:

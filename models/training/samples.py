@@ -194,7 +194,10 @@ class Samples(torch.utils.data.Dataset[Batch]):
         wanted = boxes[inside & (objects.labels == classes[0]), :2]
         if recipe.elsewhere and rng.random() < recipe.elsewhere:
             wanted = wanted[:0]
-        centre = window_centre(area, grid[2:] - grid[:2], wanted, rng)
+        window, middle = grid[2:] - grid[:2], (area[:2] + area[2:]) / 2
+        room = ((area[2:] - area[:2] - window) / 2).clip(0)
+        near = wanted[rng.integers(len(wanted))] if len(wanted) else rng.uniform(area[:2], area[2:])
+        centre = np.clip(near + rng.uniform(-window / 2, window / 2), middle - room, middle + room)
         if recipe.augmentation == "scene":
             points, boxes = turn_scene(points, boxes, centre, rng)
         if recipe.thinned and rng.random() < recipe.thinned:
@@ -227,21 +230,6 @@ def stack(batch: list[Batch]) -> Batch:
     """Join examples into one batch."""
     voxels, labels, boxes = zip(*batch, strict=True)
     return Batch(collate(voxels), torch.cat(labels), torch.cat(boxes))
-
-
-def window_centre(
-    area: Float[np.ndarray, "4"],
-    window: Float[np.ndarray, "2"],
-    wanted: Float[np.ndarray, "n 2"],
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "2"]:
-    """Draw the centre (x, y, m) of a window near one of the places wanted.
-
-    The window lies inside the area (xmin ymin xmax ymax, m) along each side that is at least as long as the window.
-    """
-    middle, room = (area[:2] + area[2:]) / 2, ((area[2:] - area[:2] - window) / 2).clip(0)
-    near = wanted[rng.integers(len(wanted))] if len(wanted) else rng.uniform(area[:2], area[2:])
-    return np.clip(near + rng.uniform(-window / 2, window / 2), middle - room, middle + room)
 
 
 def jitter_objects(

@@ -84,19 +84,14 @@ _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0
 _LEAST_SLOPE = 0.05
 
 
-def platt(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"]) -> tuple[float, float]:
-    """Fit slope and intercept (Platt 1999): sigmoid(slope · logit(score) + intercept) is the share of hits."""
-    slope, intercept = with_rivals(scores, np.zeros((len(scores), 0)), hits)
-    return slope, intercept
-
-
-def with_rivals(
-    scores: Float[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"], hits: Bool[np.ndarray, " n"]
+def platt(
+    scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"] | None = None
 ) -> tuple[float, ...]:
-    """Fit slope, intercept and the weights (at least 0) of L rivals' scores to hits.
+    """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999).
 
     They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections.
     """
+    rivals = np.zeros((len(scores), 0)) if rivals is None else rivals
     rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
     wanted = np.eye(1, rows.shape[1])[0]
 
@@ -152,7 +147,7 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
     for own in rows_of:
         true = hits[own] == TRUE
         enough = len(labels) > 1 and own.sum() >= FEWEST
-        row = with_rivals(scores[own], rivals[own], true) if enough else (1.0, 0.0, *(0.0 for _ in labels))
+        row = platt(scores[own], true, rivals[own]) if enough else (1.0, 0.0, *(0.0 for _ in labels))
         left = rescore(scores[own], rivals[own], np.array([row]))
         rows.append(row)
         thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))

@@ -273,10 +273,7 @@ class SceneAdaptation:
             squared = (1 - share) * spread[shows] ** 2 + share * off[shows] ** 2
             spread[shows] = np.maximum(np.sqrt(squared), least[shows])
             shown |= shows | (~finite & (median == 0))
-        self._absorb(seen, shown, time)
-
-    def _absorb(self, seen: _Image, shown: _Mask, time: float) -> None:
-        """Start, continue or end the wait of foreground surfaces, which then become the scene."""
+        # Start, continue or end the wait of foreground surfaces, which then become the scene.
         first, spread = self._medians[0], self._spreads[0]
         surface = np.where(first > 0, first, np.inf)
         known = np.where(np.isfinite(self._candidate), self._candidate, 0)

@@ -58,7 +58,13 @@ def fit_plane(points: _Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> 
         )
     rng = np.random.default_rng(seed)
     drawn = candidates[rng.integers(len(candidates), size=(_DRAWS, 3))]
-    planes = np.concatenate([_triple_planes(drawn), [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
+    one, two = drawn[:, 1] - drawn[:, 0], drawn[:, 2] - drawn[:, 0]
+    normals = np.cross(one, two)
+    wide = np.abs(normals[:, 2]) > 0.05 * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1) + 1e-9
+    normals, through = normals[wide], drawn[wide, 0]  # of triples that are not nearly on a line
+    slopes = -normals[:, :2] / normals[:, 2:]
+    planes = np.column_stack([slopes, through[:, 2] - (slopes * through[:, :2]).sum(axis=1)])
+    planes = np.concatenate([planes, [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
     planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= slope]
     scored = (some[rng.permutation(len(some))[:_SCORED]] for some in (candidates, cells))
     on, above = (each[:, 2] - planes[:, :2] @ each[:, :2].T - planes[:, 2:] for each in scored)
@@ -144,16 +150,6 @@ def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STE
     along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NOTHING)
     allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NOTHING)
     return cells[:, 2] <= allowed[place[:, 0], place[:, 1]] + step
-
-
-def _triple_planes(triples: Float64[np.ndarray, "d 3 3"]) -> Float64[np.ndarray, "_ 3"]:
-    """Planes (a, b, c) through triples of points that are not nearly on a line."""
-    one, two = triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0]
-    normal = np.cross(one, two)
-    wide = np.abs(normal[:, 2]) > 0.05 * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1) + 1e-9
-    normal, through = normal[wide], triples[wide, 0]
-    slopes = -normal[:, :2] / normal[:, 2:]
-    return np.column_stack([slopes, through[:, 2] - (slopes * through[:, :2]).sum(axis=1)])
 
 
 MAP_REACH = 100.0  # m from the middle of the points that a map covers; farther out its edge holds

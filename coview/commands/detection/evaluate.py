@@ -21,7 +21,6 @@ from toolkit.runtime.run import Run
 
 if TYPE_CHECKING:
     from toolkit.calibration.poses import FoundPose
-    from toolkit.datasets.readings import Reads
     from toolkit.detection.evaluation import Comparison
     from toolkit.frame import Frame, Recording
     from toolkit.sites.site import Site
@@ -105,6 +104,8 @@ def evaluate(
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any layout.
         out: Folder for table.json and the PR curves.
     """
+    from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
+    from toolkit.calibration.registration import read_surface
     from toolkit.calibration.scenes import Scenes
     from toolkit.datasets.readings import ReadRecording, Reads
     from toolkit.datasets.recordings import Part
@@ -125,7 +126,12 @@ def evaluate(
 
     check_outputs(rules.classes or ("vehicle",))
     with opening.open(dataset) as opened:
-        poses, recording = ((), opened) if subject.calibrate is None else _calibrate(opened, subject.calibrate, reads)
+        recording = opened
+        poses: tuple[FoundPose, ...] = ()
+        if subject.calibrate is not None:
+            surface = None if subject.calibrate == TOGETHER else read_surface(subject.calibrate)
+            poses = find_poses(opened, surface, frames=reads.frames)
+            recording = Corrected.of(opened, poses)
         known = place.at(recording.site)
         asked = _compare(rules, known=known)
         first = recording[0] if len(recording) else None
@@ -199,13 +205,3 @@ class _Seen:
 
     def __iter__(self) -> Iterator[Frame]:
         return map(self.__getitem__, range(len(self)))
-
-
-def _calibrate(recording: Recording, reference: str, reads: Reads) -> tuple[tuple[FoundPose, ...], Recording]:
-    """Find where the sensors are; return that, and the recording with its sensors there."""
-    from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
-    from toolkit.calibration.registration import read_surface
-
-    surface = None if reference == TOGETHER else read_surface(reference)
-    found = find_poses(recording, surface, frames=reads.frames)
-    return found, Corrected.of(recording, found)

@@ -55,7 +55,13 @@ def fuse(
     from toolkit.datasets.cloud_files import crop_area, fuse_files, load_poses
 
     if argoverse is not None:
-        return _check_argoverse(argoverse, writing.json)
+        from toolkit.datasets.layouts.argoverse import check_log
+
+        rows = check_log(argoverse)
+        lines = [f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows]
+        text = "\n".join([*lines, f"{sum(row.points == row.recorded for row in rows)} of {len(rows)} cuboids agree"])
+        print_result({"rows": [row._asdict() for row in rows]}, text, as_json=writing.json)
+        return OK
     if not clouds or not poses:
         raise ValueError("give cloud files and --poses, or --argoverse LOG")
     check_positive("--voxel", crop.voxel)
@@ -74,15 +80,4 @@ def fuse(
     summary = {"files": len(clouds), "points": points, "out": out and str(out)}
     text = f"{points} points of {len(clouds)} files{f', written to {out}' if out else ''}"
     print_result(summary, text, as_json=writing.json)
-    return OK
-
-
-def _check_argoverse(log: Path, as_json: bool) -> int:
-    from toolkit.datasets.layouts.argoverse import check_log
-
-    rows = check_log(log)
-    lines = [f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows]
-    agree = sum(row.points == row.recorded for row in rows)
-    text = "\n".join([*lines, f"{agree} of {len(rows)} cuboids agree"])
-    print_result({"rows": [row._asdict() for row in rows]}, text, as_json=as_json)
     return OK

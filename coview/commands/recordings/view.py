@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -109,7 +108,12 @@ def view(
             said = drawn.describe()
             print_result({"still": str(still), "said": said}, f"{still}: {said}", as_json=writing.json)
         elif out is None:
-            view_live(samples, drawing, port=port, ready=partial(_say_where, as_json=writing.json))
+
+            def say(url: str) -> None:
+                print_result({"url": url}, f"{url} (this machine alone; Ctrl-C ends it)", as_json=writing.json)
+                sys.stdout.flush()  # here, as nothing else is printed while it is served
+
+            view_live(samples, drawing, port=port, ready=say)
         else:
             with progress_bar("frame", len(samples), hidden=writing.json) as bar:
                 every = drawing.draw_all(samples, progress=bar.to)
@@ -118,8 +122,3 @@ def view(
             text = f"{out}: {len(page.frames)} of {len(opened)} frames, {page.drawn} of {page.points} points drawn"
             print_result(figures | {"of_frames": len(opened), "said": list(page.names)}, text, as_json=writing.json)
     return OK
-
-
-def _say_where(url: str, *, as_json: bool) -> None:
-    print_result({"url": url}, f"{url} (this machine alone; Ctrl-C ends it)", as_json=as_json)
-    sys.stdout.flush()  # here, as nothing else is printed while it is served

@@ -15,11 +15,9 @@ from models.network.sparse import (
     SparseMiddle,
     SparseVoxelNet,
     fold_norm,
-    fold_point_layer,
     grown,
     numbers,
 )
-from models.network.voxelnet import PointLayer
 from models.network.voxels import collate, voxelise
 
 NARROW = {"voxel_width": 32, "middle_widths": (16, 16, 16), "upsample_width": 32, "rpn_widths": (32, 32, 48)}
@@ -122,13 +120,6 @@ def test_a_layer_and_its_norm_are_one_layer(layer, norm, shape):
     weight, bias = fold_norm(layer, norm)
     layer.weight.data, layer.bias = weight, nn.Parameter(bias)
     torch.testing.assert_close(layer(x), expected, atol=1e-5, rtol=1e-5)
-
-
-@torch.no_grad()
-def test_a_point_layer_without_its_norm_gives_the_same():
-    layer, x = PointLayer(6, 8), torch.randn(20, 6)
-    used(layer.norm)
-    torch.testing.assert_close(fold_point_layer(layer)(x), layer.eval()(x), atol=1e-5, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

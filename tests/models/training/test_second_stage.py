@@ -30,7 +30,6 @@ from models.training.second_stage import (
     rebuild,
     train_faces,
     widen,
-    with_rivals,
 )
 from toolkit.boxes import iou_3d
 from toolkit.detection.metrics import reliability
@@ -117,9 +116,9 @@ def test_fits_find_what_was_drawn_and_calibrated_scores_are_shares():
     rng = np.random.default_rng(3)
     scores, rivals = rng.uniform(0.02, 0.98, 20000), rng.uniform(0, 1, (20000, 3)) * (rng.random((20000, 3)) < 0.5)
     hits = rng.random(20000) < sigmoid(1.5 * logit(scores) + 0.3 - rivals @ np.array([3.0, 0.0, 1.0]))
-    assert with_rivals(scores, rivals, hits) == pytest.approx((1.5, 0.3, 3.0, 0.0, 1.0), abs=0.15)
+    assert platt(scores, hits, rivals) == pytest.approx((1.5, 0.3, 3.0, 0.0, 1.0), abs=0.15)
     helped = rng.random(20000) < sigmoid(logit(scores) + rivals @ np.array([3.0, 0.0, 1.0]))
-    assert with_rivals(scores, rivals, helped)[2:] == (0.0, 0.0, 0.0)
+    assert platt(scores, helped, rivals)[2:] == (0.0, 0.0, 0.0)
     assert platt(np.zeros(0), np.zeros(0, bool)) == (1.0, 0.0)
     slope, intercept = platt(np.full(100, 0.9), np.ones(100, bool))
     assert 1.0 <= slope < 3
