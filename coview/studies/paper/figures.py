@@ -12,7 +12,7 @@ the density (isotonic regression).
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -23,9 +23,6 @@ from coview.studies.paper.page import draw_log_fit
 from coview.studies.paper.published import (
     CURVE_STATEMENTS,
     DENSITY_STATEMENTS,
-    FIGURE_DENSITY,
-    FIGURE_IOU,
-    FIGURE_PR,
     GOOD_ABOVE,
     IOU_BINS,
     PLACE_NAMES,
@@ -38,6 +35,7 @@ from coview.studies.paper.published import (
 from placement_env.analysis.intervals import ratio_interval
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.metrics import Curve
+from toolkit.plots.curves import draw_density_cdf, draw_pr_curves
 
 RECALL_STEP = 0.001  # recall between the points of a curve in its file
 FEW = 300  # points; the paper's threshold in its text
@@ -71,26 +69,16 @@ def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experim
         kept = steps(curve)
         figures = zip(curve.score[kept], curve.precision[kept], curve.recall[kept], strict=True)
         points += [(set_name(sensors), *(round(float(each), 6) for each in row)) for row in figures]
-
-    def draw(out: Path) -> None:
-        from toolkit.plots.curves import draw_pr_curves
-
-        drawn = [(curve.recall, curve.precision) for curve in curves.values()]
-        title = f"Early fusion, {PLACE_NAMES[site]}, IoU 0.7, {stored.frames} frames"
-        draw_pr_curves(dict(zip(captions, drawn, strict=True)), out, title=title)
-
-    return Experiment(
-        "pr_curves",
-        "Precision and recall of the best set of each size",
-        f"{FIGURE_PR}, section IV-C",
-        ("figure", "sensors"),
-        tuple(rows),
-        basis,
+    drawn = dict(zip(captions, ((curve.recall, curve.precision) for curve in curves.values()), strict=True))
+    title = f"Early fusion, {PLACE_NAMES[site]}, IoU 0.7, {stored.frames} frames"
+    name, heads = "Precision and recall of the best set of each size", ("figure", "sensors")
+    conclusion = (
         f"All sensors find {percent(max_recall(curves[everyone]))} of the vehicles, sensor {set_name(fewest)} alone "
-        f"{percent(max_recall(curves[fewest]))}: more sensors raise the maximum recall, as in the paper.",
-        draw,
-        (("pr_curves_points", tuple(points)),),
+        f"{percent(max_recall(curves[fewest]))}: more sensors raise the maximum recall, as in the paper."
     )
+    draw, files = partial(draw_pr_curves, drawn, title=title), (("pr_curves_points", tuple(points)),)
+    about = ("pr_curves", name, "figure of PR curves, section IV-C", heads)
+    return Experiment(*about, tuple(rows), basis, conclusion, draw, files)
 
 
 def max_recall(curve: Curve) -> float:
@@ -133,25 +121,17 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
     everyone, fewest = rows[0].ours, rows[len(sets) - 1].ours
     points = [stored.points(sensors) for sensors in sets]
     shares = [(at, *(round(float((each <= at).mean()), 6) if len(each) else "" for each in points)) for at in AT]
-
-    def draw(out: Path) -> None:
-        from toolkit.plots.curves import draw_density_cdf
-
-        draw_density_cdf({set_name(sensors): stored.points(sensors) for sensors in sets}, out)
-
-    return Experiment(
-        "point_density",
-        "Points on a vehicle with the best sets",
-        f"{FIGURE_DENSITY}, section IV-E",
-        ("share of vehicles with", "sensors"),
-        tuple(rows),
-        basis,
-        f"{percent(fewest)} of the vehicles have no point from sensor {set_name(sets[-1])} alone, "
+    names = [set_name(sensors) for sensors in sets]
+    conclusion = (
+        f"{percent(fewest)} of the vehicles have no point from sensor {names[-1]} alone, "
         f"{percent(everyone)} none from all sensors."
-        + ("" if DENSITY_STATEMENTS[site] else f" The paper shows this for the {PLACE_NAMES['tjunction']} alone."),
-        draw,
-        (("point_density_curves", (("points, at most", *map(set_name, sets)), *shares)),),
+        + ("" if DENSITY_STATEMENTS[site] else f" The paper shows this for the {PLACE_NAMES['tjunction']} alone.")
     )
+    name, source = "Points on a vehicle with the best sets", "figure of point density (a), section IV-E"
+    about = ("point_density", name, source, ("share of vehicles with", "sensors"))
+    draw = partial(draw_density_cdf, dict(zip(names, points, strict=True)))
+    files = (("point_density_curves", (("points, at most", *names), *shares)),)
+    return Experiment(*about, tuple(rows), basis, conclusion, draw, files)
 
 
 class BinnedIou(NamedTuple):
@@ -206,26 +186,18 @@ def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experimen
         for how, needed in (("by the fit", ours), ("measured", density_needed(density, iou, wanted))):
             rows.append(Compared((f"density for IoU {wanted:g}, {how}",), "points", needed, None))
     poor, good = ("–" if row.ours is None else f"{row.ours:.2f}" for row in (rows[0], rows[2]))
-
-    def draw(out: Path) -> None:
-        title = f"IoU and point density, {PLACE_NAMES[site]}, {stored.frames} frames"
-        draw_log_fit(bins.density, bins.iou, (fit.intercept, fit.slope), out, title=title)
-
+    title = f"IoU and point density, {PLACE_NAMES[site]}, {stored.frames} frames"
+    draw = partial(draw_log_fit, bins.density, bins.iou, (fit.intercept, fit.slope), title=title)
     heads = ("points, mean of the bin", "IoU, mean of the bin", "vehicles")
     columns = zip(bins.density.round(3).tolist(), bins.iou.round(6).tolist(), bins.vehicles.tolist(), strict=True)
-    return Experiment(
-        "iou_density",
-        "IoU against point density",
-        f"{FIGURE_IOU}, section IV-E",
-        ("figure",),
-        tuple(rows),
-        f"{basis}, each with every one of the best sets: {len(density)} in {IOU_BINS} bins up to {most:.0f} points",
+    basis = f"{basis}, each with every one of the best sets: {len(density)} in {IOU_BINS} bins up to {most:.0f} points"
+    conclusion = (
         f"IoU = {fit.intercept:.3f} + {fit.slope:.3f} ln(points). Boxes on fewer than {POOR_BELOW} points have a mean "
         f"IoU of {poor}, boxes on more than {GOOD_ABOVE} of {good}: as the paper says, the density tells how well a "
-        "vehicle can be measured." + ("" if site == "tjunction" else " The paper shows this for the T-junction alone."),
-        draw,
-        (("iou_density_bins", (heads, *columns)),),
+        "vehicle can be measured." + ("" if site == "tjunction" else " The paper shows this for the T-junction alone.")
     )
+    about = ("iou_density", "IoU against point density", "figure of point density (b), section IV-E", ("figure",))
+    return Experiment(*about, tuple(rows), basis, conclusion, draw, (("iou_density_bins", (heads, *columns)),))
 
 
 def densities_and_ious(

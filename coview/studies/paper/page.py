@@ -11,12 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coview.studies.paper.comparison import HEADS, LARGE, Experiment
-from placement_env.analysis.intervals import Interval
+from coview.studies.paper.comparison import HEADS, LARGE, Compared, Experiment
 from toolkit.arrays import Float64
 from toolkit.plots.canvas import blank_figure
 from toolkit.runtime.files import writing
@@ -91,27 +90,17 @@ def _section(experiment: Experiment, picture: bytes) -> str:
     return "\n".join(lines)
 
 
-class Pair(NamedTuple):
-    """Pair of bars; interval: of ours."""
-
-    name: str
-    ours: float | None
-    paper: float | None
-    interval: Interval | None = None
-
-
-def draw_pairs(pairs: Sequence[Pair], out: Path, *, title: str) -> None:
+def draw_pairs(names: Sequence[str], rows: Sequence[Compared], out: Path, *, title: str) -> None:
     """Draw AP as pairs of bars, ours with its interval."""
-    with _chart(out, max(5.5, 0.55 * len(pairs) + 1.5), 4.0) as axes:
-        place = np.arange(len(pairs))
-        ours = [np.nan if each.ours is None else each.ours for each in pairs]
-        paper = [np.nan if each.paper is None else each.paper for each in pairs]
+    with _chart(out, max(5.5, 0.55 * len(rows) + 1.5), 4.0) as axes:
+        place = np.arange(len(rows))
+        ours = [np.nan if each.ours is None else each.ours for each in rows]
+        paper = [np.nan if each.paper is None else each.paper for each in rows]
         axes.bar(place - 0.2, ours, 0.38, color=OUR_COLOUR, label="ours")
         axes.bar(place + 0.2, paper, 0.38, color="white", edgecolor=PAPER_COLOUR, hatch="///", label="paper")
-        for x, each in zip(place, pairs, strict=True):
+        for x, each in zip(place, rows, strict=True):
             if each.interval is not None:
                 axes.plot([x - 0.2] * 2, each.interval, color="black", linewidth=1.2, marker="_", markersize=6)
-        names = [each.name for each in pairs]
         axes.set_xticks(place, names, fontsize=7, rotation=0 if len(names) < 7 else 45, ha="center")
         axes.set(ylabel="AP", ylim=(0, 1.05), title=title)
         axes.grid(axis="y", alpha=0.3)

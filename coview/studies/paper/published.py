@@ -16,9 +16,6 @@ from typing import Literal, NamedTuple
 PAPER_SITES = ("tjunction", "roundabout")
 TEST_FRAMES = 1000  # of each test collection, section III
 DEPTH_NOISE = 0.015  # m, section III
-TABLE_1, TABLE_2, TABLE_3, TABLE_4 = "table 1", "table 2", "table 3", "table 4"
-FIGURE_PR = "figure of PR curves"
-FIGURE_DENSITY, FIGURE_IOU = "figure of point density (a)", "figure of point density (b)"
 PLACE_NAMES = {"tjunction": "T-junction", "roundabout": "roundabout"}
 
 SensorSet = tuple[int, ...]

@@ -6,7 +6,7 @@ where both sensors of a pair have a vehicle's centre in their field of view, occ
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,17 +21,13 @@ from coview.studies.paper.detections import (
     score_run,
     visible_share,
 )
-from coview.studies.paper.page import Pair, draw_agreement, draw_pairs
+from coview.studies.paper.page import draw_agreement, draw_pairs
 from coview.studies.paper.published import (
     BENCHMARK_PAIR,
     BENCHMARK_TABLE,
     PLACE_NAMES,
     REGION_TABLE,
     SCHEME_TABLE,
-    TABLE_1,
-    TABLE_2,
-    TABLE_3,
-    TABLE_4,
     Listed,
     sensor_sets,
     set_name,
@@ -48,7 +44,7 @@ def scheme_runs(sensors: int) -> list[SchemeRun]:
 
 
 def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 1: fusion of all sensors. Late, hybrid and early fusion, in AP, kbit per sensor and time."""
+    """Compare table 1: late, hybrid and early fusion of all sensors, in AP, kbit per sensor and time."""
     rows = []
     for run in scheme_runs(len(stored.sensors)):
         paper = SCHEME_TABLE[site][run.scheme]
@@ -70,21 +66,10 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
     )
     far, sent = (sum(int(truth.sent[row].sum()) for truth in stored.truths) for row in (1, 0))
     beyond = f" {100 * far / sent:.0f} % of the points lie beyond the hybrid radius." if sent else ""
-
-    def draw(out: Path) -> None:
-        title = f"Fusion schemes, {PLACE_NAMES[site]}, all sensors, {stored.frames} frames"
-        draw_pairs([Pair("\n".join(row.labels), row.ours, row.paper, row.interval) for row in ap], out, title=title)
-
-    return Experiment(
-        "schemes",
-        "Comparison of fusion schemes",
-        f"{TABLE_1}, section IV-B",
-        ("scheme", "figure"),
-        tuple(rows),
-        basis,
-        order + beyond,
-        draw,
-    )
+    title = f"Fusion schemes, {PLACE_NAMES[site]}, all sensors, {stored.frames} frames"
+    draw = partial(draw_pairs, ["\n".join(row.labels) for row in ap], ap, title=title)
+    about = ("schemes", "Comparison of fusion schemes", "table 1, section IV-B", ("scheme", "figure"))
+    return Experiment(*about, tuple(rows), basis, order + beyond, draw)
 
 
 def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
@@ -137,23 +122,11 @@ def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experimen
         f"{origin.frames} frames, {origin.objects} vehicles, all {len(table.subsets) - 1} sets, exact table; it keeps "
         "no single frames, so there are no intervals (the PR curves have those of the best sets)"
     )
-
-    def draw(out: Path) -> None:
-        groups = {
-            scheme: list(zip(names, paper[scheme], found.ap.tolist(), strict=True)) for scheme, found in ours.items()
-        }
-        draw_agreement(groups, out, title=f"Sensor sets of table 2, {PLACE_NAMES[site]}, {origin.frames} frames")
-
-    return Experiment(
-        "sensor_sets",
-        "All sensor sets, and the best three of each size",
-        f"{TABLE_2}, section IV-C",
-        ("row", "scheme", "sensors"),
-        tuple(rows),
-        basis,
-        "; ".join(words).capitalize() + ".",
-        draw,
-    )
+    groups = {each: list(zip(names, paper[each], found.ap.tolist(), strict=True)) for each, found in ours.items()}
+    title = f"Sensor sets of table 2, {PLACE_NAMES[site]}, {origin.frames} frames"
+    name, heads = "All sensor sets, and the best three of each size", ("row", "scheme", "sensors")
+    conclusion, draw = "; ".join(words).capitalize() + ".", partial(draw_agreement, groups, title=title)
+    return Experiment("sensor_sets", name, "table 2, section IV-C", heads, tuple(rows), basis, conclusion, draw)
 
 
 def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
@@ -200,23 +173,12 @@ def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
         if all(better)
         else "Not every pair is better than the better of its two sensors."
     )
-
-    def draw(out: Path) -> None:
-        title = f"Shared regions, {PLACE_NAMES[site]}, early fusion, IoU 0.7, {stored.frames} frames"
-        names = [f"{set_name(row.sensors)}\nin {set_name(row.region)}" for row in REGION_TABLE[site]]
-        pairs = [Pair(name, row.ours, row.paper, row.interval) for name, row in zip(names, rows, strict=True)]
-        draw_pairs(pairs, out, title=title)
-
-    return Experiment(
-        "shared_regions",
-        "Spatial diversity in shared regions",
-        f"{TABLE_3}, section IV-D",
-        ("region", "sensors"),
-        tuple(rows),
-        f"{basis}; vehicles whose centre both sensors of the pair have in their field of view",
-        f"{helps} In AP, " + "; ".join(gains) + ".",
-        draw,
-    )
+    title = f"Shared regions, {PLACE_NAMES[site]}, early fusion, IoU 0.7, {stored.frames} frames"
+    names = [f"{set_name(row.sensors)}\nin {set_name(row.region)}" for row in REGION_TABLE[site]]
+    about = ("shared_regions", "Spatial diversity in shared regions", "table 3, section IV-D", ("region", "sensors"))
+    basis = f"{basis}; vehicles whose centre both sensors of the pair have in their field of view"
+    conclusion = f"{helps} In AP, {'; '.join(gains)}."
+    return Experiment(*about, tuple(rows), basis, conclusion, partial(draw_pairs, names, rows, title=title))
 
 
 def benchmark_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
@@ -228,32 +190,20 @@ def benchmark_experiment(stored: StoredDetections, site: str, basis: str) -> Exp
         rows += [Compared((each.method, "one sensor"), "AP", None, figure) for figure in each.single]
         if each.two is not None:
             rows.append(Compared((each.method, "two sensors"), "AP", None, each.two))
-    mine = []
     for sensors, count in ((pair[:1], "one sensor"), (pair, "two sensors")):
         labels = (f"ours, early fusion, {set_name(sensors)} in view of {set_name(pair)}", count)
-        mine.append(compare_run(stored, SchemeRun("early", sensors), labels, paper[sensors], region=pair))
-    gain = (mine[1].ours or 0.0) - (mine[0].ours or 0.0)
+        rows.append(compare_run(stored, SchemeRun("early", sensors), labels, paper[sensors], region=pair))
+    gain = (rows[-1].ours or 0.0) - (rows[-2].ours or 0.0)
     seen = score_run(stored, SchemeRun("early", pair[:1]), region=pair[:1])
     labels = (f"ours, sensor {pair[0]}, vehicles in its field of view", "one sensor")
-    mine.append(Compared(labels, "AP", seen.ap, None, seen.interval))
-
-    def draw(out: Path) -> None:
-        title = f"Reported figures and ours, {PLACE_NAMES[site]}, {stored.frames} frames"
-        shown = [
-            Pair(f"{row.labels[0].split(',')[0]}\n{row.labels[1]}", row.ours, row.paper, row.interval)
-            for row in (*rows, *mine)
-        ]
-        draw_pairs(shown, out, title=title)
-
-    return Experiment(
-        "benchmarks",
-        "Comparison with existing benchmarks",
-        f"{TABLE_4}, section IV-F",
-        ("method", "sensors"),
-        (*rows, *mine),
-        f"{basis}; rows without ours are from other authors and data, as the paper reports them",
+    rows.append(Compared(labels, "AP", seen.ap, None, seen.interval))
+    title = f"Reported figures and ours, {PLACE_NAMES[site]}, {stored.frames} frames"
+    names = [f"{row.labels[0].split(',')[0]}\n{row.labels[1]}" for row in rows]
+    about = ("benchmarks", "Comparison with existing benchmarks", "table 4, section IV-F", ("method", "sensors"))
+    basis = f"{basis}; rows without ours are from other authors and data, as the paper reports them"
+    conclusion = (
         "Other data, other sensors: only the gain from a second sensor can be compared. "
         f"It is {gain:+.2f} here, {paper[pair] - paper[pair[:1]]:+.2f} in the paper and +0.53 for "
-        "Cooper and F-Cooper." + (" The paper's table 4 covers the T-junction alone." if site != "tjunction" else ""),
-        draw,
+        "Cooper and F-Cooper." + (" The paper's table 4 covers the T-junction alone." if site != "tjunction" else "")
     )
+    return Experiment(*about, tuple(rows), basis, conclusion, partial(draw_pairs, names, rows, title=title))

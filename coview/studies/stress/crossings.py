@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -19,7 +19,6 @@ from coview.studies.stress.stressing import StressRow
 from placement_env.analysis.intervals import percentiles
 from placement_env.report.content import CONFIDENCE
 from toolkit.arrays import Float64
-from toolkit.runtime.files import replace_infinite
 
 LEAST_LEAD = 0.005  # AP by which one scheme must lead to count as better
 
@@ -42,10 +41,6 @@ class Crossing:
     low: float
     high: float
     share: float
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the values for JSON: None for infinity."""
-        return {name: replace_infinite(value) for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ counted over the same traffic with nothing wrong but the link.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -27,7 +27,6 @@ from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, standi
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame, SiteRecording, unproject
 from toolkit.objects import Detector
-from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 
 ONSET = 2.0  # s after traffic began
@@ -48,10 +47,6 @@ class Noticed:
     median: float
     worst: float
 
-    def as_dict(self) -> dict[str, object]:
-        """Return the values for JSON: None for infinity."""
-        return {name: replace_infinite(value) for name, value in asdict(self).items()}
-
 
 @dataclass(frozen=True)
 class FalseAlarms:
@@ -61,10 +56,6 @@ class FalseAlarms:
     sent_as: str
     alarms: int
     minutes: float
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the values for JSON."""
-        return asdict(self)
 
 
 def time_faults(

@@ -38,10 +38,6 @@ class ExactFailure:
     worst: float
     without: tuple[str, ...]
 
-    def as_dict(self) -> dict[str, object]:
-        """Return the values for JSON."""
-        return asdict(self)
-
 
 def exact_failures(
     table: Table, *, ious: Sequence[float] = (0.7,), label: str = LABELS[VEHICLE]
@@ -86,7 +82,8 @@ class StressResults:
 
     def as_dict(self, provenance: Mapping[str, object]) -> dict[str, object]:
         """Return the values for JSON: None for undefined figures."""
-        lists = {name: [row.as_dict() for row in some] for name, some in vars(self).items() if some is not None}
+        given = {name: some for name, some in vars(self).items() if some is not None}
+        lists = {name: [_values(row) for row in some] for name, some in given.items()}
         return {"provenance": dict(provenance), **replace_infinite(lists)}
 
     def as_text(self) -> str:
@@ -97,6 +94,11 @@ class StressResults:
             texts.append(format_noticed(self.noticed, self.false_alarms))
         texts += [] if self.exact is None else [format_exact(self.exact)]
         return "\n\n".join(filter(None, texts))
+
+
+def _values(row: StressRow | Crossing | Noticed | FalseAlarms | ExactFailure) -> dict[str, object]:
+    kept = {name: value for name, value in vars(row).items() if name != "tally"}
+    return kept | ({"judged": asdict(row.judged)} if isinstance(row, StressRow) else {})
 
 
 def format_rows(rows: Sequence[StressRow]) -> str:

@@ -9,7 +9,7 @@ compared on the same draws. They are too narrow over frames close together, whic
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 
 import numpy as np
@@ -87,11 +87,6 @@ class StressRow:
     iou: float
     amount: float | None = None
     tally: Tally | None = field(default=None, repr=False, compare=False)
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the values for JSON, without the tally."""
-        values = {name: value for name, value in vars(self).items() if name != "tally"}
-        return values | {"judged": asdict(self.judged)}
 
 
 def is_sequence(recording: SiteRecording) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from coview.studies.paper.comparison import Compared, Experiment
-from coview.studies.paper.page import Pair, draw_agreement, draw_log_fit, draw_pairs, paper_page
+from coview.studies.paper.page import draw_agreement, draw_log_fit, draw_pairs, paper_page
 from placement_env.analysis.intervals import Interval
 
 INTERVAL = Interval(0.85, 0.95)
@@ -67,7 +67,8 @@ def test_pages_are_closed_and_escaped(page):
 
 
 def pairs(out, interval=INTERVAL):
-    draw_pairs([Pair("early", 0.9, 0.8, interval), Pair("late", None, 0.7)], out, title="Pairs")
+    rows = [Compared(("early",), "AP", 0.9, 0.8, interval), Compared(("late",), "AP", None, 0.7)]
+    draw_pairs(["early", "late"], rows, out, title="Pairs")
 
 
 def agreement(out):

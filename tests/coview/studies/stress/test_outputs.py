@@ -37,13 +37,16 @@ def test_rows_as_text_and_files_so_far(tmp_path):
         "delay   0.3 s  early   2 cm     0.7  0.875  0.800 to 0.912         6.12  0.30 s",
         "loss    10%    late    paper    0.7  0.875  0.800 to 0.912         0.25   nan s",
     ]
-    write_stress(StressResults(tuple(ROWS), noticed=(NOTICED,)), {"site": "plain"}, tmp_path / "out")
+    crossed = Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)
+    write_stress(StressResults(tuple(ROWS), (crossed,), noticed=(NOTICED,)), {"site": "plain"}, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(STRESS_FILES)
     content = json.loads((tmp_path / "out" / "stress.json").read_text())
     assert content["provenance"] == {"site": "plain"}
     assert content["rows"][1]["age"] is None
     assert content["rows"][0]["judged"]["ap"] == 0.875
     assert content["noticed"][0]["worst"] is None
+    assert (content["crossings"][0]["high"], content["crossings"][0]["level"]) == (None, 0.254)
+    assert "tally" not in content["rows"][0]
     assert "exact" not in content
     assert "<svg" in (tmp_path / "out" / "stress.svg").read_text()
     write_rows(ROWS[:1], {"site": "plain"}, tmp_path / "new")
@@ -94,7 +97,7 @@ def test_tables_say_what_is_left_or_lack_values():
     pairs = [table.ap[0b111111 ^ (1 << a) ^ (1 << b), 1, 2] for a in range(6) for b in range(a)]
     assert two.worst == min(pairs)
     assert len(two.without) == 2
-    assert two.as_dict()["failing"] == 2
+    assert two.failing == 2
     table = load_table("tjunction")
     assert {each.iou for each in exact_failures(table, ious=(0.5, 0.8))} == {0.8}
     with pytest.raises(ValueError, match=r"holds AP at IoU 0\.7, 0\.8, 0\.9, not at 0\.5"):

@@ -162,8 +162,6 @@ def test_figures_at_each_iou_and_tracks_that_restart():
     assert (loose.kbit_per_sensor, loose.age) == (3, pytest.approx(0.15))
     assert (loose.judged.low, loose.judged.high) == loose.tally.interval(seed=0)
     assert loose.tally.truths.tolist() == [2, 2]
-    assert "tally" not in loose.as_dict()
-    assert loose.as_dict()["judged"]["ap"] == 0.75
     counted, here = trial(), Detections(TRUTH[:1], np.array([0.9]))
     for k in range(10):
         moved = Detections(TRUTH[:1] + np.array([1.0 * k, 0, 0, 0, 0, 0, 0]), np.array([0.9]))
