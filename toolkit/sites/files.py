@@ -169,7 +169,7 @@ def parse(collection: JsonValue) -> Site:
     rise, across = relief.numbers("slope", 2) if "slope" in relief.value else LEVEL
     return Site(
         name=root.get("name", str),
-        area=_find_area(*layers["area"][0], polygons),
+        area=_find_area(layers["area"][0][0], polygons),
         height=root.number("height"),
         lanes=tuple(polygons[where] for (where, _), _ in layers["lane"]),
         footways=tuple(polygons[where] for (where, _), _ in layers["footway"]),
@@ -214,7 +214,7 @@ def _read_ring(geometry: _Node, properties: _Node) -> tuple[_Outline, _Node]:
     return (where, ring[:-1]), properties
 
 
-def _find_area(outline: _Outline, _: _Node, polygons: Mapping[str, np.ndarray]) -> np.ndarray:
+def _find_area(outline: _Outline, polygons: Mapping[str, np.ndarray]) -> np.ndarray:
     ring = polygons[outline[0]]
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
