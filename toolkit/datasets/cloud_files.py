@@ -159,13 +159,10 @@ def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[n
     norm = float(np.linalg.norm(quaternion))
     if not 0.99 < norm < 1.01:
         raise ValueError(f"a quaternion qw qx qy qz must have length 1, got {quaternion.tolist()} of length {norm:.4g}")
-    w, x, y, z = quaternion / norm
+    from scipy.spatial.transform import Rotation
+
     pose = np.eye(4)
-    pose[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
+    pose[:3, :3] = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
     pose[:3, 3] = translation
     return pose
 

@@ -231,10 +231,7 @@ def render_page(template: Path, data: object, script: str = "", **values: object
     environment = Environment(loader=FileSystemLoader(template.parent), autoescape=True, undefined=StrictUndefined)
     environment.trim_blocks = environment.lstrip_blocks = True
     page: str = environment.get_template(template.name).render(
-        policy=POLICY,
-        scene_data=None if data is None else script_data(data),
-        script=script + scene_script(),
-        **values,
+        policy=POLICY, scene_data=None if data is None else script_data(data), script=script + scene_script(), **values
     )
     return page
 

@@ -282,11 +282,10 @@ def test_clouds_that_say_nothing_of_the_ground_make_no_warning():
 @pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
 def test_labelled_cars_of_a_real_street_stand_on_its_ground():
     pytest.importorskip("pyarrow")
-    from toolkit.clouds import positions
-    from toolkit.datasets.layouts.argoverse import fuse_sweep, read_labels, sweep_times
+    from toolkit.datasets.layouts.argoverse import argoverse, read_labels
 
-    time = sweep_times(LOG)[0]
-    labels, points = read_labels(LOG, time), positions(fuse_sweep(LOG, time))
+    sweep = argoverse(LOG)[0]
+    labels, points = read_labels(LOG, int(sweep.name)), sweep.points()
     near = (np.abs(labels.boxes[:, :2]) < 50).all(axis=1) & (np.array(labels.categories) == "REGULAR_VEHICLE")
     ground = level(points)
     boxes = ground.boxes(labels.boxes[near])

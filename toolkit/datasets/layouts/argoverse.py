@@ -1,8 +1,7 @@
-"""Argoverse 2 logs with two real lidars, also taken apart by laser, fused back and counted against their own labels.
+"""Argoverse 2 logs with two real lidars: lasers 0-31 of a sweep are `up_lidar`'s, 32-63 `down_lidar`'s.
 
-A sweep holds the points of both lidars in the ego vehicle's frame, lasers 0-31 of `up_lidar`, 32-63 of `down_lidar`.
-`fuse_sweep` puts each lidar's part into that lidar's own frame, as if two stations had sent them, and fuses them as any
-two sensors. All of it is float64, so that going there and back moves no point across a cuboid's face.
+World frame: the ego vehicle's. `check_log` fuses the two lidars as any two sensors, and counts the points in every
+labelled cuboid beside the recording's own count.
 """
 
 from __future__ import annotations
@@ -10,23 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from toolkit.arrays import Float64, Int64
-from toolkit.boxes import corners
+from toolkit.boxes import count_points
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
 from toolkit.datasets.records import Listing, Problems, build_cloud, get_intensity, labelled, named_damage, no_labels
 from toolkit.frame import Frame
-from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
 from toolkit.point_files import name_attributes
 from toolkit.runtime.files import writing
-
-if TYPE_CHECKING:
-    from toolkit.clouds import PointCloud
 
 LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}
 _CALIBRATION = Path("calibration", "egovehicle_SE3_sensor.feather")
@@ -79,43 +74,14 @@ def read_labels(log: str | Path, time: int) -> Labels:
     return Labels(boxes, categories, table["num_interior_pts"].astype(np.int64), tracks)
 
 
-def split_sweep(log: str | Path, time: int) -> dict[str, Float64[np.ndarray, "_ 3"]]:
-    """Clouds of each lidar in one sweep. Points are in the lidar's own frame (m)."""
-    table, calibration = read_table(Path(log, "sensors", "lidar", f"{time}.feather")), read_calibration(log)
-    points = np.column_stack([table[axis].astype(np.float64) for axis in "xyz"])
-    return {
-        name: transform(invert(calibration[name]), points[np.isin(table["laser_number"], lasers)])
-        for name, lasers in LASERS.items()
-    }
-
-
-def fuse_sweep(log: str | Path, time: int) -> PointCloud:
-    """Fuse one sweep from its two lidars, float64 in the ego frame. Sensor 0 is `up_lidar`, 1 `down_lidar`."""
-    from toolkit.clouds import from_points, fuse
-
-    calibration = read_calibration(log)
-    parts = split_sweep(log, time).items()
-    return fuse(from_points(transform(calibration[name], part), number) for number, (name, part) in enumerate(parts))
-
-
-def count_labels(log: str | Path, time: int) -> tuple[Labels, Int64[np.ndarray, " n"]]:
-    """Labels of one sweep, and their point counts in the fused sweep, cropped to where the labels are."""
-    from toolkit.clouds import crop, points_per_box
-
-    labels = read_labels(log, time)
-    reach = corners(labels.boxes).reshape(-1, 3)
-    low, high = reach.min(axis=0) - 1.0, reach.max(axis=0) + 1.0
-    cloud = crop(fuse_sweep(log, time), np.append(low[:2], high[:2]), height=float(high[2]), floor=float(low[2]))
-    return labels, points_per_box(cloud, labels.boxes)
-
-
 def check_log(log: str | Path) -> list[Checked]:
     """Count the points of every labelled cuboid in the fused sweep, beside the recording's own count."""
     checked = []
-    for time in sweep_times(log):
-        labels, counted = count_labels(log, time)
+    for frame in argoverse(Path(log)):
+        labels = read_labels(log, int(frame.name))
+        counted = count_points(frame.points(), labels.boxes)
         rows = zip(labels.categories, counted.tolist(), labels.interior_points.tolist(), strict=True)
-        checked += [Checked(time, *row) for row in rows]
+        checked += [Checked(int(frame.name), *row) for row in rows]
     return checked
 
 

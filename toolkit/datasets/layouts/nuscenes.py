@@ -175,14 +175,7 @@ def compute_quaternion(placed: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray
     >>> compute_quaternion(np.diag([-1.0, -1.0, 1.0, 1.0])).tolist()
     [0.0, 0.0, 0.0, 1.0]
     """
-    r, (w, x, y, z) = placed[:3, :3], range(4)
-    # four times each squared component; the largest gives the others without cancellation
-    a, b, c = np.diag(r)
-    products = np.diag([1 + a + b + c, 1 + a - b - c, 1 - a + b - c, 1 - a - b + c])
-    off = {(w, x): r[2, 1] - r[1, 2], (w, y): r[0, 2] - r[2, 0], (w, z): r[1, 0] - r[0, 1]}
-    off |= {(x, y): r[0, 1] + r[1, 0], (x, z): r[0, 2] + r[2, 0], (y, z): r[1, 2] + r[2, 1]}
-    for (i, j), value in off.items():
-        products[i, j] = products[j, i] = value
-    best = products[int(np.argmax(np.diag(products)))]
-    unit = best / np.linalg.norm(best)
-    return -unit if unit[0] < 0 else unit + 0.0
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(placed[:3, :3]).as_quat(canonical=True)
+    return np.array([w, x, y, z]) + 0.0

@@ -158,15 +158,12 @@ def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share:
     >>> between(np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0]), 0.5)[1, 0].round(6).item()
     1.0
     """
-    first, last = compute_quaternion(a), compute_quaternion(b)
-    if first @ last < 0:
-        last = -last
-    angle = float(np.arccos(np.clip(first @ last, -1, 1)))
-    if angle < 1e-9:
-        turned = last
-    else:
-        turned = (np.sin((1 - share) * angle) * first + np.sin(share * angle) * last) / np.sin(angle)
-    return quaternion_pose(turned, a[:3, 3] + share * (b[:3, 3] - a[:3, 3]))
+    from scipy.spatial.transform import Rotation, Slerp
+
+    pose = np.eye(4)
+    pose[:3, :3] = Slerp([0, 1], Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]])))(share).as_matrix()
+    pose[:3, 3] = a[:3, 3] + share * (b[:3, 3] - a[:3, 3])
+    return pose
 
 
 def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
