@@ -58,12 +58,6 @@ def crop_sensor(
     return np.ascontiguousarray(xyz.take(keep, axis=1).T)
 
 
-def find_crop_pixels(frame: Frame, sensor: int, *, area: Area, height: float | None = None) -> Int64[np.ndarray, " n"]:
-    """Pixels of the points that `frame_points` has of a sensor (index), counted row after row, in the same order."""
-    shift = frame.shifts[sensor] if frame.shifts else None
-    return crop_image(frame.sensors[sensor], frame.images[sensor], Crop.of(area, height), shift=shift)[1]
-
-
 class Crop(NamedTuple):
     """Area (xmin ymin xmax ymax, m), height (m) and slope of a crop."""
 

@@ -7,10 +7,11 @@ from toolkit.frame import Frame, select_sensors
 from toolkit.geometry import level_rows, look, pose, tilt_rows
 from toolkit.objects import Detections, Objects, UnionDetector
 from toolkit.points import (
+    Crop,
     count_on_ground,
+    crop_image,
     detect_on_ground,
     detect_unions_on_ground,
-    find_crop_pixels,
     frame_points,
     get_slope,
     has_centre_inside,
@@ -54,7 +55,7 @@ def test_frame_points_are_cropped_clouds_with_noise_of_the_generator():
         assert not np.array_equal(a, c)
     scene = frame()
     for k, points in enumerate(frame_points(scene, area=AREA, height=3.0)):
-        pixels = find_crop_pixels(scene, k, area=AREA, height=3.0)
+        pixels = crop_image(scene.sensors[k], scene.images[k], Crop.of(AREA, 3.0))[1]
         sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
         np.testing.assert_allclose(sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4)
         assert (np.diff(pixels) > 0).all()

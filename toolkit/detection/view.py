@@ -24,7 +24,7 @@ from toolkit.detection.place import CROP_HEIGHT, Stand
 from toolkit.frame import Frame, unproject
 from toolkit.geometry import LEVEL
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import Area, Crop, crop_sensor, detect_on_ground, find_crop_pixels
+from toolkit.points import Area, Crop, crop_image, crop_sensor, detect_on_ground
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -78,7 +78,8 @@ class Captured:
         """Pixels of the points in the crop, in the order of these points, counted row after row."""
         if self.kept is not None:
             return self.kept
-        return find_crop_pixels(self.frame, self.index, area=self.area, height=self.height)
+        shift = self.frame.shifts[self.index] if self.frame.shifts else None
+        return crop_image(self.sensor, self.measurement, Crop.of(self.area, self.height), shift=shift)[1]
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
         """Image of some pixels alone."""
