@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float, Float64, Int64
-from toolkit.boxes import points_in_boxes
+from toolkit.boxes import rows_in_boxes
 from toolkit.calibration.ground import Ground, level
 from toolkit.datasets.doctor import Finding, diagnose_file
 from toolkit.datasets.layouts.hdf5 import holds_clouds
@@ -65,10 +65,9 @@ def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarra
 def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
     """Fit of boxes to points that stand on the ground."""
     wide = boxes + np.array([0, 0, SHELL / 2, 2 * SHELL, 2 * SHELL, SHELL, 0])
-    inside = points_in_boxes(points, wide)
     fitting = np.zeros(len(boxes))
-    for k, (x, y, z, length, width, height, yaw) in enumerate(boxes):
-        near = points[inside[:, k]]
+    for k, rows in enumerate(rows_in_boxes(points, wide)):
+        near, (x, y, z, length, width, height, yaw) = points[rows], boxes[k]
         if len(near) < LEAST_ON_BOX:
             continue
         dx, dy, dz = (near - [x, y, z]).T
@@ -257,24 +256,19 @@ class Movers(NamedTuple):
 def find_movers(samples: Sequence[Frame], k: int) -> Movers:
     """Find the moving boxes of frame k, by the nearest frame that has the track too and another time."""
     here = samples[k]
-    boxes, velocities, ids = [], [], []
+    rows, velocities = list[int](), list[np.ndarray]()
     for row, track in enumerate(here.objects.ids):
-        for other in (k + 1, k - 1):
-            if not 0 <= other < len(samples):
-                continue
-            there = samples[other]
-            match = np.flatnonzero(there.objects.ids == track)
-            seconds = there.time - here.time
+        for there in (samples[other] for other in (k + 1, k - 1) if 0 <= other < len(samples)):
+            match, seconds = np.flatnonzero(there.objects.ids == track), there.time - here.time
             if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
                 place = transform(there.map_SE3_world, there.objects.boxes[match, :3])
                 path = transform(invert(here.map_SE3_world), place)[0, :2] - here.objects.boxes[row, :2]
-                velocity = path / seconds
-                if MOVING < np.linalg.norm(velocity) < FASTEST:
-                    boxes.append(here.objects.boxes[row])
-                    velocities.append(velocity)
-                    ids.append(track)
+                if MOVING < np.linalg.norm(path / seconds) < FASTEST:
+                    rows.append(row)
+                    velocities.append(path / seconds)
                 break
-    return Movers(np.array(boxes).reshape(-1, 7), np.array(velocities).reshape(-1, 2), np.array(ids, np.int64))
+    moving = np.array(rows, np.int64)
+    return Movers(here.objects.boxes[moving], np.array(velocities).reshape(-1, 2), here.objects.ids[moving])
 
 
 SUNK = 0.3  # fraction of its height that the median box may be off its place above the ground

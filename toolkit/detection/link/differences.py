@@ -29,6 +29,7 @@ from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground
 from toolkit.detection.link import image_coding as coding
+from toolkit.detection.link.foreground import Restored
 from toolkit.detection.link.message import MessageKind, read_message, step_in_mm
 from toolkit.detection.link.range_images import to_steps
 from toolkit.detection.view import View
@@ -88,7 +89,7 @@ class DifferenceReader:
         self.scene = scene
         self._reference: Reference | None = None
 
-    def read(self, message: bytes) -> foreground.Restored:
+    def read(self, message: bytes) -> Restored:
         """Read the image of a message. Raises `MissedReference` for a difference from a message that never arrived, and
         ValueError as `decode_foreground`; the reader then stays as it was.
         """
@@ -291,9 +292,7 @@ class ForegroundDifferences(foreground.SendsForeground):
         """Bits that sensors send of a frame, arrived or not."""
         return [self._transmit(view, sensor).bits for sensor in sensors]
 
-    def _exchange(
-        self, view: View, sensor: int, image: RangeImage, missing: ImageMask
-    ) -> tuple[bytes, foreground.Restored]:
+    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
         def begin() -> tuple[DifferenceSender, DifferenceReader]:
             scene = view.scene(sensor)
             sender = DifferenceSender(scene, step=self.step, refers_to=self.refers_to, key_every=self.key_every)
