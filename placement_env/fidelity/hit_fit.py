@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -175,33 +175,28 @@ def fit_detected(
     estimates = [detected.class_estimates(sets) for _, detected, sets in found]
     hits = [np.stack([detected.hits(row).hit for row in sets], axis=1) for _, detected, sets in found]
     fitted: dict[tuple[str, float], Fitted] = {}
-    for c, (name, label) in enumerate(zip(first.classes.names, first.classes.labels, strict=True)):
-        for iou in ious or first.ious:
-            at, row = first.classes.get_iou(name, iou), first.ious.index(iou)
-            if (name, at) in fitted:
-                continue
-            observed = [
-                Observed(
-                    seen.of_classes([label]),
-                    sets,
-                    hit[row][:, seen.labels == label],
-                    estimate[iou].ap[:, c].copy(),
-                    detected.renders.site.hybrid_radius,
-                    tuple(sorted({type(sensor.model).__name__ for sensor in detected.renders.sensors})),
-                )
-                for (seen, detected, sets), hit, estimate in zip(found, hits, estimates, strict=True)
-                if (seen.labels == label).any()
-            ]
-            named: dict[str, Any] = {"scheme": first.scheme, "iou": at, "label": name, "source": source}
-            try:
-                model = fit(observed, resamples=resamples, seed=seed, **named)
-            except ValueError as error:
-                raise ValueError(f"{name} at IoU {at:g} in {first.scheme.name} fusion: {error}") from None
-            own, errors = Classes((model.label,)), []
-            for each in observed:
-                surrogate = Surrogate(each.visibility, first.scheme, model, radius=each.radius, classes=own)
-                errors.append(surrogate(each.subsets).ap - each.ap)
-            fitted[name, at] = Fitted(model, float(np.sqrt(np.square(np.concatenate(errors)).mean())))
+    for (c, (name, label)), iou in product(
+        enumerate(zip(first.classes.names, first.classes.labels, strict=True)), ious or first.ious
+    ):
+        at, row = first.classes.get_iou(name, iou), first.ious.index(iou)
+        if (name, at) in fitted:
+            continue
+        observed = []
+        for (seen, detected, sets), hit, estimate in zip(found, hits, estimates, strict=True):
+            own, renders = seen.labels == label, detected.renders
+            kinds = tuple(sorted({type(sensor.model).__name__ for sensor in renders.sensors}))
+            where = seen.of_classes([label]), sets, hit[row][:, own], estimate[iou].ap[:, c].copy()
+            observed += [Observed(*where, renders.site.hybrid_radius, kinds)] if own.any() else []
+        named: dict[str, Any] = {"scheme": first.scheme, "iou": at, "label": name, "source": source}
+        try:
+            model = fit(observed, resamples=resamples, seed=seed, **named)
+        except ValueError as error:
+            raise ValueError(f"{name} at IoU {at:g} in {first.scheme.name} fusion: {error}") from None
+        errors, classes = [], Classes((model.label,))
+        for each in observed:
+            surrogate = Surrogate(each.visibility, first.scheme, model, radius=each.radius, classes=classes)
+            errors.append(surrogate(each.subsets).ap - each.ap)
+        fitted[name, at] = Fitted(model, float(np.sqrt(np.square(np.concatenate(errors)).mean())))
     return tuple(fitted.values())
 
 
@@ -260,18 +255,14 @@ def fit_sites(
     fitted: list[Fitted] = []
     for scheme in map(find_scheme, schemes):
         found = []
-        report = run.stage(f"{scheme.name} fusion", len(sites) * frames)
         for place, (seen, chosen, detector, renders) in enumerate(observed):
             detected = Detected(renders, detector, scheme, memo=run.memo, processes=run, classes=classes)
             detected = detected.at(ious[0], also=ious)
-            detected.estimates(chosen, progress=None if report is None else partial(_report, report, place * frames))
+            report = run.stage(f"{scheme.name} fusion", len(sites) * frames, before=place * frames)
+            detected.estimates(chosen, progress=report)
             found.append((seen, detected, chosen))
         fitted += fit_detected(found, source=source, ious=ious, resamples=sampling.resamples, seed=run.seed)
     return tuple(fitted)
-
-
-def _report(report: Callable[[int], None], before: int, done: int) -> None:
-    report(before + done)
 
 
 def _check(each: Observed) -> None:

@@ -7,9 +7,9 @@ with the shipped detectors, are in `exact/`; `make_table` makes them again.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ from toolkit.sites.files import load_site
 from toolkit.sites.site import HYBRID_RADIUS, Site
 
 SHIPPED = Path(__file__).parent / "exact"
+_no_more = partial(np.zeros, (0, 0, 0, 0))  # of classes beside the first
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,8 @@ class Table:
     ap: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
     recall: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
     kbit: Float64[np.ndarray, "sets schemes"] = field(repr=False)
-    more_ap: Float64[np.ndarray, "others _ _ _"] = field(default_factory=partial(np.zeros, (0, 0, 0, 0)), repr=False)
-    more_recall: Float64[np.ndarray, "others _ _ _"] = field(
-        default_factory=partial(np.zeros, (0, 0, 0, 0)), repr=False
-    )
+    more_ap: Float64[np.ndarray, "others _ _ _"] = field(default_factory=_no_more, repr=False)
+    more_recall: Float64[np.ndarray, "others _ _ _"] = field(default_factory=_no_more, repr=False)
 
     def __post_init__(self) -> None:
         shape = (1 << len(self.origin.sensors), len(PAPER_SCHEMES), len(IOUS))
@@ -92,20 +91,24 @@ class Table:
 
     def column(
         self, scheme: Scheme | str, name: str, iou: float
-    ) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
-        """AP and recall of all sets for a class, scheme and IoU threshold. Raises ValueError for one not measured."""
+    ) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
+        """AP, recall and kbit of all sets for a class, scheme and IoU. Raises ValueError for one not measured."""
         if name not in self.origin.classes:
             raise ValueError(
                 f"this table holds {', '.join(self.origin.classes)}, not {name}: make one with coview table --classes, "
                 "or say --fidelity detector"
             )
-        place = self.origin.classes.index(name)
+        place, scheme = self.origin.classes.index(name), find_scheme(scheme)
         ap, recall = (self.more_ap[place - 1], self.more_recall[place - 1]) if place else (self.ap, self.recall)
         at = self.origin.ious[place]
-        if iou not in at:
-            raise ValueError(_without(scheme, at, iou, of="" if name == LABELS[VEHICLE] else f" of {name}"))
-        column = (slice(None), _scheme_number(scheme, iou), at.index(iou))
-        return ap[column], recall[column]
+        if iou not in at or scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name]:
+            of = "" if name == LABELS[VEHICLE] else f" of {name}"
+            raise ValueError(
+                f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(at))}{of}, "
+                f"got {scheme.name!r} and {iou}: say --fidelity detector"
+            )
+        number, row = PAPER_SCHEMES.index(scheme.name), at.index(iou)
+        return ap[:, number, row], recall[:, number, row], self.kbit[:, number]
 
     @property
     def subsets(self) -> Bool[np.ndarray, "sets C"]:
@@ -119,7 +122,6 @@ class Table:
         return subsets @ (1 << np.arange(subsets.shape[1]))
 
 
-@dataclass(frozen=True, eq=False)
 class TableFidelity:
     """Score sets by looking them up, as exactly as by detection, at no cost.
 
@@ -127,40 +129,35 @@ class TableFidelity:
     lacks.
     """
 
-    table: Table
-    scheme: Scheme | str = "early"
-    iou: float = 0.7
-    codec: Codec = PAPER
-    name: str = field(default="table", init=False)
-    classes: Classes = VEHICLES
+    name = "table"
 
-    def __post_init__(self) -> None:
-        _ = self._columns
-        if self.codec != PAPER:
-            raise ValueError(f"tables hold kbit of the paper's codec, got {self.codec}: say --fidelity detector")
+    def __init__(
+        self,
+        table: Table,
+        scheme: Scheme | str = "early",
+        iou: float = 0.7,
+        codec: Codec = PAPER,
+        *,
+        classes: Classes = VEHICLES,
+    ) -> None:
+        self.table, self.classes = table, classes
+        columns = [table.column(scheme, name, classes.get_iou(name, iou)) for name in classes.names]
+        self._ap, self._recall, (self._kbit, *_) = zip(*columns, strict=True)
+        if codec != PAPER:
+            raise ValueError(f"tables hold kbit of the paper's codec, got {codec}: say --fidelity detector")
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set, of several classes combined."""
         if len(self.classes.names) > 1:
             return self.by_class(subsets).combined(self.classes)
-        rows, ((ap, recall),) = self.table.row(subsets), self._columns
-        return Estimate(ap[rows], recall[rows], self._kbit[rows])
+        rows = self.table.row(subsets)
+        return Estimate(self._ap[0][rows], self._recall[0][rows], self._kbit[rows])
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
         """Figures of each set for each class."""
         rows = self.table.row(subsets)
-        ap, recall = (np.stack([column[rows] for column in of], axis=1) for of in zip(*self._columns, strict=True))
+        ap, recall = (np.stack([column[rows] for column in of], axis=1) for of in (self._ap, self._recall))
         return ClassEstimates(ap, recall, self._kbit[rows])
-
-    @cached_property
-    def _kbit(self) -> Float64[np.ndarray, " sets"]:
-        return self.table.kbit[:, _scheme_number(self.scheme)]
-
-    @cached_property
-    def _columns(self) -> list[tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]]:
-        """AP and recall of all sets for each class."""
-        ious = [(name, self.classes.get_iou(name, self.iou)) for name in self.classes.names]
-        return [self.table.column(self.scheme, name, iou) for name, iou in ious]
 
 
 class Best(NamedTuple):
@@ -207,8 +204,7 @@ def make_table(
     columns: list[list[ClassEstimates]] = []
     for done, scheme in enumerate(PAPER_SCHEMES):
         detected = Detected(renders, detector, scheme, memo=memo, processes=processes, classes=classes)
-        tell = processes.stage("frames scored", len(PAPER_SCHEMES) * count)
-        report = tell and partial(_report, tell, done * count)
+        report = processes.stage("frames scored", len(PAPER_SCHEMES) * count, before=done * count)
         columns.append(list(detected.class_estimates(subsets, frames, report).values()))
     origin = Origin(
         site=renders.site.name,
@@ -266,28 +262,8 @@ def load_table(name: str | Path) -> Table:
         # a table without a radius was made when only the built-in sites had one of their own
         site = values["site"]
         usual = load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
-        lists = {"sensors": tuple(values["sensors"]), "classes": tuple(values.get("classes", VEHICLES.names))}
-        ious = tuple(tuple(map(float, each)) for each in values.get("ious", [IOUS]))
-        return Table(
-            Origin(**values | lists | {"hybrid_radius": values.get("hybrid_radius", usual), "ious": ious}), **arrays
-        )
+        values = {"hybrid_radius": usual, "classes": VEHICLES.names, "ious": [IOUS], **values}
+        values |= {name: tuple(values[name]) for name in ("sensors", "classes")}
+        return Table(Origin(**values | {"ious": tuple(tuple(map(float, each)) for each in values["ious"])}), **arrays)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with coview table") from None
-
-
-def _scheme_number(scheme: Scheme | str, iou: float = IOUS[0]) -> int:
-    scheme = find_scheme(scheme)
-    if scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name]:
-        raise ValueError(_without(scheme, IOUS, iou))
-    return PAPER_SCHEMES.index(scheme.name)
-
-
-def _without(scheme: Scheme | str, ious: Sequence[float], iou: float, *, of: str = "") -> str:
-    return (
-        f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(ious))}{of}, "
-        f"got {find_scheme(scheme).name!r} and {iou}: say --fidelity detector"
-    )
-
-
-def _report(tell: Callable[[int], None], before: int, done: int) -> None:
-    tell(before + done)

@@ -69,10 +69,10 @@ class Processes:
         WorkLost and ConnectionError."""
         return spread(job, inputs, workers=self.count, ray=self.ray, progress=progress)
 
-    def stage(self, name: str, total: int | None = None) -> Callable[[int], None] | None:
-        """Callback that counts one stage; None where nobody listens."""
+    def stage(self, name: str, total: int | None = None, *, before: int = 0) -> Callable[[int], None] | None:
+        """Callback that counts one stage; None where nobody listens. before: done already."""
         tell = self.progress
-        return None if tell is None else lambda done: tell(name, done, total)
+        return None if tell is None else lambda done: tell(name, before + done, total)
 
 
 @dataclass(frozen=True, kw_only=True)
