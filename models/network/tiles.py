@@ -30,17 +30,6 @@ from models.network.voxels import Voxels, grid_cells, thin_voxels
 from toolkit.arrays import Bool, Float32, Int64
 
 
-class Crowded(NamedTuple):
-    """Voxels with more points than the network takes.
-
-    thinning: number of the way they are thinned in each union, 0 for none; dropped: points left out, ascending, as
-    thinning number · points + row of the point.
-    """
-
-    thinning: Int64[np.ndarray, " U"]
-    dropped: Int64[Tensor, " k"]
-
-
 class PlacedClouds(NamedTuple):
     """Points of all clouds in one grid, cloud after cloud, so that unions need no new voxels."""
 
@@ -67,8 +56,14 @@ class PlacedClouds(NamedTuple):
         """Count points of each cloud."""
         return torch.bincount(self.cloud, minlength=self.clouds)
 
-    def find_crowded(self, unions: Bool[np.ndarray, "U C"], most: int) -> Crowded:
-        """Find voxels of unions with more than `most` points, and the points that `voxelise` leaves out of each."""
+    def find_crowded(
+        self, unions: Bool[np.ndarray, "U C"], most: int
+    ) -> tuple[Int64[np.ndarray, " U"], Int64[Tensor, " k"]]:
+        """Find the points that `voxelise` leaves out of unions, in voxels with more than `most`.
+
+        Returns the number of the way each union is thinned, 0 for none, and the points left out, ascending, as that
+        number · points + row of the point.
+        """
         rows = torch.nonzero(self.crowd > most)[:, 0]
         concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
         alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
@@ -80,7 +75,7 @@ class PlacedClouds(NamedTuple):
             if not keep.all():
                 thinning[place] = len(dropped)
                 dropped.append(some[~keep] + len(dropped) * len(self.points))
-        return Crowded(thinning[number.ravel()], torch.cat(dropped))
+        return thinning[number.ravel()], torch.cat(dropped)
 
     def by_tile(self, grid: tuple[int, int], size: int, before: int) -> PointsByTile:
         """Sort points by tile. A tile has `size` columns along x and y, and `before` columns of the tiles before it."""
@@ -160,24 +155,26 @@ class TilePredictions(NamedTuple):
 
 
 class UnionPlan(NamedTuple):
-    """Unions of clouds, and layer by layer the clouds (and crowded voxels) within reach of each tile."""
+    """Unions of clouds, and the points left out of each (see `find_crowded`)."""
 
     placed: PlacedClouds
-    seen: list[Bool[np.ndarray, "tiles C+1"]]
+    seen: list[
+        Bool[np.ndarray, "tiles C+1"]
+    ]  # layer by layer the clouds, and crowded voxels, within reach of each tile
     unions: Bool[np.ndarray, "U C"]
-    crowded: Crowded
+    thinning: Int64[np.ndarray, " U"]
+    dropped: Int64[Tensor, " k"]
 
     def part(self, some: slice) -> UnionPlan:
         """Select some of the unions."""
-        crowded = self.crowded._replace(thinning=self.crowded.thinning[some])
-        return self._replace(unions=self.unions[some], crowded=crowded)
+        return self._replace(unions=self.unions[some], thinning=self.thinning[some])
 
     def entries(self, layer: int) -> Entries:
         """Find the values that unions share in each tile of a layer."""
         seen, unions = self.seen[layer], self.unions
         tiles, count = len(seen), len(unions)
         code = np.repeat(np.arange(tiles), count)
-        parts = [seen[:, -1:] * self.crowded.thinning]
+        parts = [seen[:, -1:] * self.thinning]
         for first in range(0, unions.shape[1], 31):
             some = unions[:, first : first + 31]
             bits = 1 << np.arange(some.shape[1])
@@ -225,7 +222,7 @@ class TiledVoxelNet:
             reach, size = F.max_pool2d(reach, 3, stride, 1), size // stride
             by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
             seen.append(by_tile.flatten(1).T.cpu().numpy())
-        return UnionPlan(placed, seen, unions, placed.find_crowded(unions, most))
+        return UnionPlan(placed, seen, unions, *placed.find_crowded(unions, most))
 
     def gains(self, plan: UnionPlan) -> bool:
         """Compare shared work with one union after another."""
@@ -261,14 +258,14 @@ class TiledVoxelNet:
     def _first(self, plan: UnionPlan, entries: Entries) -> Float32[Tensor, "n t t K"]:
         """Run the first convolution on each entry's columns, those in and about its tile."""
         wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
-        placed, crowded = plan.placed, plan.crowded
-        by_tile, middle = placed.by_tile(self._grid, 2 * TILE, 2), self._network.middle
+        placed, middle = plan.placed, self._network.middle
+        by_tile = placed.by_tile(self._grid, 2 * TILE, 2)
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> Float32[Tensor, "m t t K"]:
             rows, item = by_tile.rows(tiles, plan.unions[union])
-            if len(crowded.dropped):
-                thinning = torch.from_numpy(crowded.thinning[union]).to(rows.device)[item]
-                keep = ~torch.isin(thinning * len(placed.points) + rows, crowded.dropped)
+            if len(plan.dropped):
+                thinning = torch.from_numpy(plan.thinning[union]).to(rows.device)[item]
+                keep = ~torch.isin(thinning * len(placed.points) + rows, plan.dropped)
                 rows, item = rows[keep], item[keep]
             corner = 2 * TILE * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
             voxels = placed.batch(rows, item, len(tiles), self.config)

@@ -235,12 +235,8 @@ def train(
     by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
     loss_of = by_class if preset.loss == "quality" else paper_loss
     anchor = anchors(config).to(device)
-    loader = torch.utils.data.DataLoader(
-        samples,
-        batch_sampler=_Steps(preset, len(samples), per_epoch, run.step, total),
-        collate_fn=stack,
-        num_workers=machine.workers,
-    )
+    steps: Any = _steps(preset, len(samples), per_epoch, range(run.step, total))
+    loader = torch.utils.data.DataLoader(samples, batch_sampler=steps, collate_fn=stack, num_workers=machine.workers)
     saved = time.monotonic()
     for batch in loader:
         losses = _step(run, batch.to(device), loss_of, anchor, bfloat16)
@@ -264,27 +260,14 @@ def train(
     return run.network
 
 
-@dataclass(frozen=True)
-class _Steps:
-    """Examples of steps `first` to `last`: (epoch, frame) pairs of a permutation drawn for each epoch."""
-
-    preset: Preset
-    frames: int
-    per_epoch: int
-    first: int
-    last: int
-
-    def __len__(self) -> int:
-        return self.last - self.first
-
-    def __iter__(self) -> Iterator[list[tuple[int, int]]]:
-        order, drawn = np.empty(0, int), -1
-        for step in range(self.first, self.last):
-            epoch, place = divmod(step, self.per_epoch)
-            if epoch != drawn:
-                order, drawn = np.random.default_rng([self.preset.seed, epoch]).permutation(self.frames), epoch
-            first = place * self.preset.batch
-            yield [(epoch, int(k)) for k in order[first : first + self.preset.batch]]
+def _steps(preset: Preset, frames: int, per_epoch: int, steps: range) -> Iterator[list[tuple[int, int]]]:
+    """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each epoch."""
+    order, drawn = np.empty(0, int), -1
+    for step in steps:
+        epoch, place = divmod(step, per_epoch)
+        if epoch != drawn:
+            order, drawn = np.random.default_rng([preset.seed, epoch]).permutation(frames), epoch
+        yield [(epoch, int(k)) for k in order[place * preset.batch : (place + 1) * preset.batch]]
 
 
 def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, device: str) -> TrainingState:

@@ -39,14 +39,7 @@ class Change:
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...] | None = None
 
 
-@dataclass(frozen=True)
-class PackedRecording:
-    """Frames of one rig, ready to be written."""
-
-    rig: Rig
-    changes: Iterable[Change]
-
-
+PackedRecording = tuple[Rig, Iterable[Change]]  # frames of one rig, ready to be written
 LevelSample = tuple[tuple[str, ...], tuple[np.ndarray, ...], Objects, tuple[float, float, float, float]]
 """Names of the sensors, their points (n, 3) on level ground, labelled objects, and area: xmin ymin xmax ymax (m)."""
 
@@ -68,7 +61,7 @@ def recording(
     empty = empty_scene(frames).images if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
     chosen = range(min(len(frames), len(frames) if count is None else count))
-    return PackedRecording(rig, (change(rig, frames[k]) for k in chosen))
+    return rig, (change(rig, frames[k]) for k in chosen)
 
 
 def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedRecording:
@@ -84,7 +77,7 @@ def sample_recordings(samples: Iterable[LevelSample], height: float = 4.0) -> It
         still = tuple(np.zeros(0, np.float32) for _ in sensors)
         stands = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
         changes = (Change(nothing, nothing, objects, tuple(clouds)) for _, clouds, objects, _ in group)
-        yield PackedRecording(Rig(stands, area, height, nothing, still), changes)
+        yield Rig(stands, area, height, nothing, still), changes
 
 
 def read_recordings(path: Path) -> list[PackedRecording]:
@@ -96,7 +89,7 @@ def read_recordings(path: Path) -> list[PackedRecording]:
         clouds = tuple(packed.points(k, None)) if packed.is_recorded(k) else None
         change = Change(tuple(pixels), tuple(steps), packed.objects(k), clouds)
         frames_of[packed.rigs.index(packed.rig(k))].append(change)
-    return [PackedRecording(rig, changes) for rig, changes in zip(packed.rigs, frames_of, strict=True)]
+    return list(zip(packed.rigs, frames_of, strict=True))
 
 
 def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) -> bytes:
@@ -151,8 +144,8 @@ def _write(
     objects: list[Objects] = []
     recorded: dict[int, tuple[np.ndarray, ...]] = {}
     file.create_group("rigs")
-    for r, each in enumerate(recordings):
-        rig, group = each.rig, file.create_group(f"rigs/{r}")
+    for r, (rig, changes) in enumerate(recordings):
+        group = file.create_group(f"rigs/{r}")
         group.attrs["area"], group.attrs["height"] = np.array(rig.area, np.float64), rig.height
         if rig.slope != LEVEL:
             group.attrs["slope"] = np.array(rig.slope, np.float64)
@@ -163,7 +156,7 @@ def _write(
         for name, columns in (("pixels", rig.pixels), ("depth", rig.depth)):
             data = np.concatenate(columns)
             group.create_dataset(name, data=data, compression="gzip" if len(data) else None, shuffle=len(data) > 0)
-        for found in each.changes:
+        for found in changes:
             ends.append(np.cumsum([pixels.length, *map(len, found.pixels)]))
             for pixel, step in zip(found.pixels, found.steps, strict=True):
                 pixels.append(pixel)

@@ -39,6 +39,9 @@ from toolkit.sensors.error_terms import (
 from toolkit.sensors.readings import ErrorTerm, TrueImage
 from toolkit.sensors.sensor import Sensor
 
+_Points = Float32[np.ndarray, "n 3"]
+_Boxes = Float[np.ndarray, "m 7"]
+
 FEWEST_KEPT = 0.1  # share of the points
 LIFT = 0.07  # m, deviation of the ground's height; as in surveys and imported sites
 SLOPE = 0.006  # deviation of the ground's slope along x and along y; at 20 m that is 12 cm
@@ -92,26 +95,20 @@ def with_errors(
     return clouds
 
 
-def thin(points: Float32[np.ndarray, "n 3"], rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
+def thin(points: _Points, rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
     """Keep a random share of the points, from a tenth to all of them."""
     return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
 
 
 def tilt(
-    points: Float32[np.ndarray, "n 3"],
-    boxes: Float[np.ndarray, "m 7"],
-    centre: Float[np.ndarray, "2"],
-    rng: np.random.Generator,
-) -> tuple[Float32[np.ndarray, "n 3"], Float[np.ndarray, "m 7"]]:
+    points: _Points, boxes: _Boxes, centre: Float[np.ndarray, "2"], rng: np.random.Generator
+) -> tuple[_Points, _Boxes]:
     """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y. Boxes stay upright."""
     lift, slope = rng.normal(0, LIFT), rng.normal(0, SLOPE, 2)
     points, boxes = points.copy(), boxes.copy()
     points[:, 2] += lift + (points[:, :2] - centre) @ slope
     boxes[:, 2] += lift + (boxes[:, :2] - centre) @ slope
     return points, boxes
-
-
-Augmentation = Literal["none", "object", "scene"]
 
 
 class Batch(NamedTuple):
@@ -131,7 +128,7 @@ class SampleRecipe:
     """Recipe that turns a frame into an example. A network of several classes has the thresholds of its kinds."""
 
     subsets: float = 0.5  # share of examples seen by a random subset of the sensors, so that one network serves any set
-    augmentation: Augmentation = "none"
+    augmentation: Literal["none", "object", "scene"] = "none"
     """object: turn and shift each object with its points (the paper's); scene: turn and mirror everything."""
     positive: float = 0.5  # IoU thresholds of the anchors
     negative: float = 0.35
@@ -180,7 +177,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         found = assign(self._anchors, objects.boxes[rows], **thresholds, ignored=ignored)
         return Assignment(found.labels, np.append(rows, 0)[found.owner])
 
-    def _scene(self, k: int, rng: np.random.Generator) -> tuple[Float32[np.ndarray, "n 3"], Objects, np.ndarray]:
+    def _scene(self, k: int, rng: np.random.Generator) -> tuple[_Points, Objects, np.ndarray]:
         """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
         recipe = self.recipe
         points = read_points(self.frames, k, rng, subsets=recipe.subsets, errors=recipe.errors)
@@ -209,9 +206,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return points, Objects(boxes, objects.labels, objects.ids), inside
 
 
-def read_points(
-    frames: PackedFrames, k: int, rng: np.random.Generator, *, subsets: float, errors: float
-) -> Float32[np.ndarray, "n 3"]:
+def read_points(frames: PackedFrames, k: int, rng: np.random.Generator, *, subsets: float, errors: float) -> _Points:
     """Read points of frame k in the crop.
 
     subsets: chance of a random set of sensors instead of all; errors: chance of random errors instead of the sensor
@@ -233,8 +228,8 @@ def stack(batch: list[Batch]) -> Batch:
 
 
 def jitter_objects(
-    points: Float32[np.ndarray, "n 3"],
-    boxes: Float[np.ndarray, "m 7"],
+    points: _Points,
+    boxes: _Boxes,
     rng: np.random.Generator,
     *,
     yaw: float = np.deg2rad(18.0),
@@ -261,10 +256,7 @@ def jitter_objects(
 
 
 def turn_scene(
-    points: Float32[np.ndarray, "n 3"],
-    boxes: Float[np.ndarray, "m 7"],
-    centre: Float[np.ndarray, "2"],
-    rng: np.random.Generator,
+    points: _Points, boxes: _Boxes, centre: Float[np.ndarray, "2"], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Turn the scene about `centre` by any angle, every second one mirrored."""
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
