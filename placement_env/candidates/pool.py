@@ -77,7 +77,14 @@ def pool(
     keep_out: areas whose mounts are not used; mounts: None for the site's; blind: keep poses whose field of view misses
     the whole detection area. Raises ValueError where an argument does not fit, `NoCandidates` where nothing is left.
     """
-    chosen = _usable(site.mounts if mounts is None else mounts, keep_out, site.name)
+    offered = site.mounts if mounts is None else mounts
+    if len({mount.name for mount in offered}) < len(offered):
+        raise ValueError(f"mounts[].name must differ, got {find_repeat(m.name for m in offered)!r} twice: rename one")
+    spots = np.array([mount.position[:2] for mount in offered]).reshape(-1, 2)
+    chosen = tuple(compress(offered, ~shapely.intersects_xy(shapely.union_all(list(keep_out)), *spots.T)))
+    if not chosen:
+        where = f"site {site.name!r} has no mount outside the keep-out areas (of {len(offered)})"
+        raise NoCandidates(f"{where}: give some poles")
     axes = _axes(heights, headings, tilts, models)
     feet = np.array([mount.position for mount in chosen])
     mounted = _heights(chosen, axes.heights)
@@ -90,9 +97,8 @@ def pool(
         kept = _sees_area(site, position, factors, rotations, axes.models)
         factors, position = factors[kept], position[kept]
     if not len(factors):
-        raise NoCandidates(
-            f"no pose sees the area of site {site.name!r}: give other heights, headings, tilts or mounts"
-        )
+        remedy = "give other heights, headings, tilts or mounts"
+        raise NoCandidates(f"no pose sees the area of site {site.name!r}: {remedy}")
     poses = np.tile(np.eye(4), (len(factors), 1, 1))
     poses[:, :3, :3] = rotations[tuple(factors[:, 2:].T)]
     poses[:, :3, 3] = position
@@ -166,16 +172,6 @@ def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Gen
     return np.unique(sets, axis=0)
 
 
-def _usable(mounts: Sequence[Mount], keep_out: Sequence[shapely.Geometry], site: str) -> tuple[Mount, ...]:
-    if len({mount.name for mount in mounts}) < len(mounts):
-        raise ValueError(f"mounts[].name must differ, got {find_repeat(m.name for m in mounts)!r} twice: rename one")
-    feet = np.array([mount.position[:2] for mount in mounts]).reshape(-1, 2)
-    free = tuple(compress(mounts, ~shapely.intersects_xy(shapely.union_all(list(keep_out)), *feet.T)))
-    if not free:
-        raise NoCandidates(f"site {site!r} has no mount outside the keep-out areas (of {len(mounts)}): give some poles")
-    return free
-
-
 def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], models: Models) -> Axes:
     if headings < 1 or not (len(heights) and len(tilts) and len(models)):
         raise ValueError("a pool needs at least one height, heading, tilt and sensor model")
@@ -208,8 +204,7 @@ def _sees_area(
     xmin, ymin, xmax, ymax = site.area
     middles = (np.arange(CELLS) + 0.5) / CELLS
     x, y = np.meshgrid(xmin + middles * (xmax - xmin), ymin + middles * (ymax - ymin))
-    ground = site.ground(np.stack([x, y], axis=-1))
-    places = np.stack([x, y, ground + CELL_HEIGHT], axis=-1).reshape(-1, 3)
+    places = np.stack([x, y, site.ground(np.stack([x, y], axis=-1)) + CELL_HEIGHT], axis=-1).reshape(-1, 3)
     sees = np.zeros(len(factors), bool)
     for heading, tilt, model in np.ndindex(rotations.shape[:3]):
         rows = np.flatnonzero((factors[:, 2:] == (heading, tilt, model)).all(axis=1))

@@ -96,25 +96,21 @@ def _read_sensor(row: object, where: str) -> PricedModel:
         angles = find_angles(find_model_class(row["model"]))
     except ValueError as error:
         raise ValueError(f"{where}.model: {error}") from None
-    values = dict(_value(key, value, angles, where) for key, value in row.items() if key not in OWN)
+    written = {f"{field}{DEGREES}" if is_one else field: is_one for field, is_one in angles.items()}
+    values = {key: value for key, value in row.items() if key not in OWN}
+    for key, value in list(values.items()):
+        if key not in written:
+            raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")
+        if written[key]:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise ValueError(f"{where}.{key} must be a finite number of degrees, got {value!r:.60}")
+            values[key.removesuffix(DEGREES)] = math.radians(values.pop(key))
     try:
         model = make_model(row["model"], values)
         hash(model)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from None
     return PricedModel(name, model, _price(row["price"], f"{where}.price"))
-
-
-def _value(key: str, value: object, angles: Mapping[str, bool], where: str) -> tuple[str, object]:
-    """Field of the model, angles in rad. angles: True for fields that are one."""
-    written = [f"{field}{DEGREES}" if is_one else field for field, is_one in angles.items()]
-    if key not in written:
-        raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")
-    if key in angles:
-        return key, value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{where}.{key} must be a finite number of degrees, got {value!r:.60}")
-    return key.removesuffix(DEGREES), math.radians(value)
 
 
 def _price(value: object, where: str) -> float:
