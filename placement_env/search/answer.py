@@ -21,15 +21,7 @@ from placement_env.search.cmaes import as_candidates
 from placement_env.search.order import Answer, SearchOrder
 from placement_env.search.portfolio.curve import AMOUNTS, CurvePoint
 from toolkit.arrays import Float64
-from toolkit.plots.canvas import (
-    CHART_INCHES,
-    blank_figure,
-    draw_heading,
-    house_style,
-    pad_limits,
-    shorten,
-    write_figure,
-)
+from toolkit.plots import canvas
 from toolkit.plots.palette import BAR, INK
 from toolkit.runtime.files import write_text, writing_together
 from toolkit.sensors.sensor import Sensor
@@ -153,10 +145,10 @@ def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, cur
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
-    with house_style():
-        figure = blank_figure(CHART_INCHES, CURVE_HEIGHT)
+    with canvas.house_style():
+        figure = canvas.blank_figure(canvas.CHART_INCHES, CURVE_HEIGHT)
         subtitle = f"AP by the {judge} on traffic of its own; lines: 95% intervals"
-        draw_heading(figure, "What a budget buys", subtitle)
+        canvas.draw_heading(figure, "What a budget buys", subtitle)
         axes = figure.add_axes((0.09, 0.22, 0.88, 1 - CURVE_HEAD / CURVE_HEIGHT - 0.22))
         by_money = any(math.isfinite(point.money) for point in points)
         places = [point.price if by_money else float(point.sensors) for point in points]
@@ -170,13 +162,13 @@ def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, cur
         axes.grid()
         if not by_money:
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        price = f"price ({shorten(currency, 12) or 'ordinary poles'})"
+        price = f"price ({canvas.shorten(currency, 12) or 'ordinary poles'})"
         label = price if by_money else "sensors"
-        axes.set(xlim=pad_limits(places), ylim=(0, 1.03), xlabel=label, ylabel="AP")
+        axes.set(xlim=canvas.pad_limits(places), ylim=(0, 1.03), xlabel=label, ylabel="AP")
         marks = [
             Line2D([], [], color=INK, marker=marker, markerfacecolor=face, linestyle="none")
             for marker, face in (("o", BAR), ("o", "white"), ("x", INK))
         ]
         names = ["best of its budget", "no more than a cheaper one", "predicted by the search"]
         figure.legend(marks, names, loc="lower left", ncols=3, bbox_to_anchor=(0.07, 0.0))
-        write_figure(figure, out)
+        canvas.write_figure(figure, out)

@@ -27,7 +27,7 @@ from placement_env.report.planning.breakdown import pick_moments
 from placement_env.report.planning.choosing import choose_set
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.question import Question
-from placement_env.search.description import describe_exclusions
+from placement_env.search.order import describe_exclusions
 from placement_env.search.portfolio.entrants import Effort, keep_entrants
 from placement_env.setting import AP_ONLY
 from toolkit.objects import LABELS

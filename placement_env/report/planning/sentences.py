@@ -11,7 +11,7 @@ from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
 from placement_env.report.pages.wording import count_text
 from placement_env.report.planning.choosing import Rule
 from placement_env.report.planning.question import Question
-from placement_env.search.description import describe_money
+from placement_env.search.order import describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.objects import LABELS

@@ -8,7 +8,7 @@ import pytest
 from placement_env.candidates.pool import paper_candidates
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Estimate
-from placement_env.search.description import (
+from placement_env.search.order import (
     describe_assessment,
     describe_by_errors,
     describe_doubts,

@@ -16,7 +16,7 @@ POINTS = [
 @pytest.fixture
 def axes_of(monkeypatch):
     figures = []
-    monkeypatch.setattr(drawing, "write_figure", lambda figure, out: figures.append(figure))
+    monkeypatch.setattr(drawing.canvas, "write_figure", lambda figure, out: figures.append(figure))
 
     def drawn(points):
         drawing.draw_curve(points, "curve.png", judge="surrogate", currency="EUR")
