@@ -65,10 +65,10 @@ def run(arguments: Sequence[str]) -> int:
         print(f"coview: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError as error:
-        from coview.exits import report
+        from coview.outputs import report
 
         return report(error)
-    from coview.exits import report
+    from coview.outputs import report
     from toolkit.runtime.parallel import keep_freed_memory
 
     keep_freed_memory()
@@ -140,7 +140,7 @@ def _find_refusal(stopped: SystemExit) -> ValueError | None:
     """Find the error of one of our dataclasses behind the parser's exit."""
     from traceback import walk_tb
 
-    from coview.exits import OURS
+    from coview.outputs import OURS
 
     error: BaseException | None = stopped
     while error is not None:

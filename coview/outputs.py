@@ -1,13 +1,23 @@
-"""Output of commands: shared options, and checks of paths before long work."""
+"""Output of commands: exit codes, results and errors, and checks of paths before long work."""
 
 from __future__ import annotations
 
+import json
 import os
+import sys
+import traceback
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.runtime.files import check_output
+from toolkit.runtime.files import check_output, replace_infinite
+from toolkit.runtime.parallel import WorkLost
+
+OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
+NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
+OURS = ("coview", "placement_env", "models", "toolkit")
+REPORT = "this is a fault of coview, not of what you gave it: please report it with the lines above"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,6 +28,11 @@ class Writing:
     """Replace existing files."""
     json: bool = False
     """Print the results as JSON."""
+
+
+def print_result(result: object, text: str, *, as_json: bool) -> None:
+    """Print the text, or the result as one line of JSON."""
+    print(json.dumps(replace_infinite(result), allow_nan=False) if as_json else text)
 
 
 def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
@@ -54,3 +69,32 @@ def check_writable(folder: Path, out: Path) -> None:
         raise NotADirectoryError(f"cannot write {out}: {there} is no folder; give another path")
     if not os.access(there, os.W_OK | os.X_OK):
         raise PermissionError(f"cannot write {out}: {there} may not be written; give another path")
+
+
+def report(error: BaseException, *, debug: bool = False) -> int:
+    """Print an error on stderr and return its exit code. debug: print the traceback of any error."""
+    if isinstance(error, BrokenPipeError):
+        with suppress(OSError, ValueError):  # stdout may be no real file
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads further output
+        return PIPE_CLOSED
+    code, message = _classify(error)
+    if debug or code == INTERNAL:
+        traceback.print_exception(error)
+    print(f"coview: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+def _classify(error: BaseException) -> tuple[int, str]:
+    """Exit code and line of an error, by its type. Checks of input raise ValueError or OSError, and nothing else."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
+    if isinstance(error, WorkLost):
+        return LOST, str(error)
+    if isinstance(error, ImportError) and (error.name or "").partition(".")[0] not in OURS:
+        return MISSING, str(error)
+    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
+        remedy = "give another path, or make this one readable and writable"
+        return BAD_INPUT, f"cannot use {error.filename}: {error.strerror}; {remedy}"  # without the error's number
+    if isinstance(error, OSError | ValueError):
+        return BAD_INPUT, str(error)
+    return INTERNAL, REPORT

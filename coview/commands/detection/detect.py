@@ -13,9 +13,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_least
 from coview.detectors import place_detector
-from coview.exits import OK
-from coview.outputs import Writing, check_file, check_new_folder
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Place

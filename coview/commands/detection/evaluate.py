@@ -11,9 +11,7 @@ from tyro.conf import Positional
 
 from coview.arguments import Label, check_errors, check_ious, check_least, check_positive, check_schemes, sensor_set
 from coview.detectors import recording_detector
-from coview.exits import OK
-from coview.outputs import Writing, check_folder
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Place

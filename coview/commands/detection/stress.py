@@ -10,9 +10,7 @@ from tyro.conf import Positional
 
 from coview.arguments import Label, check_ious, check_schemes, site_file
 from coview.detectors import check_digest, recording_detector
-from coview.exits import OK
-from coview.outputs import Writing, check_folder
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
 from toolkit.runtime.run import Run

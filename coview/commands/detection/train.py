@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from tyro.conf import Positional
 
-from coview.exits import OK
-from coview.printing import print_result
+from coview.outputs import OK, print_result
 from coview.progress_bar import progress_bar
 from models.training.options import TrainingOptions
 

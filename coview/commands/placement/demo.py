@@ -9,9 +9,8 @@ from coview.commands.detection.evaluate import Subject, evaluate
 from coview.commands.placement.plan import Goal, StockOptions, plan
 from coview.commands.recordings.simulate import simulate
 from coview.detectors import recording_detector
-from coview.exits import OK
 from coview.options import Output
-from coview.outputs import Writing, check_folder
+from coview.outputs import OK, Writing, check_folder
 from coview.recordings import open_recording
 from toolkit.runtime.run import Run
 

@@ -10,9 +10,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_least
 from coview.detectors import recording_detector
-from coview.exits import OK
-from coview.outputs import check_folder
-from coview.printing import print_result
+from coview.outputs import OK, check_folder, print_result
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Processes
 

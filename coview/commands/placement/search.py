@@ -10,10 +10,8 @@ import tyro
 from tyro.conf import Positional
 
 from coview.arguments import check_least, check_positive, check_schemes, check_share, site_file
-from coview.exits import NOT_MET, OK
 from coview.options import Output, SettingOptions
-from coview.outputs import check_folder, check_writable
-from coview.printing import print_result
+from coview.outputs import NOT_MET, OK, check_folder, check_writable, print_result
 from coview.progress_bar import progress_bar
 from placement_env.cases import USUAL_CASES
 from toolkit.runtime.run import Run

@@ -9,9 +9,7 @@ from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, check_schemes, site_file
 from coview.detectors import check_digest, site_detector
-from coview.exits import OK
-from coview.outputs import Writing, check_file, check_writable
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_file, check_writable, print_result
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Run
 

@@ -9,10 +9,8 @@ from tyro.conf import Positional
 
 from coview.arguments import check_errors, site_file
 from coview.detectors import check_digest, recording_detector
-from coview.exits import OK
 from coview.options import ClassOptions
-from coview.outputs import Writing, check_file
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
 from toolkit.runtime.run import Processes

@@ -9,9 +9,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_errors, sensor_set, site_file
 from coview.detectors import recording_detector
-from coview.exits import OK, SUSPECTED
-from coview.outputs import Writing, check_file, check_new_folder
-from coview.printing import print_result
+from coview.outputs import OK, SUSPECTED, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
 

@@ -8,9 +8,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_errors, check_least
-from coview.exits import OK
-from coview.outputs import Writing, check_file, check_new_folder
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing
 

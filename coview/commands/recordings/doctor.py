@@ -8,8 +8,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import check_least
-from coview.exits import OK, SUSPECTED
-from coview.printing import print_result
+from coview.outputs import OK, SUSPECTED, print_result
 
 
 def doctor(

@@ -8,9 +8,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import check_positive
-from coview.exits import OK
-from coview.outputs import Writing, check_file
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_file, print_result
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Literal, cast
 from tyro.conf import Positional
 
 from coview.arguments import check_least, refuse_given
-from coview.exits import OK
-from coview.outputs import Writing, check_file
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
 from toolkit.detection.place import Place

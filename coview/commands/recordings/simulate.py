@@ -10,9 +10,7 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import site_file
-from coview.exits import OK
-from coview.outputs import Writing, check_file
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Run
 

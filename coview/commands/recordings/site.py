@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, subcommand
 
 from coview.arguments import check_least, site_file
-from coview.exits import OK
-from coview.outputs import check_file
+from coview.outputs import OK, check_file
 
 if TYPE_CHECKING:
     from toolkit.sites.site import Site

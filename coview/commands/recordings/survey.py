@@ -7,8 +7,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_errors, sensor_set
-from coview.exits import OK
-from coview.printing import print_result
+from coview.outputs import OK, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
 

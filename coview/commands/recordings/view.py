@@ -11,9 +11,7 @@ from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, sensor_set
 from coview.detectors import place_detector
-from coview.exits import OK
-from coview.outputs import Writing, check_file
-from coview.printing import print_result
+from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Corners, Level, Place

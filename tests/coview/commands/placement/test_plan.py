@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coview.exits import NOT_MET
+from coview.outputs import NOT_MET
 from toolkit.sites.files import load_site, save_site
 
 PAPER = ("--candidates", "paper", "--frames", 3)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from coview.exits import SUSPECTED
+from coview.outputs import SUSPECTED
 from toolkit.calibration.corrected_recording import copy_corrected
 from toolkit.clouds import from_points, save
 from toolkit.datasets.cloud_files import read_poses

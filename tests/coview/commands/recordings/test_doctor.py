@@ -2,7 +2,7 @@
 
 import json
 
-from coview.exits import SUSPECTED
+from coview.outputs import SUSPECTED
 
 
 def test_it_has_nothing_to_say_of_a_healthy_recording_and_much_of_a_broken_one(recording, tmp_path, run):
