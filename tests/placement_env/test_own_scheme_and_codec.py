@@ -138,19 +138,9 @@ def detector(small_traffic):
     return Places(np.concatenate([snapshot.objects.boxes for snapshot in small_traffic.snapshots]))
 
 
-@pytest.fixture(scope="module")
-def recording(small_traffic, candidates):
-    return Recording(small_traffic, candidates)
-
-
-@pytest.fixture(scope="module")
-def renders(small_traffic, candidates):
-    return Renders(small_traffic, candidates)
-
-
-@pytest.fixture(scope="module")
-def seen(small_traffic, candidates):
-    return see(small_traffic, candidates)
+recording = pytest.fixture(scope="module")(lambda small_traffic, candidates: Recording(small_traffic, candidates))
+renders = pytest.fixture(scope="module")(lambda small_traffic, candidates: Renders(small_traffic, candidates))
+seen = pytest.fixture(scope="module")(lambda small_traffic, candidates: see(small_traffic, candidates))
 
 
 def test_they_have_what_the_protocols_ask_for():

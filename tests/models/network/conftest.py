@@ -7,20 +7,9 @@ from torch import nn
 
 from models.network.voxelnet import VoxelNet
 
-
-@pytest.fixture(scope="session")
-def trained():
-    return _trained
-
-
-@pytest.fixture(scope="session")
-def cloud():
-    return _cloud
-
-
-@pytest.fixture(scope="session")
-def assert_same():
-    return _assert_same
+trained = pytest.fixture(scope="session")(lambda: _trained)
+cloud = pytest.fixture(scope="session")(lambda: _cloud)
+assert_same = pytest.fixture(scope="session")(lambda: _assert_same)
 
 
 def _trained(config, seed=0):

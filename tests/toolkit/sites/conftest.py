@@ -177,61 +177,15 @@ def _saved(tmp_path, change=None) -> tuple:
     return path, document
 
 
-@pytest.fixture
-def empty_map():
-    return Draft
-
-
-@pytest.fixture
-def crossroads():
-    return _crossroads
-
-
-@pytest.fixture
-def box():
-    return _box
-
-
-@pytest.fixture
-def put():
-    return _put
-
-
-@pytest.fixture
-def imported():
-    return _imported
-
-
-@pytest.fixture
-def union():
-    return _union
-
-
-@pytest.fixture
-def on_lanes():
-    return _on_lanes
-
-
-@pytest.fixture
-def check_site():
-    return _check
-
-
-@pytest.fixture
-def of_kind():
-    return _of_kind
-
-
-@pytest.fixture
-def top():
-    return _top
-
-
-@pytest.fixture
-def small_site():
-    return _small_site
-
-
-@pytest.fixture
-def saved():
-    return _saved
+empty_map = pytest.fixture(lambda: Draft)
+crossroads = pytest.fixture(lambda: _crossroads)
+box = pytest.fixture(lambda: _box)
+put = pytest.fixture(lambda: _put)
+imported = pytest.fixture(lambda: _imported)
+union = pytest.fixture(lambda: _union)
+on_lanes = pytest.fixture(lambda: _on_lanes)
+check_site = pytest.fixture(lambda: _check)
+of_kind = pytest.fixture(lambda: _of_kind)
+top = pytest.fixture(lambda: _top)
+small_site = pytest.fixture(lambda: _small_site)
+saved = pytest.fixture(lambda: _saved)

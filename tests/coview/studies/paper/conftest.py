@@ -64,19 +64,9 @@ def make_exact_table(site="tjunction", detector="made up", frames=12):
     return Table(origin, figures.clip(0, 1), figures.clip(0, 1), figures[:, :, 0] * 100)
 
 
-@pytest.fixture(scope="session")
-def stored():
-    return make_stored()
-
-
-@pytest.fixture(scope="session")
-def stored_roundabout():
-    return make_stored("roundabout", frames=8, seed=1)
-
-
-@pytest.fixture(scope="session")
-def exact_table():
-    return make_exact_table()
+stored = pytest.fixture(scope="session")(lambda: make_stored())
+stored_roundabout = pytest.fixture(scope="session")(lambda: make_stored("roundabout", frames=8, seed=1))
+exact_table = pytest.fixture(scope="session")(lambda: make_exact_table())
 
 
 @pytest.fixture(scope="session")
