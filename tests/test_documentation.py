@@ -87,13 +87,10 @@ def test_options_in_running_text_exist(page, extension):
         assert set(re.findall(r"--[a-z0-9-]+", rest)) <= known, name
 
 
-def test_a_wrong_command_line_is_seen():
+def test_every_command_is_shown_and_a_wrong_line_is_seen():
     assert refused(["site", "show", "tjunction", "--out", "a.png"]) == ""
     assert [refused(words) for words in (["plan", "tjunction", "--bugdet", "4"], ["site", "shwo"])] == ["refused"] * 2
     assert refused(["evalaute"]) == "no such command"
-
-
-def test_every_command_is_shown_somewhere():
     assert set(COMMANDS) - {words[0] for page in TEXTS for words in command_lines(page)} <= {"demo"}
 
 
@@ -137,7 +134,7 @@ def test_names_and_files_in_running_text_exist(page):
     assert [name for name in names if not lookup(name)] == []
 
 
-def test_pictures_are_small_and_shown():
+def test_pictures_are_small_and_every_page_is_in_a_table_of_contents():
     pictures = {path.resolve() for path in (ROOT / "docs").rglob("*.png")}
     shown = {
         (page.parent / target).resolve()
@@ -146,6 +143,10 @@ def test_pictures_are_small_and_shown():
     }
     assert pictures == shown
     assert [path.name for path in pictures if path.stat().st_size > 150_000] == []
+    tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
+    listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
+    pages = [path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".rst") and path.stem != "index"]
+    assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages)
 
 
 @pytest.mark.slow
@@ -153,13 +154,6 @@ def test_pictures_are_drawn(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "pictures"))
     import_module("draw").main(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["error-profiles.png", "foreground.png"]
-
-
-def test_every_page_is_in_a_table_of_contents():
-    tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
-    listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
-    pages = [path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".rst") and path.stem != "index"]
-    assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages)
 
 
 @pytest.mark.parametrize("name", ["faces", "commands"])
@@ -176,23 +170,17 @@ def test_the_reference_has_every_name_of_a_face(extension, face):
     assert sorted(set(shown) - {"search"}) == import_module(face).__all__  # `search` of the methods, which are modules
 
 
-def test_docstrings_keep_their_meaning(extension):
+def test_references_keep_docstrings_signatures_and_help(extension):
     text = "Weights `w` * 2, `fuse` all_of | it_.\n\n    a  b\n    c\n\n1. one\n   more\n2. two\n\n>>> 1 + 1\n2"
     words = r"Weights ``w`` \* 2, :py:obj:`fuse <toolkit.fuse>` all_of \| it\_."
     lines = "\n\n::\n\n    a  b\n    c\n\n1. one more\n2. two\n\n>>> 1 + 1\n2\n"
     assert extension("faces").as_rst(text) == (words + lines).split("\n")
-
-
-def test_signatures_have_shapes_as_written(extension):
     from toolkit import Body, Codec, crop
 
     signature = extension("faces").signature
     assert signature(crop).startswith("(cloud: PointCloud, area: Area, height: float | None = None, *, floor")
     assert "vertices: Float32[np.ndarray, 'k 3']" in signature(Body)
     assert signature(Codec) == ""
-
-
-def test_the_command_line_reference_says_what_help_says(extension):
     lines = list(extension("commands").section("site"))
     assert lines[0] == "coview site"
     assert [line for line in lines if line.startswith("coview site ")] >= ["coview site import", "coview site random"]

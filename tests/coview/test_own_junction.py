@@ -53,6 +53,13 @@ def test_an_openstreetmap_extract_with_poles_of_ones_own(run, tmp_path):
     assert float(row["latitude"]) == pytest.approx(49.5 + y / 111228, abs=1e-7)
     heading = int(re.findall(r"_h(\d+)_", row["sensor"])[0])
     assert float(row["bearing_deg"]) == (90 - heading) % 360
+    run("site", "import", *OSM, "--out", tmp_path / "site.json")
+    path = ROOT / "docs" / "own-junction-poles.geojson"
+    with pytest.warns(UserWarning, match="left out") as caught:
+        mounts = load_poles(path, load_site(tmp_path / "site.json"))
+    said = [str(each.message) for each in caught]
+    assert said == [f"{path}: left out, since they stand in a keep-out area: LM 101"]
+    assert [mount.name for mount in mounts] == ["LM 102", "LM 103", "LM 104", "LM 105", "LM 106", "Neu 1", "Neu 2"]
 
 
 @carla
@@ -74,13 +81,3 @@ def test_the_page_names_files_that_there_are():
     page = (ROOT / "docs" / "own-junction.md").read_text(encoding="utf-8")
     assert set(re.findall(r"docs/[\w.-]+\w", page)) == {"docs/own-junction.osm", "docs/own-junction-poles.geojson"}
     assert all((ROOT / name).is_file() for name in re.findall(r"docs/[\w.-]+\w", page))
-
-
-def test_the_poles_of_the_page_are_read_without_a_word_but_for_the_one_kept_out(run, tmp_path):
-    run("site", "import", *OSM, "--out", tmp_path / "site.json")
-    path = ROOT / "docs" / "own-junction-poles.geojson"
-    with pytest.warns(UserWarning, match="left out") as caught:
-        mounts = load_poles(path, load_site(tmp_path / "site.json"))
-    said = [str(each.message) for each in caught]
-    assert said == [f"{path}: left out, since they stand in a keep-out area: LM 101"]
-    assert [mount.name for mount in mounts] == ["LM 102", "LM 103", "LM 104", "LM 105", "LM 106", "Neu 1", "Neu 2"]

@@ -88,7 +88,7 @@ def test_detect_and_convert(recording, layouts, tmp_path, printed):
     assert (converted["samples"], converted["problems"]) == (4, {})
 
 
-def test_survey(recording, layouts, printed):
+def test_survey_and_doctor(recording, layouts, printed):
     found = printed("survey", recording, "--sensors", "all", "0,2")
     assert found["objects_per_frame"] == near({"vehicle": 9.0, "cyclist": 1.75, "pedestrian": 7.25, "heavy": 1.0})
     assert found["kbit_per_sensor"] == near(540.6)
@@ -102,9 +102,6 @@ def test_survey(recording, layouts, printed):
     )
     assert clouds["objects_per_frame"] == near({"vehicle": 12.75, "cyclist": 1.75, "pedestrian": 9.5, "heavy": 1.0})
     assert clouds["classes"]["vehicle"]["sets"]["0,1,2,3,4,5"]["mean_points"] == near(546.5)
-
-
-def test_doctor(recording, layouts, printed):
     assert printed("doctor", recording) == printed("doctor", layouts / "folder", "--layout", "folder") == []
 
 

@@ -23,7 +23,7 @@ def test_the_grid_follows_the_area_in_multiples_of_eight(area, grid, maps):
     assert (config.grid_shape, config.map_shape) == (grid, maps)
 
 
-def test_published_sizes_of_known_sites_and_entries():
+def test_published_sizes_and_classes_survive_json():
     assert VoxelNetConfig.published("tjunction").map_shape == (200, 100)
     assert VoxelNetConfig.published("roundabout").grid_shape == (240, 240, 10)
     parameters = sum(each.numel() for each in VoxelNet(VoxelNetConfig.published("tjunction")).parameters())
@@ -32,6 +32,19 @@ def test_published_sizes_of_known_sites_and_entries():
         VoxelNetConfig.published("crossing")
     with pytest.raises(ValueError, match="depth"):
         VoxelNetConfig.from_dict({"area": [0, 0, 1, 1], "depth": 3})
+    assert VoxelNetConfig.from_dict(json.loads(json.dumps(CLASSES.to_dict()))) == CLASSES
+    assert CLASSES.labels == ("vehicle", "heavy", "cyclist", "pedestrian")
+    assert CLASSES.anchor_labels == (0, 0, 1, 1, 2, 2, 3)
+    assert CLASSES.classes == 1
+    light = VoxelNetConfig.light((-8, -8, 8, 8))
+    assert not {"kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds"} & light.to_dict().keys()
+    assert "faces" in CLASSES.to_dict()
+    (kind,) = light.anchor_kinds
+    assert (kind.label, kind.size, kind.z, kind.yaws) == ("vehicle", light.anchor_size, 0.8, light.anchor_yaws)
+    assert select_anchors(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
+    for wrong in (("tram",), (), ("vehicle", "vehicle")):
+        with pytest.raises(ValueError, match="classes must be different ones of vehicle, heavy, cyclist, pedestrian"):
+            select_anchors(wrong)
 
 
 @pytest.mark.parametrize("config", [VoxelNetConfig.published("roundabout"), VoxelNetConfig.light(np.arange(4))])
@@ -61,22 +74,6 @@ CLASSES = VoxelNetConfig.light(
     score_threshold=0.35,
     thresholds=(0.1, 0.2, 0.3, 0.4),
 )
-
-
-def test_classes_survive_json_and_what_is_usual_is_not_written():
-    assert VoxelNetConfig.from_dict(json.loads(json.dumps(CLASSES.to_dict()))) == CLASSES
-    assert CLASSES.labels == ("vehicle", "heavy", "cyclist", "pedestrian")
-    assert CLASSES.anchor_labels == (0, 0, 1, 1, 2, 2, 3)
-    assert CLASSES.classes == 1
-    light = VoxelNetConfig.light((-8, -8, 8, 8))
-    assert not {"kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds"} & light.to_dict().keys()
-    assert "faces" in CLASSES.to_dict()
-    (kind,) = light.anchor_kinds
-    assert (kind.label, kind.size, kind.z, kind.yaws) == ("vehicle", light.anchor_size, 0.8, light.anchor_yaws)
-    assert select_anchors(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
-    for wrong in (("tram",), (), ("vehicle", "vehicle")):
-        with pytest.raises(ValueError, match="classes must be different ones of vehicle, heavy, cyclist, pedestrian"):
-            select_anchors(wrong)
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ def test_a_damaged_file_is_one_clear_line(tmp_path, damage, said):
     assert "\n" not in str(error.value)
 
 
-def test_another_size_or_another_kind_of_file_is_an_error(tmp_path):
+def test_files_of_another_size_or_kind_or_none_are_errors(tmp_path):
     from safetensors.torch import load_file, save_file
 
     path = tmp_path / "weights.safetensors"
@@ -110,9 +110,6 @@ def test_another_size_or_another_kind_of_file_is_an_error(tmp_path):
     with pytest.raises(ValueError, match=r"features.layers.0.linear.weight must have shape \(16, 6\), got \(32, 6\)"):
         load_detector(path)
     assert "features.layers.0.linear.weight" in load_file(path)
-
-
-def test_what_is_not_there_is_named():
     with pytest.raises(FileNotFoundError, match="no weights named 'nowhere'; shipped: "):
         load_detector("nowhere")
     with pytest.raises(FileNotFoundError, match=r"no weights file at /no/x\.safetensors"):
@@ -145,16 +142,13 @@ CLASSES = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())
 FIRST_ANCHOR = {VEHICLE: 0, HEAVY: 2, CYCLIST: 4, PEDESTRIAN: 6}
 
 
-def test_of_several_classes_a_batch_is_its_items_and_boxes_of_a_class_keep_apart():
+def test_batches_are_their_items_and_thresholds_may_be_replaced(tmp_path):
     detector = VoxelNetDetector(network(CLASSES, logit=0.0))
     clouds = [points(seed=1), points(300, seed=2)]
     for together, alone in zip(detector.batch(clouds), map(detector, clouds), strict=True):
         np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
         np.testing.assert_array_equal(together.labels, alone.labels)
         assert len(set(alone.labels)) > 1
-
-
-def test_a_configuration_has_a_threshold_that_callers_may_replace(tmp_path):
     path, made = tmp_path / "w.safetensors", network(dataclasses.replace(CONFIG, averaging=0.0), logit=0.5)
     scores = VoxelNetDetector(made)(points()).scores
     middle = float(np.median(scores))

@@ -12,7 +12,7 @@ from models.weight_files import Header, load_tensors, load_weights, save_weights
 AREA = (-8.0, -8.0, 8.0, 8.0)
 
 
-def test_bytes_repeat_and_tensors_stay_aligned(tmp_path):
+def test_bytes_repeat_tensors_stay_aligned_and_links_are_followed(tmp_path):
     network, header = VoxelNet(VoxelNetConfig.light(AREA)), Header("a", 3, "c", {"b": 1.0, "a": 2.0})
     for k in range(5):
         save_weights(tmp_path / f"{k}", network, header)
@@ -26,9 +26,6 @@ def test_bytes_repeat_and_tensors_stay_aligned(tmp_path):
     with pytest.raises(ValueError, match=r"finite, but head\.classes\.bias"):
         save_weights(tmp_path / "x.safetensors", broken, Header())
     assert not (tmp_path / "x.safetensors").exists()
-
-
-def test_the_tensors_stay_aligned_and_links_are_followed(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "real")
     for length in range(9):
         save_weights(tmp_path / "link", VoxelNet(VoxelNetConfig.light(AREA)), Header("x" * length))

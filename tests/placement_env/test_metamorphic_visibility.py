@@ -146,7 +146,7 @@ def test_moving_and_turning_site_traffic_and_sensors_together_changes_nothing(mo
             np.testing.assert_allclose(moved(SETS).ap, before(SETS).ap, atol=0.06)
 
 
-def test_frames_and_walls_hide_and_show_nothing_new(seen):
+def test_frames_walls_points_and_names_change_nothing_else(seen):
     last = see(*scene(frames=[2]))
     assert last.points.tolist() == seen.points[:, seen.frame == 2].tolist()
     assert last.sent[:, 0].tolist() == seen.sent[:, 2].tolist()
@@ -156,48 +156,29 @@ def test_frames_and_walls_hide_and_show_nothing_new(seen):
     assert (cleared.points >= seen.points).all()
     assert cleared.points.sum() > seen.points.sum()
     assert replace(traffic, site=open_site).digest() != traffic.digest()
+    figures = [Coverage(seen, least=least)(SETS).ap for least in (1.0, 10.0, 50.0)]
+    figures += [Coverage(seen, least=50.0, views=views)(SETS).ap for views in (1, 2, 3)]
+    for more, less in ((0, 1), (1, 2), (3, 4), (4, 5)):
+        assert (figures[more] >= figures[less]).all()
+    traffic, candidates = scene()
+    renamed = tuple(replace(sensor, name=f"other{i}") for i, sensor in enumerate(candidates.sensors))
+    assert see(traffic, replace(candidates, sensors=renamed)).points.tolist() == seen.points.tolist()
+    traffic, candidates = scene()
+    renders = Renders(traffic, candidates, noise_seed=None)
+    for k in range(len(traffic)):
+        boxes = seen.boxes[seen.frame == k]
+        for c in range(len(candidates)):
+            counted = count_points(renders.clouds(k, c), boxes)
+            np.testing.assert_allclose(
+                counted, seen.points[c, seen.frame == k], rtol=0.1, atol=8
+            )  # and ground at its foot
 
 
-def test_the_order_of_sensors_changes_nothing(seen, scored):
+def test_order_and_sensors_that_look_away_change_nothing_but_the_price(seen, scored):
     scheme, before = scored
     order = np.array([4, 0, 5, 2, 1, 3])
     for other, (_, expected) in zip(fidelities(seen.select(order), scheme), before, strict=True):
         assert_same(other(SETS[:, order]), expected)
-
-
-def test_sets_are_scored_alike_and_more_sensors_never_lower_a_prediction(scored):
-    shuffled = np.random.default_rng(0).permutation(len(SETS)).repeat(3)
-    for fidelity, expected in scored[1]:
-        assert_same(fidelity(SETS[shuffled]), [figure[shuffled] for figure in expected])
-        assert_same(fidelity(SETS[[37]]), [figure[[37]] for figure in expected])
-    for _, estimate in scored[1]:
-        for i in range(6):
-            without = np.flatnonzero(~SETS[:, i])
-            for figure in estimate:
-                assert (figure[without | 1 << i] >= figure[without] - 1e-6).all()
-    for _, estimate in scored[1]:
-        assert [figure[0] for figure in estimate] == [0, 0, 0]
-    coverage = scored[1][0][0]
-    worth = exact_worth(lambda sets: coverage(sets).ap, 6)
-    assert (worth.synergy <= 1e-12).all()
-
-
-def test_doubles_and_twins_cover_nothing_new(scored):
-    (coverage, estimate), *_ = scored[1]
-    alone = np.flatnonzero(SETS[:, TWIN - 1] & ~SETS[:, TWIN])
-    assert estimate.ap[alone].tolist() == estimate.ap[alone | 1 << TWIN].tolist()
-    sent = estimate.kbit[1 << TWIN]
-    assert estimate.kbit[alone | 1 << TWIN] == pytest.approx(estimate.kbit[alone] + sent)
-    worth = exact_worth(lambda sets: coverage(sets).ap, 6)
-    assert worth.shapley[TWIN] == pytest.approx(worth.shapley[TWIN - 1])
-    assert worth.synergy[TWIN, TWIN - 1] <= 0
-    swapped = SETS.copy()
-    swapped[:, [TWIN - 1, TWIN]] = SETS[:, [TWIN, TWIN - 1]]
-    for fidelity, expected in scored[1]:
-        assert_same(fidelity(swapped), expected)
-
-
-def test_a_sensor_that_looks_away_adds_nothing_but_price_and_what_it_sends(seen, scored):
     scheme, with_scores = scored
     candidates = scene()[1]
     for fidelity, _ in with_scores:
@@ -213,26 +194,33 @@ def test_a_sensor_that_looks_away_adds_nothing_but_price_and_what_it_sends(seen,
         assert objective.score([AWAY]).ap == 0
 
 
-def test_more_points_asked_for_cover_less_whatever_the_names(seen):
-    figures = [Coverage(seen, least=least)(SETS).ap for least in (1.0, 10.0, 50.0)]
-    figures += [Coverage(seen, least=50.0, views=views)(SETS).ap for views in (1, 2, 3)]
-    for more, less in ((0, 1), (1, 2), (3, 4), (4, 5)):
-        assert (figures[more] >= figures[less]).all()
-    traffic, candidates = scene()
-    renamed = tuple(replace(sensor, name=f"other{i}") for i, sensor in enumerate(candidates.sensors))
-    assert see(traffic, replace(candidates, sensors=renamed)).points.tolist() == seen.points.tolist()
-
-
-def test_renders_hold_the_points_that_visibility_counts(seen):
-    traffic, candidates = scene()
-    renders = Renders(traffic, candidates, noise_seed=None)
-    for k in range(len(traffic)):
-        boxes = seen.boxes[seen.frame == k]
-        for c in range(len(candidates)):
-            counted = count_points(renders.clouds(k, c), boxes)
-            np.testing.assert_allclose(
-                counted, seen.points[c, seen.frame == k], rtol=0.1, atol=8
-            )  # and ground at its foot
+def test_sets_are_scored_alike_and_doubles_add_nothing(scored):
+    shuffled = np.random.default_rng(0).permutation(len(SETS)).repeat(3)
+    for fidelity, expected in scored[1]:
+        assert_same(fidelity(SETS[shuffled]), [figure[shuffled] for figure in expected])
+        assert_same(fidelity(SETS[[37]]), [figure[[37]] for figure in expected])
+    for _, estimate in scored[1]:
+        for i in range(6):
+            without = np.flatnonzero(~SETS[:, i])
+            for figure in estimate:
+                assert (figure[without | 1 << i] >= figure[without] - 1e-6).all()
+    for _, estimate in scored[1]:
+        assert [figure[0] for figure in estimate] == [0, 0, 0]
+    coverage = scored[1][0][0]
+    worth = exact_worth(lambda sets: coverage(sets).ap, 6)
+    assert (worth.synergy <= 1e-12).all()
+    (coverage, estimate), *_ = scored[1]
+    alone = np.flatnonzero(SETS[:, TWIN - 1] & ~SETS[:, TWIN])
+    assert estimate.ap[alone].tolist() == estimate.ap[alone | 1 << TWIN].tolist()
+    sent = estimate.kbit[1 << TWIN]
+    assert estimate.kbit[alone | 1 << TWIN] == pytest.approx(estimate.kbit[alone] + sent)
+    worth = exact_worth(lambda sets: coverage(sets).ap, 6)
+    assert worth.shapley[TWIN] == pytest.approx(worth.shapley[TWIN - 1])
+    assert worth.synergy[TWIN, TWIN - 1] <= 0
+    swapped = SETS.copy()
+    swapped[:, [TWIN - 1, TWIN]] = SETS[:, [TWIN, TWIN - 1]]
+    for fidelity, expected in scored[1]:
+        assert_same(fidelity(swapped), expected)
 
 
 def test_a_cache_of_renders_is_shared_but_never_by_what_changed(tmp_path):

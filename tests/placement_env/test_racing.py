@@ -169,7 +169,7 @@ class Spread:
 TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
 
 
-def test_a_race_ends_when_sure_but_not_before_its_least_frames():
+def test_a_race_ends_when_sure_and_drops_what_is_worse():
     sure = Spread(TRUE, noise=0.0)
     assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12)).frames.max() == 12
     assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12, least=24)).frames.max() == 24
@@ -180,9 +180,6 @@ def test_a_race_ends_when_sure_but_not_before_its_least_frames():
     exact = Spread(TRUE, noise=0.0)
     ran = race_until(exact, np.eye(5, dtype=bool), np.arange(400))
     assert (len(exact.asked), ran.confidence, ran.spent) == (1, 1.0, 60)
-
-
-def test_a_race_until_a_confidence_drops_what_is_worse_and_goes_on_with_what_may_be_better():
     scores = Spread(TRUE)
     ran = race_until(
         scores, np.eye(5, dtype=bool), np.arange(384)[::-1], RaceRules(first=12, tolerance=0.001, confidence=0.9)

@@ -194,7 +194,7 @@ def test_a_box_holds_its_corners_wherever_it_is(boxes, offset):
         assert not bx.points_in_boxes(outside, boxes[row : row + 1]).any()
 
 
-def test_points_that_are_none_or_not_finite_lie_in_no_box():
+def test_points_and_rows_lie_in_boxes_or_none():
     points = np.array([[0, 0, 0.5], [np.nan, 0, 0.5], [0, np.inf, 0.5], [-np.inf, 0, 0], [0, 0, np.nan]])
     assert bx.points_in_boxes(points, [CAR])[:, 0].tolist() == [True, False, False, False, False]
     assert bx.points_in_boxes(np.zeros((0, 3)), [CAR]).shape == (0, 1)
@@ -203,13 +203,25 @@ def test_points_that_are_none_or_not_finite_lie_in_no_box():
     assert bx.count_points(np.zeros((5, 3)), []).shape == (0,)
     assert bx.points_in_boxes([], [[0, 0, 0, 1, 1, 1, 0]]).shape == (0, 1)
     assert bx.count_points([], [[0, 0, 0, 1, 1, 1, 0]]).tolist() == [0]
+    rng = np.random.default_rng(5)
+    points = rng.uniform(-6, 6, (500, 3))
+    points[::50] = np.nan, np.inf, -np.inf
+    boxes = np.column_stack([rng.uniform(-5, 5, (9, 3)), rng.uniform(0.5, 6, (9, 3)), rng.uniform(-4, 4, 9)])
+    inside = bx.points_in_boxes(points, boxes)
+    assert inside.any()
+    for row, rows in enumerate(bx.rows_in_boxes(points, boxes)):
+        assert sorted(rows) == np.flatnonzero(inside[:, row]).tolist()
+    assert bx.rows_in_boxes(points, []) == []
 
 
-def test_points_and_boxes_of_another_shape_are_refused():
+def test_points_boxes_and_labels_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"got \(3, 120\): pass points.T\?"):
         bx.count_points(np.zeros((3, 120)), [CAR])
     with pytest.raises(ValueError, match=r"truths must have shape \(n, 7\).* got \(3, 8\)"):
         bx.check_boxes(np.ones((3, 8)), "truths")
+    assert bx.nms([CAR, CAR, CAR], [1, 2, 3], 0.5, labels=["a", "b", "a"]).tolist() == [2, 1]
+    with pytest.raises(ValueError, match=r"labels must have one entry for each of the 2 boxes, got shape \(1,\)"):
+        bx.nms([CAR, CAR], [1, 2], 0.5, labels=[0])
 
 
 @given(st.lists(a_box(4.0), min_size=1, max_size=12).map(np.array), st.data())
@@ -224,21 +236,3 @@ def test_nms_by_label_is_that_of_each_label_alone(boxes, data):
         for rows in (np.flatnonzero(labels == label) for label in range(3))
     ]
     assert sorted(kept.tolist()) == sorted(np.concatenate(alone).tolist())
-
-
-def test_nms_takes_a_label_for_each_box():
-    assert bx.nms([CAR, CAR, CAR], [1, 2, 3], 0.5, labels=["a", "b", "a"]).tolist() == [2, 1]
-    with pytest.raises(ValueError, match=r"labels must have one entry for each of the 2 boxes, got shape \(1,\)"):
-        bx.nms([CAR, CAR], [1, 2], 0.5, labels=[0])
-
-
-def test_rows_in_boxes_are_those_of_the_matrix():
-    rng = np.random.default_rng(5)
-    points = rng.uniform(-6, 6, (500, 3))
-    points[::50] = np.nan, np.inf, -np.inf
-    boxes = np.column_stack([rng.uniform(-5, 5, (9, 3)), rng.uniform(0.5, 6, (9, 3)), rng.uniform(-4, 4, 9)])
-    inside = bx.points_in_boxes(points, boxes)
-    assert inside.any()
-    for row, rows in enumerate(bx.rows_in_boxes(points, boxes)):
-        assert sorted(rows) == np.flatnonzero(inside[:, row]).tolist()
-    assert bx.rows_in_boxes(points, []) == []

@@ -8,20 +8,24 @@ import pytest
 from toolkit.clouds import (
     attributes,
     crop,
+    density_cdf,
     density_map,
     down_sample,
+    frame_cloud,
     from_attributes,
     from_depth,
     from_points,
     fuse,
     load,
+    outside_radius,
     points_per_box,
     positions,
     save,
     sensor_numbers,
 )
+from toolkit.frame import Frame
 from toolkit.geometry import look, pose, transform
-from toolkit.points import is_beyond
+from toolkit.objects import Objects
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -41,36 +45,13 @@ def random_cloud(n=500, seed=0):
     return from_points(points, rng.integers(0, 6, n))
 
 
-def test_from_depth_agrees_with_open3d():
+def test_clouds_are_open3ds_with_noise_along_rays():
     depth = random_depth(CAMERA)
     intrinsic = o3d.camera.PinholeCameraIntrinsic(200, 150, 100, 100, 100, 75)  # every second pixel: half of K
     theirs: Any = o3d.geometry.PointCloud.create_from_depth_image(
         o3d.geometry.Image(depth), intrinsic, depth_scale=1.0, depth_trunc=1000.0
     ).transform(CAMERA.pose)
     np.testing.assert_allclose(positions(from_depth(CAMERA, depth)), np.asarray(theirs.points), atol=1e-4)
-
-
-@pytest.mark.parametrize("sensor", [CAMERA, LIDAR])
-def test_from_depth_is_measurement_times_ray_in_the_world(sensor):
-    depth = random_depth(sensor)
-    cloud = from_depth(sensor, depth, sensor_id=4)
-    expected = transform(sensor.pose, (depth[..., None] * sensor.model.rays()).reshape(-1, 3).astype(np.float64))
-    np.testing.assert_allclose(positions(cloud), expected, atol=1e-4)
-    assert cloud.point.positions.dtype == o3d.core.float32
-    assert cloud.point["sensor"].dtype == o3d.core.int32
-    assert tuple(cloud.point["sensor"].shape) == (depth.size, 1)
-    assert (sensor_numbers(cloud) == 4).all()
-
-
-@pytest.mark.parametrize("sensor", [CAMERA, LIDAR])
-def test_no_return_makes_no_point(sensor):
-    depth = np.zeros(sensor.model.shape, np.float32)
-    depth[0, :6] = [np.nan, np.inf, -np.inf, -1.0, sensor.model.max_range, 7.0]
-    assert len(positions(from_depth(sensor, depth))) == 1
-    assert positions(from_depth(sensor, np.zeros_like(depth))).shape == (0, 3)
-
-
-def test_noise_moves_points_along_their_rays_only():
     depth = random_depth(CAMERA)
     clean, noisy = (
         positions(from_depth(CAMERA, depth, rng=rng)).astype(np.float64) - CAMERA.position
@@ -81,26 +62,46 @@ def test_noise_moves_points_along_their_rays_only():
     assert np.abs(direction).max() < 1e-5
 
 
+@pytest.mark.parametrize("sensor", [CAMERA, LIDAR])
+def test_depth_is_measurement_times_ray_where_it_returned(sensor):
+    depth = random_depth(sensor)
+    cloud = from_depth(sensor, depth, sensor_id=4)
+    expected = transform(sensor.pose, (depth[..., None] * sensor.model.rays()).reshape(-1, 3).astype(np.float64))
+    np.testing.assert_allclose(positions(cloud), expected, atol=1e-4)
+    assert cloud.point.positions.dtype == o3d.core.float32
+    assert cloud.point["sensor"].dtype == o3d.core.int32
+    assert tuple(cloud.point["sensor"].shape) == (depth.size, 1)
+    assert (sensor_numbers(cloud) == 4).all()
+    depth = np.zeros(sensor.model.shape, np.float32)
+    depth[0, :6] = [np.nan, np.inf, -np.inf, -1.0, sensor.model.max_range, 7.0]
+    assert len(positions(from_depth(sensor, depth))) == 1
+    assert positions(from_depth(sensor, np.zeros_like(depth))).shape == (0, 3)
+
+
 def test_radii_and_images_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match=r"'c' measures \(150, 200\) pixels"):
         from_depth(CAMERA, np.ones((3, 4), np.float32))
     with pytest.raises(ValueError, match="radius"):
-        is_beyond(positions(random_cloud()), CAMERA, -1.0)
+        outside_radius(random_cloud(), CAMERA, -1.0)
     with pytest.raises(ValueError, match="intensity must have one row for each of 3 points, got 2"):
         from_attributes({"positions": np.zeros((3, 3)), "intensity": np.zeros(2)})
 
 
-def test_fuse_keeps_every_point_and_its_sensor():
+def test_fused_and_empty_clouds_keep_points_and_sensors():
     parts = [from_depth(CAMERA, random_depth(CAMERA), sensor_id=2), random_cloud(50), from_points(np.zeros((0, 3)))]
     fused = fuse(parts)
     np.testing.assert_array_equal(positions(fused), np.concatenate([positions(part) for part in parts]))
     np.testing.assert_array_equal(sensor_numbers(fused), np.concatenate([sensor_numbers(part) for part in parts]))
-
-
-def test_empty_clouds_go_through_everything():
+    frame = Frame((CAMERA, LIDAR), (random_depth(CAMERA), random_depth(LIDAR)), Objects.empty())
+    for chosen in ([0, 1], [1], []):
+        parts = [crop(from_depth(frame.sensors[k], frame.measurements[k], sensor_id=k), AREA) for k in chosen]
+        expected, cloud = fuse(parts), frame_cloud(frame, chosen, area=AREA)
+        np.testing.assert_array_equal(positions(cloud), positions(expected))
+        np.testing.assert_array_equal(sensor_numbers(cloud), sensor_numbers(expected))
     for empty in (fuse([]), crop(random_cloud(), (90, 90, 91, 91)), o3d.t.geometry.PointCloud()):
         assert positions(fuse([empty, empty])).shape == (0, 3)
         assert positions(crop(empty, AREA)).shape == (0, 3)
+        assert positions(outside_radius(empty, CAMERA, 1.0)).shape == (0, 3)
         assert points_per_box(empty, np.array([[0, 0, 1, 4, 2, 1.5, 0]])).tolist() == [0]
         assert not density_map(empty, AREA).points_per_m2.any()
 
@@ -123,32 +124,36 @@ def test_an_area_that_encloses_nothing_is_refused(area):
         crop(random_cloud(), area)
 
 
-def test_outside_radius_is_horizontal():
+def test_radii_are_horizontal_or_published():
     points = np.array([[5, 7.1, 90], [5, 6.9, -90], [15.1, -3, 0], [5, -3, 100]], np.float32)
-    assert is_beyond(points, CAMERA, 10.0).tolist() == [True, False, True, False]
-
-
-def test_published_radius_is_measured_in_the_tilted_frame():
+    kept = positions(outside_radius(from_points(points), CAMERA, 10.0))
+    np.testing.assert_array_equal(kept, points[[0, 2]])
     cloud = random_cloud(2000)
     in_camera = (positions(cloud) - CAMERA.position) @ CAMERA.pose[:3, :3]
     expected = np.hypot(in_camera[:, 0], in_camera[:, 2]) > 20
     for camera in (CAMERA, CAMERA.pose):
-        np.testing.assert_array_equal(is_beyond(positions(cloud), camera, 20.0, "published"), expected)
+        kept = positions(outside_radius(cloud, camera, 20.0, "published"))
+        np.testing.assert_array_equal(kept, positions(cloud)[expected])
     level = Sensor("level", DepthCamera(), look((5.0, -3.0, 5.2), heading=1.0))
     for sensor in (level, LIDAR):
-        both = [is_beyond(positions(cloud), sensor, 20.0, metric) for metric in ("horizontal", "published")]
+        both = [positions(outside_radius(cloud, sensor, 20.0, metric)) for metric in ("horizontal", "published")]
         np.testing.assert_array_equal(*both)
 
 
-def test_points_per_box_counts_cloud_and_array_alike():
+def test_points_per_box_and_density_by_hand():
     boxes = np.array([[0, 0, 1, 4, 2, 1.5, 0.3], [20, 10, 1, 9, 9, 5, 1.0], [99, 99, 1, 4, 2, 1.5, 0]])
     cloud = random_cloud(5000)
     counts = points_per_box(cloud, boxes)
     np.testing.assert_array_equal(counts, points_per_box(positions(cloud), boxes))
     assert counts[1] > 0 == counts[2]
-
-
-def test_density_map_by_hand():
+    counts = np.random.default_rng(0).integers(0, 30, 200)
+    d, share = density_cdf(counts)
+    assert d[0] == 0
+    assert share[-1] == 1
+    for k in range(len(d)):
+        assert share[k] == (counts <= d[k]).mean()
+    assert density_cdf(np.array([5]))[1].tolist() == [0, 1]
+    assert [len(part) for part in density_cdf(np.zeros(0, np.int64))] == [0, 0]
     points = np.array([[-40, -20, 1], [-39, -19.5, 1], [-39, -19.5, 2], [40, 20, 1], [41, 0, 1]], np.float32)
     grid = density_map(from_points(points, np.array([0, 0, 3, 1, 1])), AREA, cell=2.0)
     assert grid.points_per_m2.shape == grid.sensors.shape == (20, 40)
@@ -182,10 +187,18 @@ def test_files_that_cannot_be_are_refused(tmp_path):
         load(tmp_path / "damaged.ply")
 
 
-def test_clouds_own_their_memory():
+def test_clouds_own_their_memory_and_fuse_what_all_have():
     clouds = [from_points(np.full((1000, 3), k, np.float32), k) for k in range(200)]
     gc.collect()
     assert all((positions(cloud) == k).all() and (sensor_numbers(cloud) == k).all() for k, cloud in enumerate(clouds))
+    parts = [rich_cloud(20, 1), fuse([]), rich_cloud(30, 2)]
+    fused = fuse(parts)
+    for name in attributes(parts[0]):
+        expected = np.concatenate([attributes(part)[name] for part in (parts[0], parts[2])])
+        np.testing.assert_array_equal(attributes(fused)[name], expected)
+    with pytest.warns(UserWarning, match=r"fuse drops intensity, ring: not all 2 clouds"):
+        poorer = fuse([rich_cloud(20, 1), rich_cloud(30, 2, "intensity", "ring")])
+    assert set(attributes(poorer)) == {"positions", "sensor", "normals", "colors", "time"}
 
 
 def rich_cloud(n=60, seed=0, *left_out):
@@ -209,17 +222,6 @@ def equal(cloud, other):
     for name, column in ours.items():
         assert column.dtype == theirs[name].dtype
         np.testing.assert_array_equal(column, theirs[name], err_msg=name)
-
-
-def test_fuse_keeps_what_all_clouds_have_and_names_the_rest():
-    parts = [rich_cloud(20, 1), fuse([]), rich_cloud(30, 2)]
-    fused = fuse(parts)
-    for name in attributes(parts[0]):
-        expected = np.concatenate([attributes(part)[name] for part in (parts[0], parts[2])])
-        np.testing.assert_array_equal(attributes(fused)[name], expected)
-    with pytest.warns(UserWarning, match=r"fuse drops intensity, ring: not all 2 clouds"):
-        poorer = fuse([rich_cloud(20, 1), rich_cloud(30, 2, "intensity", "ring")])
-    assert set(attributes(poorer)) == {"positions", "sensor", "normals", "colors", "time"}
 
 
 def test_down_sampling_keeps_measured_points_of_every_sensor():

@@ -83,7 +83,7 @@ def test_unknown_sensors_are_named(unknown):
         select_sensors(SENSORS, [unknown])
 
 
-def test_moving_site_and_sensors_together_moves_the_points():
+def test_points_move_with_site_and_sensors_and_edges_count():
     scene, shift = frame(), np.array([256.0, -128.0, 0.0])
     moved = tuple(Sensor(s.name, s.model, pose(*shift) @ s.pose) for s in SENSORS)
     area = np.array(AREA) + np.tile(shift[:2], 2)
@@ -93,6 +93,14 @@ def test_moving_site_and_sensors_together_moves_the_points():
         strict=True,
     ):
         np.testing.assert_allclose(there, here + shift, atol=1e-4)
+    boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
+    assert has_centre_inside(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
+    points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
+    for metric in ("horizontal", "published"):
+        level = is_beyond(
+            points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
+        )
+        assert level.tolist() == [False, True, False]
 
 
 def test_map_coordinates_and_odd_heights_are_refused():
@@ -107,18 +115,7 @@ def test_map_coordinates_and_odd_heights_are_refused():
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, floor=float("nan"))
 
 
-def test_edges_and_circles_include_their_points():
-    boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
-    assert has_centre_inside(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
-    points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
-    for metric in ("horizontal", "published"):
-        level = is_beyond(
-            points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
-        )
-        assert level.tolist() == [False, True, False]
-
-
-def test_on_a_slope_the_crop_and_the_points_of_a_box_are_those_of_level_ground():
+def test_slopes_are_cropped_and_detected_in_as_level_ground():
     slope = (0.06, -0.02)
     steep = Site("steep", np.array([-50.0, -50, 50, 50]), height=3.0, relief=Relief(0.0, 0, slope))
     rng = np.random.default_rng(4)
@@ -131,9 +128,6 @@ def test_on_a_slope_the_crop_and_the_points_of_a_box_are_those_of_level_ground()
     np.testing.assert_array_equal(is_inside(level_rows(world, slope), steep.area, 3.0), kept)
     np.testing.assert_array_equal(count_on_ground(world, tilt_rows(boxes, slope), steep), count_points(flat, boxes))
     np.testing.assert_allclose(positions(crop(from_points(world), steep)), world[kept], atol=1e-4)
-
-
-def test_a_detector_of_level_ground_serves_on_a_slope():
     given = []
 
     def detect(points):

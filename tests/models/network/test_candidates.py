@@ -47,7 +47,7 @@ def prediction_of(boxes, config=CONFIG, sure=5.0):
     return Prediction(*shaped)
 
 
-def test_perfect_maps_become_the_boxes_they_hold_within_the_area():
+def test_perfect_maps_become_their_boxes_averaged_by_squared_scores():
     boxes = [[1.0, 2.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5], [5, -5, 1.2, 9, 2.5, 3, -1.5]]
     found = suppress(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1)
     np.testing.assert_allclose(found.boxes[:, :6], np.array(boxes)[:, :6], atol=1e-4)
@@ -58,9 +58,6 @@ def test_perfect_maps_become_the_boxes_they_hold_within_the_area():
     boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
     found = suppress(*candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1)
     np.testing.assert_allclose(found.boxes[:, 0], [-3.0], atol=1e-4)
-
-
-def test_averaging_weighs_by_squared_scores_and_heeds_neither_far_nor_turned_boxes():
     best = [0.0, 0, 1, 4, 2, 1.5, 0.1]
     beside = [0.2, 0, 1, 4, 2, 1.5, 0.1 + np.pi]  # the same line, the other way
     across, far = [0.0, 0, 1, 4, 2, 1.5, 0.1 + np.pi / 2], [9.0, 0, 1, 4, 2, 1.5, 0]

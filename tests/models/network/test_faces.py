@@ -105,13 +105,23 @@ def test_moved_by_its_offsets_a_box_is_the_truth(seed):
     np.testing.assert_array_equal(result[:, 6], boxes[:, 6])
 
 
-def test_faces_move_outwards_and_no_box_turns_inside_out():
+def test_faces_move_outwards_and_a_batch_is_its_items():
     box = faces.move_faces(BOX, np.array([0.3, -0.1]), np.array([0.2, 0.05]), np.array([-0.4]))[0]
     low, high = corners(box[None])[0].min(axis=0), corners(box[None])[0].max(axis=0)
     np.testing.assert_allclose(low, [1.1, -3.05, 0.0], atol=1e-12)
     np.testing.assert_allclose(high, [5.3, -0.8, 1.2], atol=1e-12)
     box = faces.move_faces(BOX, np.array([-3.0, -3.0]), np.array([-2.0, -2.0]), np.array([-5.0]))[0]
     np.testing.assert_allclose(box[3:6], 0.2 * BOX[0, 3:6])
+    clouds = [
+        np.random.default_rng(k).uniform((-9, -9, -1), (9, 9, 4), (count, 3)).astype(np.float32)
+        for k, count in ((1, 3000), (2, 400))
+    ]
+    staged, plain = VoxelNetDetector(rebuild(network(), faces=("vehicle",))), VoxelNetDetector(network())
+    for together, alone, before in zip(staged.batch(clouds), map(staged, clouds), map(plain, clouds), strict=True):
+        np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
+        np.testing.assert_allclose(alone.scores, before.scores, atol=1e-6)
+        assert np.abs(alone.boxes - before.boxes).max() > 0.01
+        np.testing.assert_allclose(alone.boxes[:, 6], before.boxes[:, 6], atol=1e-6)
 
 
 class Known(faces.FaceNetworks):
@@ -149,16 +159,3 @@ def network():
     made = VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))).eval()
     torch.nn.init.normal_(made.head.classes.bias, 0.0, 0.1)
     return made
-
-
-def test_a_detector_with_a_second_stage_gives_a_batch_as_its_items_and_keeps_scores():
-    clouds = [
-        np.random.default_rng(k).uniform((-9, -9, -1), (9, 9, 4), (count, 3)).astype(np.float32)
-        for k, count in ((1, 3000), (2, 400))
-    ]
-    staged, plain = VoxelNetDetector(rebuild(network(), faces=("vehicle",))), VoxelNetDetector(network())
-    for together, alone, before in zip(staged.batch(clouds), map(staged, clouds), map(plain, clouds), strict=True):
-        np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
-        np.testing.assert_allclose(alone.scores, before.scores, atol=1e-6)
-        assert np.abs(alone.boxes - before.boxes).max() > 0.01
-        np.testing.assert_allclose(alone.boxes[:, 6], before.boxes[:, 6], atol=1e-6)

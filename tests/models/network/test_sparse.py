@@ -142,7 +142,7 @@ CONFIG = VoxelNetConfig.light((-4, -4, 5, 4))
 
 @pytest.mark.parametrize("counts", [(0,), (1,), (900,), (400, 0, 30)])
 @torch.no_grad()
-def test_columns_give_the_map_of_fold_and_convolution(trained, cloud, counts):
+def test_columns_and_reached_cells_give_the_dense_map(trained, cloud, counts):
     network = trained(CONFIG)
     first = nn.Conv2d(network.middle.width, 12, 3, stride=2, padding=1)
     voxels = collate([voxelise(cloud(CONFIG, n, seed), CONFIG) for seed, n in enumerate(counts)])
@@ -150,6 +150,12 @@ def test_columns_give_the_map_of_fold_and_convolution(trained, cloud, counts):
     expected = torch.relu(first(network.middle(features, voxels)))
     got = SparseColumns(network.middle, first)(features, voxels)
     torch.testing.assert_close(got, expected, atol=1e-5, rtol=1e-5)
+    network = trained(DEEP)
+    voxels = collate([voxelise(cloud(DEEP, n, seed), DEEP) for seed, n in enumerate(counts)])
+    features = network.features(voxels)
+    middle = SparseMiddle(network.middle)
+    expected = network.middle(features, voxels)[:, middle.channel_order]
+    torch.testing.assert_close(middle(features, voxels), expected, atol=1e-5, rtol=1e-4)
 
 
 @torch.no_grad()
@@ -163,17 +169,6 @@ def test_what_no_column_reaches_is_the_bias(trained, cloud):
 
 DEEP = VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW)
 PLANE = Plane(items=2, nx=4, ny=3)
-
-
-@pytest.mark.parametrize("counts", [(0,), (1,), (900,), (400, 0, 30)])
-@torch.no_grad()
-def test_reached_cells_and_a_constant_give_the_dense_map(trained, cloud, counts):
-    network = trained(DEEP)
-    voxels = collate([voxelise(cloud(DEEP, n, seed), DEEP) for seed, n in enumerate(counts)])
-    features = network.features(voxels)
-    middle = SparseMiddle(network.middle)
-    expected = network.middle(features, voxels)[:, middle.channel_order]
-    torch.testing.assert_close(middle(features, voxels), expected, atol=1e-5, rtol=1e-4)
 
 
 def test_cells_have_one_place_and_grow_within_the_border():

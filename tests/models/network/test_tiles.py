@@ -140,13 +140,22 @@ def test_maps_of_every_union_are_those_of_its_points(name, trained):
     assert_maps_are_those_of_the_network(network, clouds, np.array(list(np.ndindex(2, 2, 2, 2)), bool))
 
 
-def test_several_classes_several_rounds_of_layers_and_more_clouds_than_a_number_has_bits(trained):
+def test_several_classes_crowded_voxels_and_many_clouds(trained):
     config = light((-10.0, -10.0, 12.0, 10.0), **road_users(), rpn_layers=((0, 1, 1), (0, 1, 2), (0, 1)))
     network = SparseVoxelNet(trained(config))
     clouds = drawn(config, 70, n=12)
     unions = np.random.default_rng(1).random((9, 70)) < 0.3
     unions[1] = unions[0]
     unions[1, [0, 35, 68]] ^= True  # they differ by clouds of each word of the number
+    assert_maps_are_those_of_the_network(network, clouds, unions)
+    # Two heaps of some hundred points in few voxels, each of several clouds that overlap, and somebody far off.
+    config = replace(light((0.0, 0.0, 4 * 9.6, 9.6)), max_points=4)
+    rng = np.random.default_rng(2)
+    heaps = [rng.normal(at, (0.2, 0.2, 0.4), (60, 3)) for at in [(5, 5, 1.5)] * 3 + [(21, 5, 1.5)] * 2]
+    clouds = [torch.from_numpy(heap.astype(np.float32)) for heap in (*heaps, rng.normal((35, 4, 1), 0.5, (9, 3)))]
+    unions = rng.permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))[:40]
+    network = SparseVoxelNet(trained(config))
+    assert len(TiledVoxelNet(network).plan(clouds, unions).crowded.dropped)
     assert_maps_are_those_of_the_network(network, clouds, unions)
 
 
@@ -177,18 +186,6 @@ def test_what_unions_see_alike_is_computed_once(trained):
     assert (some.start, entries.of.shape) == (0, (72, 256))
     assert computed == len(entries.tile) <= 2 * 72
     assert computed >= 72 + 8
-
-
-def test_crowded_voxels_are_thinned_as_those_of_each_union_are(trained):
-    """Two heaps of some hundred points in few voxels, each of several clouds that overlap, and somebody far off."""
-    config = replace(light((0.0, 0.0, 4 * 9.6, 9.6)), max_points=4)
-    rng = np.random.default_rng(2)
-    heaps = [rng.normal(at, (0.2, 0.2, 0.4), (60, 3)) for at in [(5, 5, 1.5)] * 3 + [(21, 5, 1.5)] * 2]
-    clouds = [torch.from_numpy(heap.astype(np.float32)) for heap in (*heaps, rng.normal((35, 4, 1), 0.5, (9, 3)))]
-    unions = rng.permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))[:40]
-    network = SparseVoxelNet(trained(config))
-    assert len(TiledVoxelNet(network).plan(clouds, unions).dropped)
-    assert_maps_are_those_of_the_network(network, clouds, unions)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_every_point_inside_is_in_the_voxel_it_lies_in(seed, n):
     assert set(voxels.voxel.tolist()) == set(range(len(voxels.cells)))
 
 
-def test_borders_and_voxel_sizes_are_the_published_ones():
+def test_borders_voxels_and_batches_are_the_published_ones():
     cells = voxelise(cloud(1), CONFIG).cells[:, [3, 1, 2]].tolist()
     assert cells == sorted(cells)
     assert len(voxelise(np.float32([[4, 0, 1], [0, -2, 1], [0, 0, 0], [0, 0, 4], [0.1, 0, 1e-6]]), CONFIG).points) == 1
@@ -42,6 +42,15 @@ def test_borders_and_voxel_sizes_are_the_published_ones():
     np.testing.assert_array_equal(voxels.cells[voxels.voxel, 1], np.floor(x / np.float64(0.2)))
     with pytest.raises((ValueError, TypeError)):
         voxelise(np.zeros((3, 5), np.float32), CONFIG)
+    items = [voxelise(cloud(seed, n), CONFIG) for seed, n in ((1, 900), (2, 0), (3, 500))]
+    batch = collate(items)
+    assert batch.items == 3
+    for number, item in enumerate(items):
+        rows = batch.cells[:, 0] == number
+        torch.testing.assert_close(batch.cells[rows][:, 1:], item.cells[:, 1:])
+        points = rows[batch.voxel]
+        torch.testing.assert_close(batch.points[points], item.points)
+        torch.testing.assert_close(batch.cells[batch.voxel[points], 1:], item.cells[item.voxel, 1:])
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3), np.float32), np.float32([[9, 0, 1], [0, 0, -1], [np.nan, 0, 1]])])
@@ -69,15 +78,3 @@ def test_crowded_voxels_keep_35_points_without_bias_by_the_seed():
     assert not torch.equal(once.points, other.points)
     crowd = np.random.default_rng(0).uniform((0.01, 0.01, 0.01), (0.19, 0.19, 0.39), (35, 3)).astype(np.float32)
     assert len(voxelise(crowd, CONFIG).points) == 35
-
-
-def test_a_batch_holds_its_items():
-    items = [voxelise(cloud(seed, n), CONFIG) for seed, n in ((1, 900), (2, 0), (3, 500))]
-    batch = collate(items)
-    assert batch.items == 3
-    for number, item in enumerate(items):
-        rows = batch.cells[:, 0] == number
-        torch.testing.assert_close(batch.cells[rows][:, 1:], item.cells[:, 1:])
-        points = rows[batch.voxel]
-        torch.testing.assert_close(batch.points[points], item.points)
-        torch.testing.assert_close(batch.cells[batch.voxel[points], 1:], item.cells[item.voxel, 1:])

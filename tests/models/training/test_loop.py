@@ -61,11 +61,15 @@ def test_another_seed_gives_other_weights_and_workers_the_same(packed_file, tmp_
     assert not same_weights(first, other)
 
 
-def test_a_folder_of_another_run_is_refused(packed_file, tmp_path):
+def test_folders_of_other_runs_and_heads_that_do_not_fit_are_refused(packed_file, tmp_path):
     config = loop.make_config(AREA, "fast")
     loop.train(packed_file, config, replace(FAST, epochs=0.4), tmp_path)
     with pytest.raises(ValueError, match="another preset: choose another folder"):
         loop.train(packed_file, config, replace(FAST, epochs=0.7), tmp_path)
+    assert loop.choose_area("fast", packed_file) == AREA
+    assert loop.choose_area("general", packed_file) == loop.ANYWHERE
+    with pytest.raises(ValueError, match="published loss"):
+        loop.train(packed_file, VoxelNetConfig.light(AREA), loop.PRESETS["paper"], tmp_path)
 
 
 def test_the_log_s_means_do_not_depend_on_where_a_training_was_killed(packed_file, tmp_path, monkeypatch):
@@ -91,7 +95,7 @@ def test_it_learns_two_frames_by_heart(frames, tmp_path):
     assert ap["AP@0.8"] > 0.9
 
 
-def test_it_goes_on_from_other_weights(packed_file, tmp_path):
+def test_it_goes_on_from_other_weights_and_learns_in_bfloat16(packed_file, tmp_path):
     config, settings = loop.make_config(AREA, "fast"), replace(FAST, epochs=0.4, learning_rate=1e-9)
     first = loop.train(packed_file, config, replace(FAST, epochs=0.4), tmp_path / "first")
     second = loop.train(packed_file, config, settings, tmp_path / "second", start=first)
@@ -99,9 +103,6 @@ def test_it_goes_on_from_other_weights(packed_file, tmp_path):
     assert all(torch.allclose(theirs[name], p, atol=1e-6) for name, p in second.named_parameters())
     with pytest.raises(ValueError, match="start"):
         loop.train(packed_file, config, settings, tmp_path / "second")
-
-
-def test_in_bfloat16_it_learns_as_well_and_is_another_run(packed_file, tmp_path):
     config, settings, figures = loop.make_config(AREA, "fast"), replace(FAST, epochs=4.0), {}
     for bfloat16 in (False, True):
         loop.train(packed_file, config, settings, tmp_path / str(bfloat16), machine=loop.Machine(bfloat16=bfloat16))
@@ -110,13 +111,6 @@ def test_in_bfloat16_it_learns_as_well_and_is_another_run(packed_file, tmp_path)
     assert figures[True] != figures[False]
     with pytest.raises(ValueError, match="another bfloat16"):
         loop.train(packed_file, config, settings, tmp_path / "True")
-
-
-def test_areas_are_those_of_the_data_and_heads_of_the_loss(packed_file, tmp_path):
-    assert loop.choose_area("fast", packed_file) == AREA
-    assert loop.choose_area("general", packed_file) == loop.ANYWHERE
-    with pytest.raises(ValueError, match="published loss"):
-        loop.train(packed_file, VoxelNetConfig.light(AREA), loop.PRESETS["paper"], tmp_path)
 
 
 def test_data_of_two_areas_needs_a_site(frames, tmp_path):
@@ -183,7 +177,7 @@ def test_a_training_that_goes_on_executes_nothing_of_its_checkpoint(packed_file,
     assert "executed" not in capsys.readouterr().out
 
 
-def test_what_is_saved_is_read_and_nothing_else_is_left_beside_it(tmp_path):
+def test_settings_logs_and_curves_are_read_as_they_were_saved(tmp_path):
     path = tmp_path / loop.CHECKPOINT
     for step in (1, 2):
         save_atomically(path, {"step": step, "weights": torch.arange(3)})
@@ -191,9 +185,6 @@ def test_what_is_saved_is_read_and_nothing_else_is_left_beside_it(tmp_path):
         assert state["step"] == step
         assert state["weights"].tolist() == [0, 1, 2]
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_settings_are_the_same_after_a_round_trip_and_others_are_named(tmp_path):
     identity = {"config": {"area": (1.0, 2.0)}, "preset": {"seed": 0}, "start": ""}
     read = {"config": {"area": [1.0, 2.0]}, "preset": {"seed": 0}}  # a run of old, which knew no start
     check_identity(tmp_path, read, identity)
@@ -201,7 +192,7 @@ def test_settings_are_the_same_after_a_round_trip_and_others_are_named(tmp_path)
         check_identity(tmp_path, read, {**identity, "preset": {"seed": 1}, "start": "abc"})
 
 
-def test_a_log_forgets_what_came_after_the_checkpoint(tmp_path):
+def test_logs_forget_what_came_later_and_curves_keep_their_order(tmp_path):
     path = tmp_path / "log.csv"
     loop.cut_log(path, 5)
     for step in (5, 10, 15):
@@ -214,9 +205,6 @@ def test_a_log_forgets_what_came_after_the_checkpoint(tmp_path):
     loop.cut_log(path, 10)
     loop.add_figures(path, 1, 0.1, {"box": 1.0})
     assert loop.read_curves(path) == {"box": ([0.1], [1.0])}
-
-
-def test_curves_come_in_the_order_in_which_they_first_appear(tmp_path):
     path = tmp_path / loop.LOG
     loop.add_figures(path, 1, 0.5, {"residuals": 2.0, "class": 3.0})
     loop.add_figures(path, 2, 1.0, {"AP@0.7": 0.25, "class": 1.0})

@@ -94,7 +94,7 @@ def test_an_anchor_between_two_objects_belongs_to_the_one_it_overlaps_more(order
     assert found.owner[(*CELL, 0)] == order.index(0)
 
 
-def test_anchors_have_the_owner_they_fit_best():
+def test_anchors_have_the_owner_they_fit_and_ignored_ones_cost_nothing():
     found = assign(GRID, np.concatenate([car(), car()]), positive=0.3, best=2.0)
     assert (found.owner[found.labels == POSITIVE] == 0).all()
     # A small object whose best anchor lies under a large one: without this rule it would have none.
@@ -105,6 +105,13 @@ def test_anchors_have_the_owner_they_fit_best():
     found = assign(GRID, np.concatenate([car(-6, -6), car()]), positive=0.6, negative=0.3)
     assert (found.owner[found.labels != POSITIVE] == 0).all()
     assert (found.owner == 1).any()
+    labels, wanted = targets()
+    maps = [torch.randn(1, width, *CONFIG.map_shape) for width in (2, 16, 2, 2)]
+    ignored = labels == NEGATIVE
+    before = quality_loss(Prediction(*maps), labels.masked_fill(ignored, IGNORED), wanted, ANCHORS)["class"]
+    shouting = maps[0] + 50 * channels(ignored[..., None].float())
+    after = quality_loss(Prediction(shouting, *maps[1:]), labels.masked_fill(ignored, IGNORED), wanted, ANCHORS)
+    torch.testing.assert_close(after["class"], before)
 
 
 KINDS = ROAD_USERS
@@ -223,16 +230,6 @@ def test_losses_are_finite_and_every_map_gets_a_gradient(loss, widths, boxes):
     assert all(torch.isfinite(gradient) for gradient in gradients)
     assert gradients[0] > 0
     assert all((gradient > 0) == (len(boxes) > 0) for gradient in gradients[1:])
-
-
-def test_ignored_anchors_cost_nothing():
-    labels, wanted = targets()
-    maps = [torch.randn(1, width, *CONFIG.map_shape) for width in (2, 16, 2, 2)]
-    ignored = labels == NEGATIVE
-    before = quality_loss(Prediction(*maps), labels.masked_fill(ignored, IGNORED), wanted, ANCHORS)["class"]
-    shouting = maps[0] + 50 * channels(ignored[..., None].float())
-    after = quality_loss(Prediction(shouting, *maps[1:]), labels.masked_fill(ignored, IGNORED), wanted, ANCHORS)
-    torch.testing.assert_close(after["class"], before)
 
 
 def test_focal_and_iou_losses_are_their_definitions():

@@ -70,7 +70,7 @@ def scene(tmp_path_factory):
     return frames, PackedFrames(path)
 
 
-def test_a_packed_frame_with_errors_is_the_recorded_one_with_errors(scene):
+def test_errors_of_packed_frames_mix_with_what_is_outside_the_crop(scene):
     frames, packed = scene
     for terms in ((DropOut(0.3),), (Calibration(0.02, 0.3),), (DropOut(0.1), Calibration(0.01, 0.1))):
         errors = ErrorProfile("few", terms)
@@ -83,9 +83,6 @@ def test_a_packed_frame_with_errors_is_the_recorded_one_with_errors(scene):
             assert len(points) > 1000
             assert abs(len(points) - len(kept)) < 0.01 * len(kept)
             np.testing.assert_allclose(points.mean(axis=0), kept.mean(axis=0), atol=0.02)
-
-
-def test_what_is_outside_the_crop_mixes_with_what_is_inside_and_is_not_seen(scene):
     _, packed = scene
     clean, mixed = (
         np.concatenate(with_errors(packed, 1, ErrorProfile("m", (MixedPixels(share),)), 3)) for share in (0.0, 1.0)
@@ -94,9 +91,6 @@ def test_what_is_outside_the_crop_mixes_with_what_is_inside_and_is_not_seen(scen
     behind = mixed[(mixed[:, 0] > -1.5) & (mixed[:, 2] > 0.6)]
     assert len(behind) >= 5  # between the car's edge and what lies far behind
     assert abs(mixed[:, :2]).max() <= 20
-
-
-def test_some_of_the_sensors_are_read_as_when_all_are(scene):
     _, packed = scene
     both, one = with_errors(packed, 2, POOR, 5), with_errors(packed, 2, POOR, 5, [1])
     assert len(one) == 1
@@ -263,7 +257,7 @@ def test_asked_for_is_what_can_be_seen_in_the_area(packed):
         assert (labels == NEGATIVE).sum() > 0.9 * labels.numel()
 
 
-def test_samples_and_windows_are_cut_to_size(packed):
+def test_samples_are_cut_to_size_thinned_and_tilted(packed):
     labels = Samples(packed, CONFIG, RECIPES[1], seed=0)[0, 0].labels
     assert (labels != IGNORED).sum() == 256
     assert 1 <= (labels == POSITIVE).sum() <= 128
@@ -274,6 +268,15 @@ def test_samples_and_windows_are_cut_to_size(packed):
         assert example.voxels.points[:, :2].abs().max() < 6.4
         positive = example.boxes[example.labels == POSITIVE]
         assert not len(positive) or positive[:, :2].abs().max() < 6.4
+    recipe = SampleRecipe(subsets=0.0)
+    plain = Samples(packed, CONFIG, recipe, seed=0)
+    thin = Samples(packed, CONFIG, replace(recipe, thinned=1.0), seed=0)
+    shares = [len(thin[epoch, 1].voxels.points) / len(plain[0, 1].voxels.points) for epoch in range(12)]
+    assert min(shares) < 0.5 < max(shares) < 1.0
+    tilt = Samples(packed, CONFIG, replace(recipe, tilted=1.0), seed=0)
+    spread = [np.ptp([np.median(each[epoch, 1].voxels.points[:, 2]) for epoch in range(9)]) for each in (plain, tilt)]
+    assert spread[0] < 0.01
+    assert spread[1] > 0.05
 
 
 CLASSES = VoxelNetConfig.light((-12.8, -12.8, 12.8, 12.8), **road_users())
@@ -316,15 +319,3 @@ def test_windows_lie_near_every_class_or_anywhere(packed):
     near, some, anywhere = (with_somebody(replace(recipe, elsewhere=share)) for share in (0.0, 0.5, 1.0))
     assert near > some > anywhere
     assert anywhere < near - 0.3
-
-
-def test_thinned_and_tilted_examples_have_fewer_points_on_other_ground(packed):
-    recipe = SampleRecipe(subsets=0.0)
-    plain = Samples(packed, CONFIG, recipe, seed=0)
-    thin = Samples(packed, CONFIG, replace(recipe, thinned=1.0), seed=0)
-    shares = [len(thin[epoch, 1].voxels.points) / len(plain[0, 1].voxels.points) for epoch in range(12)]
-    assert min(shares) < 0.5 < max(shares) < 1.0
-    tilt = Samples(packed, CONFIG, replace(recipe, tilted=1.0), seed=0)
-    spread = [np.ptp([np.median(each[epoch, 1].voxels.points[:, 2]) for epoch in range(9)]) for each in (plain, tilt)]
-    assert spread[0] < 0.01
-    assert spread[1] > 0.05

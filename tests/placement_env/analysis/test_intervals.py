@@ -59,7 +59,7 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
     assert tally.resamples(seed=1).tolist() == whole.tolist()
 
 
-def test_blocks_are_drawn_as_one_by_their_seed():
+def test_blocks_are_drawn_as_one_and_one_block_has_no_width():
     draws = block_draws(10, block=4, resamples=200, seed=5)
     assert draws.shape == (200, 10)
     assert (draws[:, 0:4] == draws[:, :1]).all()
@@ -69,9 +69,6 @@ def test_blocks_are_drawn_as_one_by_their_seed():
     assert draws[:, [0, 4, 8]].mean(axis=0) == pytest.approx([1, 1, 1], abs=0.15)
     assert (block_draws(40, seed=1) == block_draws(40, seed=1)).all()
     assert (block_draws(40, seed=1) != block_draws(40, seed=2)).any()
-
-
-def test_intervals_without_width_of_perfect_detections_or_one_block():
     scores, hits = [[0.9, 0.8]] * 8, [[True, True]] * 8
     assert ap_interval(scores, hits, [2] * 8) == Interval(1.0, 1.0)
     assert ap_interval([[]] * 8, [[]] * 8, [2] * 8) == Interval(0.0, 0.0)

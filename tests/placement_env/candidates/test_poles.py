@@ -126,7 +126,7 @@ def test_poles_in_the_way_are_left_out_by_name(site, tmp_path):
     assert shapely.hausdorff_distance(area, shapely.Polygon(corners)) < 2e-3
 
 
-def test_keep_out_areas_may_have_holes_and_parts(site, tmp_path):
+def test_poles_keep_out_and_name_what_is_not_understood(site, tmp_path):
     outer = [[-40, 6], [40, 6], [40, 30], [-40, 30], [-40, 6]]
     hole = [[-5, 8], [5, 8], [5, 20], [-5, 20], [-5, 8]]
     south = [[-40, -30], [40, -30], [40, -20], [-40, -20], [-40, -30]]
@@ -138,6 +138,20 @@ def test_keep_out_areas_may_have_holes_and_parts(site, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(pool(site, mounts=load_poles(local(tmp_path, point([0.0, 10.0])), site))) > 0
+    path = write(
+        tmp_path,
+        point(degrees([[10.0, 12.0]])[0], Height=9.0, cost_eur=900, name="a"),
+        point(degrees([[-10.0, 12.0]])[0], Height=None, owner="tram", cost_eur=100, name="b"),
+        polygon(degrees([[-5.0, 5.0], [20.0, 5.0], [20.0, 20.0]]), KeepOut=True, colour="red"),
+    )
+    with pytest.warns(UserWarning, match="not understood") as caught:
+        mounts = load_poles(path, site)
+    assert [str(w.message) for w in caught] == [
+        f"{path}: properties that are not understood, so not used: Height: height (m above the foot)?, "
+        "cost_eur: price (1: that of an ordinary pole)?, owner",
+        f"{path}: properties that are not understood, so not used: KeepOut: keep_out (true or false, of a polygon)?",
+    ]
+    assert [(mount.max_height, mount.price) for mount in mounts] == [(8.0, 1.0), (8.0, 1.0)]
 
 
 def multipoint(places: list[Any], **properties) -> dict:
@@ -193,7 +207,7 @@ def test_what_is_wrong_is_told_in_one_line(site, tmp_path, features, message):
     assert "\n" not in str(error.value)
 
 
-def test_other_systems_of_coordinates_are_refused(site, tmp_path):
+def test_other_systems_of_coordinates_are_refused_or_need_pyproj(site, tmp_path):
     (lon_lat,) = degrees([[10.0, 12.0]])
     with pytest.raises(ValueError, match=r"longitude and latitude.*EPSG:4326"):
         load_poles(write(tmp_path, point([392000.0, 5819000.0])), site)
@@ -205,9 +219,6 @@ def test_other_systems_of_coordinates_are_refused(site, tmp_path):
         load_poles(write(tmp_path, point(lon_lat[::-1])), site)
     with pytest.raises(ValueError, match="coview_site"):
         load_poles(write(tmp_path, point(lon_lat)), replace(site, geo_reference=None))
-
-
-def test_maps_of_other_projections_need_pyproj(site, tmp_path):
     (lon_lat,) = degrees([[10.0, 12.0]])
     other = replace(site, geo_reference="+proj=utm +zone=33 +datum=WGS84", map_SE3_site=pose(391410.0, 5818600.0))
     try:
@@ -242,23 +253,6 @@ def test_damaged_files_are_told_in_one_line(site, tmp_path, content, message):
         load_poles(tmp_path / "none", site)
 
 
-def test_properties_that_are_not_understood_are_named_once(site, tmp_path):
-    path = write(
-        tmp_path,
-        point(degrees([[10.0, 12.0]])[0], Height=9.0, cost_eur=900, name="a"),
-        point(degrees([[-10.0, 12.0]])[0], Height=None, owner="tram", cost_eur=100, name="b"),
-        polygon(degrees([[-5.0, 5.0], [20.0, 5.0], [20.0, 20.0]]), KeepOut=True, colour="red"),
-    )
-    with pytest.warns(UserWarning, match="not understood") as caught:
-        mounts = load_poles(path, site)
-    assert [str(w.message) for w in caught] == [
-        f"{path}: properties that are not understood, so not used: Height: height (m above the foot)?, "
-        "cost_eur: price (1: that of an ordinary pole)?, owner",
-        f"{path}: properties that are not understood, so not used: KeepOut: keep_out (true or false, of a polygon)?",
-    ]
-    assert [(mount.max_height, mount.price) for mount in mounts] == [(8.0, 1.0), (8.0, 1.0)]
-
-
 def test_a_multipoint_is_several_poles_and_a_geometry_collection_none(site, tmp_path):
     path = local(
         tmp_path,
@@ -281,7 +275,7 @@ def test_a_multipoint_is_several_poles_and_a_geometry_collection_none(site, tmp_
         assert len(load_poles(path, site)) == 1
 
 
-def test_what_was_meant():
+def test_properties_are_guessed_named_once_and_cut():
     for meant, keys in {
         "height": ("Height", "HEIGHT_M", "pole height [m]", "heigth", "Höhe"),
         "min_height": ("minHeight",),
@@ -293,9 +287,6 @@ def test_what_was_meant():
         None: ("owner", "fid", "", "2024"),
     }.items():
         assert [guess_property(key) for key in keys] == [meant] * len(keys)
-
-
-def test_properties_are_named_once_and_cut():
     known = {"name": 1, "height": 2, "max_height": 3, "min_height": 4, "price": 5, "capacity_kbit": 6, "capacity": 7}
     assert list_unknown([known | {"keep_out": True, "kind": "x", "layer": "mount", "used": False}]) == ""
     assert list_unknown([]) == ""

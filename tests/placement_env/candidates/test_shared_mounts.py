@@ -69,7 +69,7 @@ def test_all_sets_against_the_rule_in_words(make, capacity, most):
         assert objective.allowed(row).tolist() == (objective.feasible(grown) & ~row).tolist()
 
 
-def test_a_second_sensor_costs_no_second_mount_and_sets_stay_feasible(three):
+def test_a_second_sensor_costs_no_second_mount_in_environments_too(three):
     row = np.isin(np.arange(12), [0])
     added = extra_prices(three.candidates, row)
     assert added[:4].tolist() == [0.25] * 4
@@ -81,6 +81,17 @@ def test_a_second_sensor_costs_no_second_mount_and_sets_stay_feasible(three):
     for chosen in drawn:
         assert len(set(chosen)) == len(chosen) <= 5
         assert three.feasible(three.row(chosen)[None])[0]
+    from placement_env.envs.select import SensorSelectEnv
+
+    env = SensorSelectEnv(objective=three, budget=4)
+    env.reset(seed=0)
+    for slot in (0, 1):
+        assert env.action_masks()[slot]
+        info = env.step(slot)[4]
+        assert not info["illegal"]
+    assert not env.action_masks()[:4].any()
+    assert env.action_masks()[4:8].all()
+    assert info["price"] == pytest.approx(three.candidates.mounts[0].price + 0.5)
 
 
 def test_places_of_one_are_as_ever(make):
@@ -155,17 +166,3 @@ def test_masks_of_environments_are_what_the_objective_allows(make, capacity):
     for row, mask in zip(sets, masks, strict=True):
         assert mask[:12].tolist() == objective.allowed(row).tolist()
         assert not mask[12:].any()
-
-
-def test_the_environment_places_two_on_a_mount(three):
-    from placement_env.envs.select import SensorSelectEnv
-
-    env = SensorSelectEnv(objective=three, budget=4)
-    env.reset(seed=0)
-    for slot in (0, 1):
-        assert env.action_masks()[slot]
-        info = env.step(slot)[4]
-        assert not info["illegal"]
-    assert not env.action_masks()[:4].any()
-    assert env.action_masks()[4:8].all()
-    assert info["price"] == pytest.approx(three.candidates.mounts[0].price + 0.5)

@@ -56,7 +56,7 @@ def test_rewards_of_classes_add_up_and_vehicles_alone_are_as_ever(objective: Any
     assert plain.observation_space == several.observation_space
 
 
-def test_vector_environments_say_what_scalar_ones_say(objective: Any) -> None:
+def test_vector_environments_say_what_scalar_ones_say_or_refuse(objective: Any):
     made = mixed(objective())
     vector = gym.make_vec(SELECT, num_envs=3, vectorization_mode="vector_entry_point", objective=made)
     alone = gym.make(SELECT, objective=made)
@@ -69,6 +69,15 @@ def test_vector_environments_say_what_scalar_ones_say(objective: Any) -> None:
         assert infos["class_ap"][name][0] == info["class_ap"][name]
         assert infos["class_ap"][name][1] == made.score([2]).class_ap[name]
     assert infos["_class_ap"].all()
+    with pytest.raises(ValueError, match="there is no class 'tram'"):
+        gym.make(SELECT, classes=("tram",))
+    with pytest.raises(ValueError, match="keeps its classes: give them to the objective"):
+        gym.make(SELECT, objective=objective(), classes=("pedestrian",))
+    with pytest.raises(ValueError, match=r"no surrogate of tjunction for early at IoU 0\.7 of heavy"):
+        gym.make(SELECT, classes=("vehicle", "heavy"), site="tjunction")
+    gym.make(SELECT, classes=("heavy",), fidelity="table")
+    gym.make(SELECT, objective=mixed(objective()), classes=BOTH)
+    gym.make(SELECT, objective=mixed(objective()), classes=VEHICLES)
 
 
 def test_classes_by_name_at_a_site() -> None:
@@ -85,15 +94,3 @@ def test_classes_by_name_at_a_site() -> None:
     assert set(info["class_ap"]) == {"vehicle", "pedestrian"}
     _, _, _, _, info = pose.step(np.ones(3, np.float32))
     assert info["ap"] == min(info["class_ap"].values())
-
-
-def test_what_does_not_fit_is_refused(objective: Any) -> None:
-    with pytest.raises(ValueError, match="there is no class 'tram'"):
-        gym.make(SELECT, classes=("tram",))
-    with pytest.raises(ValueError, match="keeps its classes: give them to the objective"):
-        gym.make(SELECT, objective=objective(), classes=("pedestrian",))
-    with pytest.raises(ValueError, match=r"no surrogate of tjunction for early at IoU 0\.7 of heavy"):
-        gym.make(SELECT, classes=("vehicle", "heavy"), site="tjunction")
-    gym.make(SELECT, classes=("heavy",), fidelity="table")
-    gym.make(SELECT, objective=mixed(objective()), classes=BOTH)
-    gym.make(SELECT, objective=mixed(objective()), classes=VEHICLES)

@@ -71,11 +71,17 @@ def test_what_one_environment_does_not_take(name: str, wrong: dict[str, Any], to
         gym.make(name, **wrong)
 
 
-def test_an_environment_from_an_objective_draws_no_site_and_no_scheme() -> None:
+def test_environments_of_an_objective_a_config_or_candidates():
     scored = Objective(Setting("tjunction", fidelity="table"))
     for wrong in ({"site": ["tjunction", "roundabout"]}, {"scheme": ["early", "late"]}):
         with pytest.raises(ValueError, match="keeps its site and scheme"):
             SubsetConfig(objective=scored, **wrong)  # type: ignore[arg-type]
+    config = SelectConfig(setting=TABLE, budget=2)
+    one, some = gym.make(ALL[0], config=config), gym.make_vec(ALL[0], num_envs=3, config=config)
+    assert np.array_equal(one.reset(seed=0)[0], some.reset(seed=0)[0][0])
+    assert isinstance(some, SensorSelectVectorEnv)
+    own = paper_candidates(load_site("tjunction"))
+    assert gym.make(ALL[1], fidelity="table", candidates=own).action_space.shape == (len(own),)
 
 
 @pytest.mark.parametrize(
@@ -96,19 +102,7 @@ def test_one_config_holds_all_settings(env: Any, config: EnvConfig) -> None:
         config.budget = 3  # type: ignore[misc]
 
 
-def test_gymnasium_takes_the_config_too() -> None:
-    config = SelectConfig(setting=TABLE, budget=2)
-    one, some = gym.make(ALL[0], config=config), gym.make_vec(ALL[0], num_envs=3, config=config)
-    assert np.array_equal(one.reset(seed=0)[0], some.reset(seed=0)[0][0])
-    assert isinstance(some, SensorSelectVectorEnv)
-
-
 @pytest.mark.parametrize("count", [0, -1, 1.5])
 def test_a_vector_has_episodes(count: Any) -> None:
     with pytest.raises((ValueError, TypeError), match="num_envs"):
         gym.make_vec(ALL[0], num_envs=count, fidelity="table")
-
-
-def test_candidates_may_be_given() -> None:
-    own = paper_candidates(load_site("tjunction"))
-    assert gym.make(ALL[1], fidelity="table", candidates=own).action_space.shape == (len(own),)

@@ -58,7 +58,7 @@ def test_a_site_with_more_candidates_than_slots_is_refused(objective: Any) -> No
         Scenario(objective(), 5)
 
 
-def test_without_traffic_spots_in_the_field_of_view_are_seen() -> None:
+def test_rows_are_padded_and_spots_in_the_field_of_view_are_seen():
     scored = Objective(Setting("tjunction", fidelity="table"))
     seen = places_seen(scored)
     assert seen.shape == (6, 22 * 22)
@@ -70,9 +70,6 @@ def test_without_traffic_spots_in_the_field_of_view_are_seen() -> None:
     assert (tilt > 0).all()
     assert (width < np.pi).all()
     assert not lidar.any()
-
-
-def test_rows_are_padded_and_what_is_drawn_is_observed():
     assert pad(np.array([1, 2]), 4, fill=9).tolist() == [1, 2, 9, 9]
     env: Any = gym.make("coview/SensorSelect-v0", fidelity="table", budget=(2, 4), failures=(0, 2)).unwrapped
     slots, allowed = env.task.state.slots, len(STATIC) + DYNAMIC.index("allowed")

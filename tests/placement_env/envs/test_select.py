@@ -81,7 +81,7 @@ def test_the_last_action_stops_and_illegal_ones_change_nothing(objective: Any):
     assert info["action_mask"][:4].tolist() == [1, 0, 1, 1]
 
 
-def test_options(objective: Any) -> None:
+def test_options_pickles_and_masks(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective(), budget=3)
     env.reset(options={"budget": 1, "failed": ["m0_5.0m_h0_t17_camera"]})
     assert env.step(1)[2]
@@ -92,6 +92,12 @@ def test_options(objective: Any) -> None:
     ):
         with pytest.raises(ValueError, match=message):
             env.reset(options=bad)
+    env = gym.make(CHOOSING[0], objective=objective())
+    here = rollout(env)
+    assert rollout(pickle.loads(pickle.dumps(env))) == here
+    env: Any = gym.make(CHOOSING[1], objective=objective(capacity=1.0)).unwrapped
+    env.reset()
+    assert env.action_masks().tolist() == [True, False] * 6
 
 
 @pytest.mark.parametrize("name", CHOOSING)
@@ -104,13 +110,10 @@ def test_what_is_no_action_is_an_error_and_does_no_harm(objective: Any, name: st
     assert np.array_equal(env.reset()[0], before)
 
 
-def test_factored_actions_are_of_the_sites_that_the_environment_was_made_with() -> None:
+def test_sites_are_those_it_was_made_with_read_once(tmp_path: Path):
     env = gym.make(CHOOSING[0], actions="factored", slots=8, frames=1, fidelity="coverage", scheme="late")
     with pytest.raises(ValueError, match="make the environment with all"):
         env.reset(options={"site": "roundabout"})
-
-
-def test_a_site_file_is_read_once(tmp_path: Path) -> None:
     path = tmp_path / "mine.json"
     save_site(replace(load_site("tjunction"), name="mine"), path)
     env = gym.make(CHOOSING[0], frames=1, fidelity="coverage")
@@ -133,12 +136,6 @@ def rollout(env: gym.Env[Any, Any]) -> list[Any]:
     return found
 
 
-def test_a_pickled_environment_goes_on_alike(objective: Any) -> None:
-    env = gym.make(CHOOSING[0], objective=objective())
-    here = rollout(env)
-    assert rollout(pickle.loads(pickle.dumps(env))) == here
-
-
 @pytest.mark.slow
 def test_the_same_in_a_spawned_process(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective())
@@ -157,9 +154,3 @@ def test_a_set_that_may_not_be_built_is_left_empty(objective: Any, action: list[
     assert (terminated, info["illegal"]) == (True, illegal)
     assert info["subset"].sum() == (0 if illegal else sum(action))
     assert reward == sum(info["reward_terms"].values())
-
-
-def test_its_mask_says_for_each_slot_whether_it_may_be_0_and_1(objective: Any) -> None:
-    env: Any = gym.make(CHOOSING[1], objective=objective(capacity=1.0)).unwrapped
-    env.reset()
-    assert env.action_masks().tolist() == [True, False] * 6

@@ -124,12 +124,22 @@ def test_it_equals_evaluate_recording_to_the_last_digit(rows, scheme):
         np.testing.assert_array_equal(mine, again)
 
 
-def test_detections_are_shared_among_sets_schemes_and_sensors_without_points():
+def test_what_is_shared_travels_or_finds_nothing(tmp_path):
     memo, detector, seen = Cache(), Guess(), Seen(Recording(frames=2))
     for scheme, calls in (("late", 4), ("early", 4), ("hybrid", 7)):
         before = detector.calls
         Detected(seen, detector, scheme, memo=memo)(SETS[1:])
         assert detector.calls - before == 2 * calls  # of three sensors' seven sets and the empty cloud, in two frames
+    Detected(Seen(Recording()), Guess(), "late", memo=tmp_path / "memo")(SETS[1:2])
+    other, detector = Recording((SENSORS[3], SENSORS[0])), Guess()
+    Detected(Seen(other), detector, "late", memo=tmp_path / "memo")(np.array([[False, True]]))
+    assert detector.calls == 0
+    detected = Detected(Seen(Recording()), Guess(), "hybrid", memo=tmp_path / "memo")
+    before = detected(SETS[[0, 5]])
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(detected))(SETS[[0, 5]]), before)
+    recording = Recording()
+    recording.site = Site("elsewhere", AREA + 1000)
+    assert np.isnan(Detected(Seen(recording), Guess(), "early")(SETS).ap).all()
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -188,13 +198,6 @@ def test_the_code_of_a_detector_that_knows_its_background_counts(monkeypatch):
     assert asked > {KnownBackground.__module__, Guess.__module__}
 
 
-def test_the_same_sensors_of_another_pool_share_what_is_kept(tmp_path):
-    Detected(Seen(Recording()), Guess(), "late", memo=tmp_path / "memo")(SETS[1:2])
-    other, detector = Recording((SENSORS[3], SENSORS[0])), Guess()
-    Detected(Seen(other), detector, "late", memo=tmp_path / "memo")(np.array([[False, True]]))
-    assert detector.calls == 0
-
-
 def test_hits_give_the_ap_again_and_name_objects():
     detected = Detected(Seen(Recording()), Guess(), "early").at(0.7, also=[0.55])
     for subset in SETS[[0, 3, 15]]:
@@ -213,15 +216,6 @@ def test_hits_give_the_ap_again_and_name_objects():
     boxes = Recording()[0].objects.boxes[detected.scored(0)]
     first = detected.outcomes([(0, 1, 2, 3)], [0])[0, 1, 2, 3][0]
     assert set(first.truth[0]) <= {FALSE_ALARM, -2, *range(len(boxes))}
-
-
-def test_what_travels_or_finds_nothing(tmp_path):
-    detected = Detected(Seen(Recording()), Guess(), "hybrid", memo=tmp_path / "memo")
-    before = detected(SETS[[0, 5]])
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(detected))(SETS[[0, 5]]), before)
-    recording = Recording()
-    recording.site = Site("elsewhere", AREA + 1000)
-    assert np.isnan(Detected(Seen(recording), Guess(), "early")(SETS).ap).all()
 
 
 class Nameless:

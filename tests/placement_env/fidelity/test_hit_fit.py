@@ -18,7 +18,7 @@ def visibility(made_visibility):
     return made_visibility()
 
 
-def test_fit_finds_the_model_that_made_the_hits(made_visibility, hit_model):
+def test_fit_finds_the_model_that_made_the_hits_and_bulk(made_visibility, hit_model):
     sets = SETS[:30]
     seen = made_visibility(12, 250, seed=5)
     surrogate = Surrogate(seen, "early", hit_model)
@@ -31,6 +31,12 @@ def test_fit_finds_the_model_that_made_the_hits(made_visibility, hit_model):
     assert found.norm == pytest.approx(hit_model.norm, abs=0.4)
     assert found.density == pytest.approx(hit_model.density, rel=0.3)
     assert found.oblique == pytest.approx(hit_model.oblique, abs=0.3)
+    model = replace(hit_model, bulk=0.7)
+    sites = [made(made_visibility, model, seed) for seed in (7, 8)]
+    found = fit(sites, scheme="early", iou=0.7)
+    assert found.bulk == pytest.approx(0.7, abs=0.15)
+    for site in sites:
+        np.testing.assert_allclose(Surrogate(site.visibility, "early", found)(site.subsets).ap, site.ap, atol=0.03)
 
 
 def test_fit_refuses_other_frames_and_certainty(visibility):
@@ -51,15 +57,6 @@ def made(made_visibility, model, seed, *, sets=SETS[:20], objects=160):
     hits = np.random.default_rng(seed + 50).random(p.shape) < p
     ap = Surrogate(seen, "early", model)(sets).ap
     return Observed(seen, sets, hits, ap, 20.0, ("DepthCamera",))
-
-
-def test_fit_finds_how_much_less_surely_what_is_bulky_is_found(made_visibility, hit_model):
-    model = replace(hit_model, bulk=0.7)
-    sites = [made(made_visibility, model, seed) for seed in (7, 8)]
-    found = fit(sites, scheme="early", iou=0.7)
-    assert found.bulk == pytest.approx(0.7, abs=0.15)
-    for site in sites:
-        np.testing.assert_allclose(Surrogate(site.visibility, "early", found)(site.subsets).ap, site.ap, atol=0.03)
 
 
 def test_fit_finds_the_floor_and_says_how_sure_it_is_and_to_what_it_was_fitted(made_visibility, hit_model):

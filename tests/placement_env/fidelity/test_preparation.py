@@ -59,8 +59,20 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
     assert len(again.run.memo) == kept
 
 
-def test_without_a_folder_nothing_is_kept(small_traffic, small_candidates):
+def test_sensors_are_seen_live_and_nothing_kept_without_a_folder(small_traffic, small_candidates):
     assert prepared(small_traffic, small_candidates, None).run.memo is None
+
+    def live(candidates=small_candidates, rendering="auto"):
+        made = Preparation(Setting(small_traffic.site, candidates=candidates, rendering=rendering), Run(frames=5))
+        vars(made)["traffic"] = small_traffic
+        return made.live
+
+    assert live() is None
+    assert live(rendering="full") is None
+    assert live(rendering="panorama").traffic is small_traffic
+    lidar = small_candidates.sensors[3]
+    short = replace(small_candidates.select([3]), sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),))
+    assert live(rendering="panorama", candidates=short) is None
 
 
 def test_errors_change_what_the_detector_sees_and_every_key_of_it(small_traffic, small_candidates, tmp_path):
@@ -110,20 +122,6 @@ def test_fidelities_that_do_not_know_errors_refuse_them(small_traffic, small_can
     with pytest.raises(ValueError, match=f"errors typical are known to fidelity detector alone, got '{name}'"):
         made.fidelity(name)
     check_scorable(made.setting, "detector")
-
-
-def test_sensors_are_seen_live_where_panoramas_are_taken(small_traffic, small_candidates):
-    def live(candidates=small_candidates, rendering="auto"):
-        made = Preparation(Setting(small_traffic.site, candidates=candidates, rendering=rendering), Run(frames=5))
-        vars(made)["traffic"] = small_traffic
-        return made.live
-
-    assert live() is None
-    assert live(rendering="full") is None
-    assert live(rendering="panorama").traffic is small_traffic
-    lidar = small_candidates.sensors[3]
-    short = replace(small_candidates.select([3]), sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),))
-    assert live(rendering="panorama", candidates=short) is None
 
 
 def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_trained():

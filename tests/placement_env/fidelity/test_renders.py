@@ -27,7 +27,7 @@ def renders(small_traffic, small_candidates):
     return Renders(small_traffic, small_candidates)
 
 
-def test_without_noise_they_are_what_the_renderer_measures(small_traffic, small_candidates):
+def test_clouds_without_noise_are_what_the_renderer_measures(small_traffic, small_candidates):
     quiet, site = Renders(small_traffic, small_candidates, noise_seed=None), small_traffic.site
     renderer = Renderer(site, small_traffic.bodies, site.sensors)
     for k, snapshot in enumerate(small_traffic.snapshots):
@@ -38,6 +38,13 @@ def test_without_noise_they_are_what_the_renderer_measures(small_traffic, small_
             assert np.allclose(np.median(found, axis=0), np.median(expected, axis=0), atol=0.05)
             counted = (count_points(cloud, snapshot.objects.boxes) for cloud in (found, expected))
             assert np.abs(np.subtract(*counted)).max(initial=0) <= 8
+    quiet = Renders(small_traffic, small_candidates, noise_seed=None)
+    whole = Renders(small_traffic, small_candidates, errors=NONE)
+    for k in range(5):
+        for c in range(4):
+            points, expected = (each.clouds(k, c) for each in (whole, quiet))
+            assert len(points) == len(expected)
+            assert np.allclose(np.sort(points, axis=0), np.sort(expected, axis=0), atol=1e-4)
 
 
 def test_a_cloud_is_the_same_in_any_order_and_company(renders, small_traffic, small_candidates):
@@ -54,7 +61,7 @@ def test_a_cloud_is_the_same_in_any_order_and_company(renders, small_traffic, sm
     assert not np.array_equal(other.clouds(1, 2)[:50], renders.clouds(1, 2)[:50])
 
 
-def test_clouds_differ_by_frame_and_sensor_and_clocks_need_close_frames(small_traffic, small_candidates):
+def test_clouds_of_errors_are_the_same_in_any_company(small_traffic, small_candidates):
     still = small_traffic.snapshots[2]
     twice = type(small_traffic)(small_traffic.site, small_traffic.bodies, (still, still))
     found = Renders(twice, small_candidates)
@@ -66,6 +73,15 @@ def test_clouds_differ_by_frame_and_sensor_and_clocks_need_close_frames(small_tr
     quick = replace(small_traffic, snapshots=tuple(dense))
     said = Renders(quick, small_candidates, errors=late).clouds(1, 0)
     assert len(said) > 100
+    rough = Renders(small_traffic, small_candidates, errors=POOR)
+    turned = Renders(small_traffic, small_candidates.select([3, 2]), errors=POOR)
+    for k in (3, 0):
+        assert np.array_equal(turned.clouds(k, 1), rough.clouds(k, 2))
+        assert np.array_equal(turned.clouds(k, 0), rough.clouds(k, 3))
+    again = pickle.loads(pickle.dumps(turned))
+    assert np.array_equal(again.clouds(3, 1), rough.clouds(3, 2))
+    other = Renders(small_traffic, small_candidates, noise_seed=1, errors=POOR)
+    assert not np.array_equal(other.clouds(3, 2)[:9], rough.clouds(3, 2)[:9])
 
 
 def test_far_points_and_objects(renders, small_traffic):
@@ -161,16 +177,6 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
 NONE = ErrorProfile("none", ())
 
 
-def test_whole_images_without_an_error_make_the_clouds_there_were(small_traffic, small_candidates):
-    quiet = Renders(small_traffic, small_candidates, noise_seed=None)
-    whole = Renders(small_traffic, small_candidates, errors=NONE)
-    for k in range(5):
-        for c in range(4):
-            points, expected = (each.clouds(k, c) for each in (whole, quiet))
-            assert len(points) == len(expected)
-            assert np.allclose(np.sort(points, axis=0), np.sort(expected, axis=0), atol=1e-4)
-
-
 def test_paper_is_what_there_was_and_every_profile_has_its_own_keys(renders, small_traffic, small_candidates):
     paper = Renders(small_traffic, small_candidates, errors=PAPER_ERRORS)
     assert paper.digest == renders.digest
@@ -182,18 +188,6 @@ def test_paper_is_what_there_was_and_every_profile_has_its_own_keys(renders, sma
     assert renamed.digest == Renders(small_traffic, small_candidates, errors=TYPICAL).digest
     with pytest.raises(ValueError, match="drawn from a seed"):
         Renders(small_traffic, small_candidates, noise_seed=None, errors=TYPICAL)
-
-
-def test_with_errors_a_cloud_is_the_same_in_any_order_and_company(small_traffic, small_candidates):
-    rough = Renders(small_traffic, small_candidates, errors=POOR)
-    turned = Renders(small_traffic, small_candidates.select([3, 2]), errors=POOR)
-    for k in (3, 0):
-        assert np.array_equal(turned.clouds(k, 1), rough.clouds(k, 2))
-        assert np.array_equal(turned.clouds(k, 0), rough.clouds(k, 3))
-    again = pickle.loads(pickle.dumps(turned))
-    assert np.array_equal(again.clouds(3, 1), rough.clouds(3, 2))
-    other = Renders(small_traffic, small_candidates, noise_seed=1, errors=POOR)
-    assert not np.array_equal(other.clouds(3, 2)[:9], rough.clouds(3, 2)[:9])
 
 
 def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp_path, monkeypatch):

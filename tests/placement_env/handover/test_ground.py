@@ -98,7 +98,7 @@ def test_without_anything_in_between_the_field_of_view_is_seen():
     assert np.array_equal(ground.seen[2], near & (np.arctan2(TARGET_HEIGHT - 3.0, np.hypot(x, y)) >= -1.4))
 
 
-def test_a_lidar_puts_its_rings_on_level_ground():
+def test_rings_and_walls_are_seen_the_same_each_time():
     ground = visible_ground(field(), [HIGH], cell=0.5)
     down = -np.linspace(0.0, -1.4, 33)[1:]
     turn = (np.arange(720) - 359.5) * np.deg2rad(0.5)
@@ -109,9 +109,6 @@ def test_a_lidar_puts_its_rings_on_level_ground():
     assert np.abs(ground.density[0] * 0.25 - counts.T).max() <= 3  # a point on an edge falls to either side
     assert ground.density[0].sum() * 0.25 == pytest.approx(counts.sum(), abs=3)
     assert np.corrcoef(ground.density[0].ravel(), counts.T.ravel())[0, 1] > 0.999
-
-
-def test_points_on_walls_and_roofs_are_not_on_the_ground():
     house = Solid(rectangle(0.0, -4, 6, 4), -0.3, 3.0)
     ground = visible_ground(field(solids=(house,)), [HIGH])
     x, y = middles(ground)
@@ -125,6 +122,10 @@ def test_points_on_walls_and_roofs_are_not_on_the_ground():
     assert np.array_equal(ground.density[0][before], visible_ground(field(), [HIGH]).density[0][before])
     behind = (x > 6) & (np.abs(y) < 4)
     assert not ground.density[0][behind & (x < 9)].any()
+    crown = Solid(rectangle(-1.0, -2, 3, 2), 2.0, 4.0, "tree")
+    one, other = (visible_ground(field(solids=(crown,)), [HIGH]) for _ in range(2))
+    assert all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("seen", "density", "open_ground"))
+    assert blind_polygons(one) == blind_polygons(other)
 
 
 def test_trees_and_ponds_are_no_ground():
@@ -215,10 +216,3 @@ def test_shares_and_polygons_are_those_of_open_ground():
 def test_every_sensor_needs_a_name(names):
     with pytest.raises(ValueError, match="a name of its own"):
         ground_shares(SMALL, names)
-
-
-def test_the_same_question_has_the_same_answer():
-    crown = Solid(rectangle(-1.0, -2, 3, 2), 2.0, 4.0, "tree")
-    one, other = (visible_ground(field(solids=(crown,)), [HIGH]) for _ in range(2))
-    assert all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("seen", "density", "open_ground"))
-    assert blind_polygons(one) == blind_polygons(other)

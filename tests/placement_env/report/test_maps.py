@@ -50,19 +50,15 @@ def cells_of(text):
 
 
 @pytest.mark.parametrize("draw", MAPS)
-def test_maps_are_sound_and_the_same_each_time(draw):
+def test_maps_are_sound_the_same_each_time_and_of_their_sensors(draw):
     one, other = (draw(SITE, GROUND, SENSORS) for _ in range(2))
     assert one == other
     assert ElementTree.fromstring(one).tag == "{http://www.w3.org/2000/svg}svg"
-
-
-@pytest.mark.parametrize("draw", MAPS)
-def test_a_ground_of_other_sensors_is_refused(draw):
     with pytest.raises(ValueError, match="2 sensors, got 1"):
         draw(SITE, GROUND, SENSORS[:1])
 
 
-def test_coverage_is_in_its_colours():
+def test_coverage_blind_spots_and_density_are_in_their_colours():
     cells = cells_of(coverage_map(SITE, GROUND, SENSORS))
     views = SEEN.sum(axis=0)
     for k in range(3):
@@ -70,23 +66,14 @@ def test_coverage_is_in_its_colours():
         assert np.abs(cells[wanted][:, :3] - to_rgb(VIEW_COLOURS[k])).max() < 0.01
     assert (cells[OPEN][:, 3] == 1).all()
     assert cells[0, 0, 3] == 0
-
-
-def test_blind_spots_are_coloured_by_what_they_are_and_the_rest_is_clear():
     cells = cells_of(blind_map(SITE, GROUND, SENSORS))
     blind = OPEN & ~SEEN.any(axis=0)
     assert np.array_equal(cells[..., 3] == 1, blind)
     for kind, mask in (("lanes", LANES), ("footways", GROUND.footways), ("elsewhere", ~LANES & ~GROUND.footways)):
         assert np.abs(cells[blind & mask][:, :3] - to_rgb(BLIND[kind])).max() < 0.01
-
-
-def test_density_is_that_of_all_sensors():
     cells = cells_of(density_map(SITE, GROUND, SENSORS))  # cells of 2 m are not averaged
     expected = point_colours(30.0 * SEEN.sum(axis=0))
     assert np.abs(cells[OPEN] - expected[OPEN]).max() < 0.01
-
-
-def test_smoothing_leaves_out_what_is_no_ground():
     values = np.zeros((5, 5))
     values[2, 2], values[0, 0] = 9.0, 100.0
     counted = np.ones((5, 5), bool)

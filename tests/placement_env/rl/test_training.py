@@ -66,11 +66,23 @@ def test_what_is_kept_is_loaded_and_another_run_is_refused(trained):
         learning.train_policy(PickEnv, out, steps=64, seed=1, learning=SMALL)
 
 
-def test_stopped_and_gone_on_is_the_same_as_whole(trained, tmp_path):
+def test_what_was_stopped_goes_on_unless_cut_or_unknown(trained, tmp_path):
     model, _ = trained
     learning.train_policy(PickEnv, tmp_path, steps=256, learning=SMALL)
     again = learning.train_policy(PickEnv, tmp_path, steps=768, learning=SMALL)
     assert torch.equal(weights(model), weights(again))
+    cut = tmp_path / learning.CHECKPOINT
+    cut.write_bytes((trained[1] / learning.CHECKPOINT).read_bytes()[:1000])
+    with pytest.raises(
+        ValueError, match=r"policy.pt is damaged or not a checkpoint of tensors: .*: remove it to start again"
+    ):
+        learning.load_policy(cut, PickEnv, learning=SMALL)
+    (tmp_path / learning.CHECKPOINT).write_bytes((trained[1] / learning.CHECKPOINT).read_bytes())
+    rounds = [[512, {"best": 0.5}], [768, {"best": 0.7}], [1024, {"best": 0.9}]]
+    assert learning.restore_rounds(tmp_path, rounds) == {"best": 0.7}
+    assert [steps for steps, _ in rounds] == [512, 768]
+    assert learning.restore_rounds(tmp_path, rounds[:1]) is None
+    assert not (tmp_path / learning.CHECKPOINT).exists()
 
 
 def test_continuous_actions_get_ppo_which_learns_to_an_end(tmp_path):
@@ -121,15 +133,6 @@ def test_search_keeps_the_best_set_or_none_within_its_limits(make):
     assert found.best.reward == 0.0
 
 
-def test_a_checkpoint_that_was_cut_is_told_in_one_line(trained, tmp_path):
-    cut = tmp_path / learning.CHECKPOINT
-    cut.write_bytes((trained[1] / learning.CHECKPOINT).read_bytes()[:1000])
-    with pytest.raises(
-        ValueError, match=r"policy.pt is damaged or not a checkpoint of tensors: .*: remove it to start again"
-    ):
-        learning.load_policy(cut, PickEnv, learning=SMALL)
-
-
 def test_a_search_that_is_killed_ends_like_one_that_is_not(make, tmp_path):
     class Killed(BaseException):
         """Stands for SIGKILL."""
@@ -158,12 +161,3 @@ def test_a_search_that_is_killed_ends_like_one_that_is_not(make, tmp_path):
     assert kills == 1
     assert (found.best, found.certificate, found.evaluations) == (whole.best, whole.certificate, whole.evaluations)
     assert found.history.reward.tolist() == whole.history.reward.tolist()
-
-
-def test_a_policy_of_which_nothing_else_is_known_begins_anew(trained, tmp_path):
-    (tmp_path / learning.CHECKPOINT).write_bytes((trained[1] / learning.CHECKPOINT).read_bytes())
-    rounds = [[512, {"best": 0.5}], [768, {"best": 0.7}], [1024, {"best": 0.9}]]
-    assert learning.restore_rounds(tmp_path, rounds) == {"best": 0.7}
-    assert [steps for steps, _ in rounds] == [512, 768]
-    assert learning.restore_rounds(tmp_path, rounds[:1]) is None
-    assert not (tmp_path / learning.CHECKPOINT).exists()

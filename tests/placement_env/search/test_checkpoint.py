@@ -81,14 +81,6 @@ def test_killed_again_and_again_it_gives_the_same_answer(make, tmp_path, name):
     assert answer(found) == answer(whole)
 
 
-def test_the_time_before_a_kill_counts():
-    limits = Limits(100.0, 50)
-    limits.resume({"count": 20, "elapsed": 60.0, "rows": [[3, 1.5, 0.25]]})
-    assert limits.count == 20
-    assert limits.elapsed >= 60.0
-    assert limits.rows == [(3, 1.5, 0.25)]
-
-
 def test_the_incumbent_is_known_again(make):
     objective = make(4, 2)
     progress, again = (Progress(objective, 2, None, None) for _ in range(2))
@@ -98,7 +90,7 @@ def test_the_incumbent_is_known_again(make):
     assert again.result("x", again.unknown("")).best.cache_hit
 
 
-def test_values_and_arrays_come_back(tmp_path):
+def test_values_come_back_and_states_are_saved_as_often_as_asked(tmp_path):
     checkpoint = Checkpoint(tmp_path, depends_on=b"q")
     assert checkpoint.load() is None
     state = {"a": [1, {"b": -np.inf}], "rng": np.random.default_rng(1).bit_generator.state, "x": np.eye(2, dtype=bool)}
@@ -111,6 +103,21 @@ def test_values_and_arrays_come_back(tmp_path):
     back["x"][0, 0] = False  # it is ours
     assert checkpoint.part("other").load() is None
     assert Checkpoint(tmp_path, depends_on=b"another").load() is None
+    checkpoint = Checkpoint(tmp_path, every=60.0)
+    checkpoint.offer(lambda: pytest.fail("too early"))
+    checkpoint._saved -= 61.0
+    checkpoint.offer(lambda: {"a": 1})
+    assert checkpoint.load() == {"a": 1}
+    checkpoint.offer(lambda: pytest.fail("too early"))
+    NOWHERE.offer(lambda: pytest.fail("nowhere"))
+    NOWHERE.save({"a": 1})
+    assert NOWHERE.load() is None
+    limits = Limits(100.0, 50)
+    limits.resume({"count": 20, "elapsed": 60.0, "rows": [[3, 1.5, 0.25]]})
+    assert limits.count == 20
+    assert limits.elapsed >= 60.0
+    assert limits.rows == [(3, 1.5, 0.25)]
+    assert limits.share == pytest.approx(0.6, abs=0.01)
 
 
 DAMAGES = [lambda b: b[:-1], lambda b: b"", lambda b: b[:20] + b"\x00" + b[21:], lambda b: b * 2]
@@ -125,18 +132,6 @@ def test_a_damaged_state_is_not_believed(tmp_path, damage):
     assert checkpoint.load() is None
 
 
-def test_states_are_not_saved_more_often_than_asked(tmp_path):
-    checkpoint = Checkpoint(tmp_path, every=60.0)
-    checkpoint.offer(lambda: pytest.fail("too early"))
-    checkpoint._saved -= 61.0
-    checkpoint.offer(lambda: {"a": 1})
-    assert checkpoint.load() == {"a": 1}
-    checkpoint.offer(lambda: pytest.fail("too early"))
-    NOWHERE.offer(lambda: pytest.fail("nowhere"))
-    NOWHERE.save({"a": 1})
-    assert NOWHERE.load() is None
-
-
 def left_unfinished(folder, question):
     try:
         with unfinished(folder, question) as checkpoint:
@@ -147,7 +142,7 @@ def left_unfinished(folder, question):
         pass
 
 
-def test_an_unfinished_search_is_gone_when_it_ends(tmp_path):
+def test_unfinished_searches_go_when_they_end_or_another_is_asked(tmp_path):
     folder = tmp_path / "out.parts"
     left_unfinished(folder, {"seed": 1, "most": np.inf})
     with unfinished(folder, {"seed": 1, "most": np.inf}) as checkpoint:
@@ -155,9 +150,6 @@ def test_an_unfinished_search_is_gone_when_it_ends(tmp_path):
         with pytest.raises(FileExistsError, match="another run is writing"):
             left_unfinished(folder, {"seed": 1})
     assert not folder.exists()
-
-
-def test_another_question_is_refused_or_begins_anew(tmp_path):
     folder = tmp_path / "out.parts"
     left_unfinished(folder, {"seed": 1})
     with pytest.raises(FileExistsError, match="made from seed 1 instead of 2"):

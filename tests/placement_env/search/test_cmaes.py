@@ -94,14 +94,11 @@ def test_poses_come_from_greedys_set_and_are_no_worse(fidelity):
     assert found.evaluations == 8
 
 
-def test_sensors_that_stand_where_they_stood_score_the_same():
+def test_sensors_that_stand_score_the_same_and_none_may_pay():
     objective = Objective(Setting("tjunction", fidelity="surrogate"), Run(frames=2))
     place = cmaes.build_pose_scorer(objective.preparation)
     (moved,) = place([tuple(objective.candidates.sensors[:2])])
     assert moved.ap == pytest.approx(objective.score([0, 1]).ap, abs=1e-6)
-
-
-def test_where_no_sensor_pays_there_is_none_to_move():
     found = cmaes.search(
         Objective(Setting("tjunction", fidelity="coverage", weights=Weights(price=5.0)), Run(frames=2)),
         2,

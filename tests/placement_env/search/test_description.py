@@ -24,12 +24,30 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
 
-def test_moved_sensors_and_all_figures_are_said():
+def test_all_figures_are_said_and_how_sure_they_are():
     assert describe_sensors(["a", "b"]) == ["a", "b"]
     moved = [Sensor("a", DepthCamera(), look((1.0, -2.0, 6.5), float(np.deg2rad(90)), float(np.deg2rad(10))))]
     assert describe_sensors(["a"], moved) == ["a moved to x 1.00 y -2.00 z 6.50 m, heading 90.0 tilt 10.0 degrees"]
     score = Score((0, 1), 0.5, 0.6, 100.0, 200.0, 2.0, 0.4, {"ap": 0.5}, "coverage", False)
     assert describe_score(score) == ("AP 0.5000, recall 0.6000, 100.0 kbit per sensor, 200.0 kbit, price 2 (coverage)")
+    candidates = paper_candidates(load_site("tjunction"))
+    said = describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), [0, 3])
+    assert said == [
+        "the surrogate's AP is sure to about 0.020 as far as its fit goes",
+        "warning: not fitted to DepthCamera",
+    ]
+    assert describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), []) == said[1:]
+    assert describe_doubts(Objective(Setting("tjunction", fidelity="table")), [0]) == []
+    own = Contender(("greedy",), (0, 2), 0.9, 0.8, 0.7, 0.85)
+    plain = Assessment("detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (own,), 0.81)
+    each = (ProfileAP("paper", 0.9, 0.85, 0.95), ProfileAP("poor", 0.8, 0.7, 0.9))
+    lines, more = (describe_assessment(a) for a in (plain, replace(plain, by_errors=each, errors_by="worst")))
+    assert [line for line in more if line not in lines] == [
+        "  the worst over error profiles: paper AP 0.9000 (0.8500 to 0.9500), poor AP 0.8000 (0.7000 to 0.9000)"
+    ]
+    assert [line for line in more if line in lines] == lines
+    assert describe_by_errors({"paper": 0.9, "poor": 0.8}) == ["AP at each error profile: paper 0.9000, poor 0.8000"]
+    assert describe_by_errors({}) == []
 
 
 @pytest.mark.parametrize(
@@ -77,27 +95,3 @@ class Unsure:
 
     def doubts(self, sensors=()):
         return (f"not fitted to {' '.join(sorted(sensors))}",)
-
-
-def test_a_surrogate_says_how_sure_it_is():
-    candidates = paper_candidates(load_site("tjunction"))
-    said = describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), [0, 3])
-    assert said == [
-        "the surrogate's AP is sure to about 0.020 as far as its fit goes",
-        "warning: not fitted to DepthCamera",
-    ]
-    assert describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), []) == said[1:]
-    assert describe_doubts(Objective(Setting("tjunction", fidelity="table")), [0]) == []
-
-
-def test_each_error_profile_is_said_beside_what_counts():
-    own = Contender(("greedy",), (0, 2), 0.9, 0.8, 0.7, 0.85)
-    plain = Assessment("detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (own,), 0.81)
-    each = (ProfileAP("paper", 0.9, 0.85, 0.95), ProfileAP("poor", 0.8, 0.7, 0.9))
-    lines, more = (describe_assessment(a) for a in (plain, replace(plain, by_errors=each, errors_by="worst")))
-    assert [line for line in more if line not in lines] == [
-        "  the worst over error profiles: paper AP 0.9000 (0.8500 to 0.9500), poor AP 0.8000 (0.7000 to 0.9000)"
-    ]
-    assert [line for line in more if line in lines] == lines
-    assert describe_by_errors({"paper": 0.9, "poor": 0.8}) == ["AP at each error profile: paper 0.9000, poor 0.8000"]
-    assert describe_by_errors({}) == []

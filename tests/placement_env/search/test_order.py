@@ -27,7 +27,7 @@ def common(tmp_path_factory):
     return order
 
 
-def test_a_portfolio_says_what_fresh_traffic_says(common):
+def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
     found = run_search(common())
     said = json.loads(json.dumps(replace_infinite(found.summary)))["assessment"]
     assert found.met
@@ -40,6 +40,14 @@ def test_a_portfolio_says_what_fresh_traffic_says(common):
     )
     assert any("neither searches nor race saw, not a detector: it may err alike everywhere:" in x for x in found.lines)
     assert found.lines[-1].startswith("searched by: AP ")
+
+    def said(*errors, by="worst"):
+        cases = Cases(errors=errors, errors_by=by)
+        return common(judge="detector", detector=Wary(), cases=cases).question["errors"]
+
+    assert said("poor") == said(POOR) == POOR.origin
+    assert said("paper", "poor") == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
+    assert said("paper", "poor", by="mean")["combine"] == "mean"
 
 
 def test_orders_without_sensors_and_refusals(common):
@@ -62,16 +70,6 @@ class Wary:
 
     def __call__(self, points, /):
         return Detections.empty()
-
-
-def test_a_question_says_all_its_error_profiles(common):
-    def said(*errors, by="worst"):
-        cases = Cases(errors=errors, errors_by=by)
-        return common(judge="detector", detector=Wary(), cases=cases).question["errors"]
-
-    assert said("poor") == said(POOR) == POOR.origin
-    assert said("paper", "poor") == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
-    assert said("paper", "poor", by="mean")["combine"] == "mean"
 
 
 def test_several_error_profiles_are_judged_and_said(common):

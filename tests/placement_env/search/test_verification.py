@@ -72,7 +72,7 @@ def test_a_race_finds_the_best_of_all_sets_for_a_part_of_the_frames(dear):
     assert greedy.raced(dear, 3, evaluations=1).evaluations < raced.evaluations
 
 
-def test_entrants_race_and_the_best_are_ranked_on_all_frames(dear):
+def test_entrants_race_and_are_ranked_at_each_error_profile(dear):
     cheap = Objective(Setting(candidates=dear.candidates, fidelity=Half()))
     found = greedy.search(cheap, 3)
     dear.scored_by.asked = 0
@@ -85,14 +85,7 @@ def test_entrants_race_and_the_best_are_ranked_on_all_frames(dear):
     assert len(around) == 16
     found = greedy.search(dear, 2)
     assert score_result(dear, found).ap == found.best.ap
-
-
-def at_profiles(*fidelities):
-    return over_cases([ProfileFidelities(each, ((each,),)) for each in fidelities], Cases(errors=("paper", "poor")))
-
-
-def test_ap_at_each_error_profile(dear):
-    """A race over profiles goes by what counts; each profile is said by itself."""
+    # A race over profiles goes by what counts; each profile is said by itself.
     other = PerFrame(seed=1)
     both = Objective(Setting(candidates=dear.candidates, fidelity=at_profiles(dear.scored_by, other)))
     row = both.row([0, 3])[None]
@@ -102,6 +95,10 @@ def test_ap_at_each_error_profile(dear):
     assert ap_at_profiles(dear, (0, 3)) == ap_at_profiles(both, ()) == {}
     ranking = verified(dear, both, np.array([0, 3]))
     assert both.score(np.flatnonzero(ranking.sets[0])).reward == both.scores(ranking.sets).reward.max()
+
+
+def at_profiles(*fidelities):
+    return over_cases([ProfileFidelities(each, ((each,),)) for each in fidelities], Cases(errors=("paper", "poor")))
 
 
 def test_sensors_that_were_moved_are_scored_at_each_profile_where_they_stand(dear, monkeypatch):

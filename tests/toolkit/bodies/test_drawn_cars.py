@@ -26,7 +26,7 @@ from toolkit.mesh import box
 CARS = [draw_proportions(np.random.default_rng([2, k])) for k in range(400)]
 
 
-def test_kinds_and_measures_lie_in_their_ranges():
+def test_kinds_and_wheels_lie_in_their_ranges():
     assert sum(kind.share for kind in CAR_KINDS) == pytest.approx(1)
     for kind in CAR_KINDS:
         assert np.mean([car.kind == kind.name for car in CARS]) == pytest.approx(kind.share, abs=0.055)
@@ -37,9 +37,6 @@ def test_kinds_and_measures_lie_in_their_ranges():
     first, again = (draw_proportions(np.random.default_rng(8)) for _ in range(2))
     assert first.length == again.length
     assert first.profile.tobytes() == again.profile.tobytes()
-
-
-def test_wheels_touch_the_ground_within_the_length():
     for car in CARS:
         front, rear = car.axles
         assert car.wheel < front < rear < car.length - car.wheel
@@ -75,7 +72,7 @@ def test_cars_are_as_large_as_they_were_drawn(build):
         assert np.allclose(np.sort(vertices[:, 1]), np.sort(-vertices[:, 1]), atol=1e-9)
 
 
-def test_there_are_no_holes_from_above_nor_from_the_side():
+def test_meshes_of_cars_have_no_holes_wheels_and_round_corners():
     """Rays from above meet the body above its floor wherever it is, and rays from the left its left half."""
     for car in SHUT:
         mesh = loft_car(car)
@@ -87,9 +84,6 @@ def test_there_are_no_holes_from_above_nor_from_the_side():
         x, z = np.meshgrid(np.linspace(-0.43, 0.43, 41) * car.length, z)
         across = 5 - first_hits(mesh, np.column_stack([x.ravel(), np.full(x.size, 5.0), z.ravel()]), [0.0, -1, 0])
         assert across.min() > 0.2 * car.width, car.kind
-
-
-def test_lofted_and_block_cars_have_wheels_and_round_corners():
     for car in CARS_CARS:
         vertices = loft_car(car).vertices
         low = vertices[vertices[:, 2] < 0.02]
@@ -104,7 +98,7 @@ def test_lofted_and_block_cars_have_wheels_and_round_corners():
     assert width == pytest.approx([0.7 * (1 - 0.05 * 1.05**2), 1, 0.8 * (1 - 0.05 * 0.95**2)], abs=2e-3)
 
 
-def test_a_pick_up_has_a_bed_lower_than_its_cab():
+def test_beds_planks_and_mounds_lie_as_high_as_they_should():
     pickups = [
         car for car in (draw_proportions(np.random.default_rng([4, k])) for k in range(150)) if car.kind == "pickup"
     ]
@@ -115,9 +109,6 @@ def test_a_pick_up_has_a_bed_lower_than_its_cab():
         x = car.length * (0.5 - (front + rear) / 2)
         bed = 5 - first_hits(loft_car(car), np.array([[x, 0.0, 5.0]]), [0.0, 0, -1])[0]
         assert bed < 0.62 * car.height
-
-
-def test_stretched_planks_and_mounds():
     moved = stretch(box((1, 2, 3), (7, 7, 7)), (4.0, 2.0, 1.0))
     assert np.allclose(moved.vertices.min(axis=0), [-2, -1, 0])
     assert np.allclose(moved.vertices.max(axis=0), [2, 1, 1])
@@ -130,7 +121,7 @@ def test_stretched_planks_and_mounds():
 CARS_EXTRAS = [draw_proportions(np.random.default_rng([6, k])) for k in range(300)]
 
 
-def test_mirrors_stick_out_by_8_to_25_cm_on_both_sides_or_on_one_or_there_are_none():
+def test_mirrors_and_trailers_stick_out_and_follow():
     sides = []
     for number, car in enumerate(CARS_EXTRAS):
         vertices = mirrors(car, np.random.default_rng([1, number])).vertices
@@ -143,6 +134,16 @@ def test_mirrors_stick_out_by_8_to_25_cm_on_both_sides_or_on_one_or_there_are_no
             assert (beyond[:, 2] < car.height).all()
     assert np.mean(np.array(sides) == 0) == pytest.approx(0.3, abs=0.07)
     assert 0 < np.mean(np.array(sides) == 1) < 0.06
+    seen = set()
+    for number in range(30):
+        car = replace(CARS_EXTRAS[number], height=1.5)
+        kind, mesh = trailer(car, np.random.default_rng(number))
+        seen.add(kind)
+        assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
+        assert -car.length / 2 < mesh.vertices[:, 0].max() < -car.length / 2 + 0.2
+        assert -car.length / 2 - 8.5 < mesh.vertices[:, 0].min() < -car.length / 2 - 2.5
+        assert 1.3 < np.ptp(mesh.vertices[:, 1]) < 2.6
+    assert seen == set(TRAILERS)
 
 
 def test_loads_lie_on_roofs_and_beds():
@@ -166,16 +167,3 @@ def test_loads_lie_on_roofs_and_beds():
             assert low[0] > -pickup.length / 2
             assert high[0] < 0
             assert high[1] - low[1] < 0.8 * pickup.width
-
-
-def test_a_trailer_follows_its_car_on_wheels():
-    seen = set()
-    for number in range(30):
-        car = replace(CARS_EXTRAS[number], height=1.5)
-        kind, mesh = trailer(car, np.random.default_rng(number))
-        seen.add(kind)
-        assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
-        assert -car.length / 2 < mesh.vertices[:, 0].max() < -car.length / 2 + 0.2
-        assert -car.length / 2 - 8.5 < mesh.vertices[:, 0].min() < -car.length / 2 - 2.5
-        assert 1.3 < np.ptp(mesh.vertices[:, 1]) < 2.6
-    assert seen == set(TRAILERS)

@@ -15,7 +15,7 @@ def of(label: int, bodies: tuple[Body, ...] = EVERY) -> list[Body]:
     return [body for body in bodies if body.label == label]
 
 
-def test_there_are_enough_of_every_class_and_cars_held_out():
+def test_fleets_have_enough_of_every_class_and_bodies_of_their_own():
     assert len(of(VEHICLE, catalogue())) >= 20
     assert len(of(CYCLIST)) >= 6
     assert len(of(PEDESTRIAN)) >= 14
@@ -25,6 +25,16 @@ def test_there_are_enough_of_every_class_and_cars_held_out():
     assert len(HELD_OUT) == 5
     assert tested == set(HELD_OUT)
     assert not trained & tested
+    own = fleet_named("own")
+    few, again, other = (own.bodies(1, np.random.default_rng(seed)) for seed in (0, 0, 1))
+    assert digests(few) == digests(again) != digests(other)
+    counts = [[len(of(label, own.bodies(n, np.random.default_rng(0)))) for label in range(4)] for n in (1, 2)]
+    assert counts == [[30, 13, 20, 6], [34, 15, 22, 7]]
+    heavy = Fleet(drawn=(HEAVY,))
+    assert len(heavy.bodies(10**6, np.random.default_rng(0))) == len(
+        heavy.bodies(LARGEST_DRAW, np.random.default_rng(0))
+    )
+    assert {body.name for body in few} <= set(own.names)
 
 
 @pytest.mark.parametrize("body", EVERY, ids=IDS)
@@ -68,19 +78,6 @@ def test_fleets_without_drawn_bodies_stay_and_mixed_ones_are_half_and_half():
     assert max(wider) > 0.1
     assert min(wider) > -1e-6
     assert all(body.truth is None for body in into)
-
-
-def test_own_bodies_are_as_many_as_are_spawned_and_follow_the_seed():
-    own = fleet_named("own")
-    few, again, other = (own.bodies(1, np.random.default_rng(seed)) for seed in (0, 0, 1))
-    assert digests(few) == digests(again) != digests(other)
-    counts = [[len(of(label, own.bodies(n, np.random.default_rng(0)))) for label in range(4)] for n in (1, 2)]
-    assert counts == [[30, 13, 20, 6], [34, 15, 22, 7]]
-    heavy = Fleet(drawn=(HEAVY,))
-    assert len(heavy.bodies(10**6, np.random.default_rng(0))) == len(
-        heavy.bodies(LARGEST_DRAW, np.random.default_rng(0))
-    )
-    assert {body.name for body in few} <= set(own.names)
 
 
 @pytest.mark.parametrize("label", range(len(LABELS)))

@@ -67,12 +67,14 @@ def test_every_format_gives_the_same_box(tmp_path, suffix):
     assert body.name == "sedan"
 
 
-def test_gltf_as_its_standard_says_is_turned_upright(tmp_path):
+def test_meshes_are_turned_upright_and_stray_vertices_left_out(tmp_path):
     y_up_z_forward = ((0, 1, 0), (0, 0, 1), (1, 0, 0))
     body = meshes.load_mesh(write(tmp_path / "sedan.glb", turn=y_up_z_forward))
     assert np.allclose(body.size, SEDAN.size, atol=1e-4)
     cabin = body.vertices[body.vertices[:, 2] > 0.3 * body.size[2]]
     assert cabin[:, 0].mean() < 0  # the bonnet is in front of it, so the cabin is behind the middle
+    stray = Body("s", 0, np.concatenate([SEDAN.vertices, [[9, 9, 9]]]).astype(np.float32), SEDAN.triangles)
+    assert np.allclose(meshes.load_mesh(write(tmp_path / "sedan.ply", stray)).size, SEDAN.size, atol=1e-4)
 
 
 def test_folders_and_names_give_the_class_and_the_rest_follows_from_the_size(tmp_path):
@@ -105,11 +107,6 @@ def test_a_size_no_road_user_has_is_refused_with_what_to_do(tmp_path, change, hi
     assert str(path) in str(error.value)
 
 
-def test_unread_vertices_do_not_widen_the_box(tmp_path):
-    stray = Body("s", 0, np.concatenate([SEDAN.vertices, [[9, 9, 9]]]).astype(np.float32), SEDAN.triangles)
-    assert np.allclose(meshes.load_mesh(write(tmp_path / "sedan.ply", stray)).size, SEDAN.size, atol=1e-4)
-
-
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb", "gltf"])
 @pytest.mark.parametrize("content", [b"", b"\x00\x01garbage" * 50, b"ply\nformat ascii 1.0\nelement vertex 5\n"])
 def test_damaged_files_are_named(tmp_path, suffix, content):
@@ -134,11 +131,15 @@ def test_a_corner_that_is_not_there_is_refused(tmp_path, suffix, corner):
         meshes.load_mesh(path)
 
 
-def test_missing_and_empty_folders(tmp_path):
+def test_empty_folders_and_flat_meshes_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="is not a folder"):
         meshes.load_meshes(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="holds no mesh"):
         meshes.load_meshes(tmp_path)
+    with pytest.raises(ValueError, match="has no volume"):
+        meshes.measure_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    with pytest.raises(ValueError, match="has no surface"):
+        meshes.surface_points(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
 
 
 Y_UP_X_FORWARD = ((1, 0, 0), (0, 0, 1), (0, -1, 0))
@@ -304,7 +305,7 @@ def test_animals_and_furniture_are_clearly_nothing(mesh):
     assert not [LABELS[label] for label in range(4) if meshes.is_clearly(shape_of(mesh), label)]
 
 
-def test_how_something_stands_is_seen():
+def test_stances_measures_and_mirrors_are_found():
     for turn, says in (
         (ON_ITS_SIDE, "lies on its side"),
         (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), "stands across"),
@@ -315,9 +316,6 @@ def test_how_something_stands_is_seen():
         assert says == "face backwards" or not meshes.is_clearly(shape, VEHICLE)
     lying = shape_of(OURS["man_standing"], np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
     assert "lies" in str(meshes.find_wrong_stand(lying, PEDESTRIAN))
-
-
-def test_measures_of_boxes_and_points_by_area():
     shape = shape_of(box((4.0, 2.0, 1.0), (7, 8, 9)))
     assert np.allclose(shape.size, [4, 2, 1])
     assert (shape.fills == 1).all()
@@ -328,17 +326,7 @@ def test_measures_of_boxes_and_points_by_area():
     two = merge([box((1.0, 1.0, 1.0)), box((2.0, 2.0, 2.0), (5, 0, 0))])
     points = meshes.surface_points(two.vertices, two.triangles)
     assert (points[:, 0] > 3).mean() == pytest.approx(0.8, abs=0.01)
-
-
-def test_flat_meshes_are_refused():
-    with pytest.raises(ValueError, match="has no volume"):
-        meshes.measure_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
-    with pytest.raises(ValueError, match="has no surface"):
-        meshes.surface_points(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
-
-
-def test_mirrors_are_found_to_the_centimetre_and_nothing_else():
-    """Drawn bodies know how wide they are without them: an oracle."""
+    # Drawn bodies know how wide they are without them: an oracle.
     for number in range(40):
         body = draw_body(VEHICLE, np.random.default_rng([11, number]))
         whole = include_mirrors(body)
@@ -353,7 +341,7 @@ def table_mesh_table(folder: Path, text: str) -> dict[Path, meshes.MeshEntry]:
     return meshes.read_mesh_table(folder)
 
 
-def test_what_tables_say(tmp_path):
+def test_entries_of_tables_are_rotations(tmp_path):
     assert meshes.read_mesh_table(tmp_path) == {}
     assert not meshes.MeshEntry().has_frame
     assert np.array_equal(meshes.MeshEntry().turn, np.eye(3))
@@ -362,9 +350,6 @@ def test_what_tables_say(tmp_path):
     assert entry == meshes.MeshEntry(HEAVY, "y", "-z", 0.0254)
     assert entry.has_frame
     assert np.allclose(entry.turn @ [1, 2, 3], [-3, -1, 2])  # forward, left, up
-
-
-def test_every_frame_is_a_rotation():
     for up, forward in product(("x", "y", "z", "-x", "-y", "-z"), repeat=2):
         if up[-1] != forward[-1]:
             turn = meshes.MeshEntry(up=up, forward=forward).turn

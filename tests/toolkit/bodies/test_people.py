@@ -4,7 +4,7 @@ import pytest
 from toolkit.bodies.people import Figure, pedestrians, person, striding, two_wheelers
 
 
-def test_figures_stand_as_tall_and_long_as_people():
+def test_people_and_two_wheelers_have_their_measures():
     heights = [np.ptp(mesh.vertices[:, 2]) for name, mesh in pedestrians().items() if "umbrella" not in name]
     assert min(heights) == pytest.approx(1.12, abs=0.05)
     assert max(heights) == pytest.approx(1.95, abs=0.05)
@@ -13,9 +13,6 @@ def test_figures_stand_as_tall_and_long_as_people():
     vertices = person(Figure(), 1.75).vertices
     assert np.ptp(vertices[:, 2]) == pytest.approx(1.75, abs=0.05)
     assert abs(vertices[:, 2].min()) < 0.05
-
-
-def test_two_wheelers_have_their_measures_and_bicycles_are_shorter():
     for mesh in two_wheelers().values():
         length, width, height = np.ptp(mesh.vertices, axis=0)
         assert 1.1 < length < 2.3

@@ -25,7 +25,7 @@ def test_cars_have_the_measures_of_cars(body):
     assert np.allclose(np.sort(body.vertices[:, 1]), np.sort(-body.vertices[:, 1]), atol=1e-5)
 
 
-def test_mirrors_stick_out_and_wheels_stand_on_the_ground():
+def test_vehicles_differ_hide_and_have_mirrors_and_wheels():
     for body, width in zip(BODIES, WIDTHS, strict=True):
         assert body.size[1] == pytest.approx(width, abs=0.03)
         out = np.abs(body.vertices[:, 1]).max() - body.size[1] / 2
@@ -39,8 +39,6 @@ def test_mirrors_stick_out_and_wheels_stand_on_the_ground():
         assert z.min() > 1.2
         np.testing.assert_allclose(np.sort(mirrors.vertices[:, 1]), np.sort(-mirrors.vertices[:, 1]), atol=1e-9)
 
-
-def test_cars_differ_and_heavy_vehicles_hide():
     def profile(body: Body) -> np.ndarray:
         """Size and, along the length, the height of the body."""
         x, z = body.vertices[:, 0] / body.size[0], body.vertices[:, 2] + body.size[2] / 2

@@ -97,7 +97,7 @@ def test_traffic_queues_and_who_parks_are_not_the_scene_and_who_never_leaves_is(
     assert np.isnan(scene.second).all()
 
 
-def test_leaves_that_move_make_two_modes():
+def test_leaves_drop_outs_and_feet_of_cars_are_modes_or_none():
     def leaves(k, image, rng):
         image[4:7, 3:6] = 10.0
         image[4:7, 6:8] = np.where(rng.random((3, 2)) < 0.7, 10.0, 20.0)
@@ -110,34 +110,7 @@ def test_leaves_that_move_make_two_modes():
     both = still()
     both[4:7, 3:6], both[4:7, 6:8] = 10, [10, 20]
     assert scene.shows(both).all()
-
-
-def test_who_stands_close_before_a_wall_makes_it_neither_nearer_nor_broader():
-    """Cars at every distance from the wall to two metres before it chain with it."""
-
-    def close(k, image, rng):
-        if rng.random() < 0.5:
-            image[4:8, 2:9] = rng.uniform(18, 20)
-
-    scene = learnt(close)
-    np.testing.assert_allclose(scene.first[2:], 20, atol=0.05)
-    assert scene.spread[2:].max() <= 2 * 0.017
-    assert np.isnan(scene.second).all()
-    assert 0.4 < scene.share[4:8, 2:9].mean() < 0.65
-
-
-def test_noise_that_grows_with_distance_is_the_usual_spread_there():
-    far = np.linspace(10, 60, 10, dtype=np.float32)[:, None] + np.zeros(SHAPE, np.float32)
-    rng, learner = np.random.default_rng(1), SceneLearner(CAMERA)
-    for _ in range(TIMES):
-        learner.add((far + rng.normal(0, 1, SHAPE) * far**2 * 1e-4).astype(np.float32))
-    scene = learner.scene()
-    np.testing.assert_allclose(np.median(scene.spread, axis=1), np.maximum(far[:, 0] ** 2 * 1e-4, 0.016), rtol=0.35)
-    assert scene.shows((far + 3 * far**2 * 1e-4).astype(np.float32)).mean() > 0.9
-
-
-def test_the_foot_of_a_car_is_no_second_mode():
-    """The ground of the pixel below lies where the car stands."""
+    # The ground of the pixel below lies where the car stands.
     ground = (5 / (0.1 + 0.1 * np.arange(10, dtype=np.float32)))[:, None] + np.zeros(SHAPE, np.float32)
     rng, learner = np.random.default_rng(0), SceneLearner(CAMERA)
     for _ in range(TIMES):
@@ -149,8 +122,6 @@ def test_the_foot_of_a_car_is_no_second_mode():
     np.testing.assert_allclose(scene.first, ground, atol=0.02)
     assert np.isnan(scene.second).all()
 
-
-def test_drop_outs_are_no_scene_where_they_are_rare_and_a_second_mode_where_not():
     def dark(k, image, rng):
         image[3:6][rng.random((3, 12)) < 0.02] = 0
         image[7:9][rng.random((2, 12)) < 0.3] = 0
@@ -162,7 +133,25 @@ def test_drop_outs_are_no_scene_where_they_are_rare_and_a_second_mode_where_not(
     assert scene.shows(np.zeros(SHAPE, np.float32))[[0, 4, 8], 0].tolist() == [True, False, True]
 
 
-def test_what_shows_the_scene_lies_within_four_spreads():
+def test_spreads_are_those_of_noise_and_not_of_who_stands_close():
+    """Cars at every distance from the wall to two metres before it chain with it."""
+
+    def close(k, image, rng):
+        if rng.random() < 0.5:
+            image[4:8, 2:9] = rng.uniform(18, 20)
+
+    scene = learnt(close)
+    np.testing.assert_allclose(scene.first[2:], 20, atol=0.05)
+    assert scene.spread[2:].max() <= 2 * 0.017
+    assert np.isnan(scene.second).all()
+    assert 0.4 < scene.share[4:8, 2:9].mean() < 0.65
+    far = np.linspace(10, 60, 10, dtype=np.float32)[:, None] + np.zeros(SHAPE, np.float32)
+    rng, learner = np.random.default_rng(1), SceneLearner(CAMERA)
+    for _ in range(TIMES):
+        learner.add((far + rng.normal(0, 1, SHAPE) * far**2 * 1e-4).astype(np.float32))
+    scene = learner.scene()
+    np.testing.assert_allclose(np.median(scene.spread, axis=1), np.maximum(far[:, 0] ** 2 * 1e-4, 0.016), rtol=0.35)
+    assert scene.shows((far + 3 * far**2 * 1e-4).astype(np.float32)).mean() > 0.9
     scene = learnt(nothing)
     off = np.array([0, 3.9, -3.9, 4.1, -4.1, np.nan], np.float32)
     image = still()
@@ -224,7 +213,7 @@ def test_of_a_recording_come_back_as_they_were_saved(tmp_path):
         learn_empty_scenes(frames, frames=0)
 
 
-def test_damaged_and_other_files_are_refused(tmp_path):
+def test_files_and_scenes_that_are_damaged_or_none_are_refused(tmp_path):
     path = tmp_path / "scenes.npz"
     save_empty_scenes(path, [learnt(nothing, times=3)])
     content = bytearray(path.read_bytes())
@@ -237,9 +226,6 @@ def test_damaged_and_other_files_are_refused(tmp_path):
     write_arrays(path, {"scenes": np.array('[{"name": "a", "model": {"class": "DepthCamera"}, "frames": 3}]')})
     with pytest.raises(ValueError, match="has no empty scenes"):
         load_empty_scenes(path)
-
-
-def test_a_scene_refuses_images_that_are_none():
     scene = learnt(nothing, times=3)
     images = {name: getattr(scene, name) for name in ("first", "spread", "share", "second", "second_spread")}
     images |= {"name": "a", "model": scene.model, "second_share": scene.second_share, "frames": 3}
@@ -278,16 +264,13 @@ def after(images, **times):
     return adapting.scene
 
 
-def test_what_shows_the_scene_moves_it_by_the_time_constant():
+def test_adapted_scenes_follow_time_and_noise_and_refuse_nonsense():
     moved = after([(0.0, wall_image()), (300.0, wall_image(20.05)), (900.0, wall_image(20.05))])
     first = 0.05 * (1 - np.exp(-0.5))
     np.testing.assert_allclose(moved.first[1:], 20 + first + (0.05 - first) * (1 - np.exp(-1)), atol=1e-5)
     assert (moved.first[0] == 0).all()
     assert (moved.spread[1:] > 0.015).all()
     assert (moved.frames, moved.name) == (6, "cam")
-
-
-def test_the_spread_follows_the_noise_and_never_falls_below_the_models():
     rng = np.random.default_rng(0)
     noisy = [
         (10.0 * k, (wall_image() + rng.normal(0, 0.03, (3, 4)) * (wall_image() > 0)).astype(np.float32))
@@ -295,43 +278,6 @@ def test_the_spread_follows_the_noise_and_never_falls_below_the_models():
     ]
     np.testing.assert_allclose(after(noisy).spread[1:], 0.03, rtol=0.25)
     assert after([(10.0 * k, wall_image()) for k in range(400)]).spread[1:].min() == pytest.approx(0.015)
-
-
-def test_who_parks_freezes_it_and_a_day_later_is_the_scene():
-    parked = [(600.0 * k, wall_image(spot=8.0)) for k in range(144)]
-    frozen = after(parked)
-    assert frozen.first[1, 1] == 20
-    np.testing.assert_array_equal(frozen.spread[1, 1], wall_scene().spread[1, 1])
-    taken = after([*parked, (86_400.0, wall_image(spot=8.02))])
-    assert taken.first[1, 1] == 8
-    assert taken.spread[1, 1] == pytest.approx(0.015)
-    assert (taken.first[1:] != 20).sum() == 1
-
-
-def test_another_car_begins_anew_and_one_that_passes_before_it_does_not():
-    day = [(3600.0 * k, wall_image(spot=8.0)) for k in range(24)]
-    another = [*day[:12], (43_000.0, wall_image(spot=12.0)), *day[12:], (86_400.0, wall_image(spot=8.0))]
-    assert after(another).first[1, 1] == 20  # what lies farther was seen through where it stood
-    left = [*day[:12], (43_000.0, wall_image()), *day[12:], (86_400.0, wall_image(spot=8.0))]
-    assert after(left).first[1, 1] == 20
-    passed = [*day[:12], (43_000.0, wall_image(spot=5.0)), *day[12:], (86_400.0, wall_image(spot=8.0))]
-    assert after(passed).first[1, 1] == 8
-    only_passed_now = [*day, (86_400.0, wall_image(spot=5.0))]
-    assert after(only_passed_now).first[1, 1] == 20
-
-
-def test_what_has_gone_is_learnt_within_a_minute():
-    farther = [(10.0 * k, wall_image(spot=30.0)) for k in range(7)]
-    assert after(farther[:6]).first[1, 1] == 20
-    assert after(farther).first[1, 1] == 30
-    gone = [(10.0 * k, wall_image(spot=0.0)) for k in range(7)]
-    assert after(gone[:6]).first[1, 1] == 20
-    assert after(gone).first[1, 1] == 0
-    assert after(gone).spread[1, 1] == 0
-    assert after(farther, reveal=70.0).first[1, 1] == 20
-
-
-def test_adaptation_refuses_nonsense():
     adapting = SceneAdaptation(wall_scene())
     adapting.update(wall_image(), 5.0)
     with pytest.raises(ValueError, match=r"got 4\.0 s after 5\.0 s"):
@@ -341,3 +287,31 @@ def test_adaptation_refuses_nonsense():
     for name in ("seconds", "settle", "reveal"):
         with pytest.raises(ValueError, match=f"{name} must be above 0"):
             SceneAdaptation(wall_scene(), **{name: 0.0})
+
+
+def test_who_parks_freezes_it_until_a_day_later_or_another_comes():
+    parked = [(600.0 * k, wall_image(spot=8.0)) for k in range(144)]
+    frozen = after(parked)
+    assert frozen.first[1, 1] == 20
+    np.testing.assert_array_equal(frozen.spread[1, 1], wall_scene().spread[1, 1])
+    taken = after([*parked, (86_400.0, wall_image(spot=8.02))])
+    assert taken.first[1, 1] == 8
+    assert taken.spread[1, 1] == pytest.approx(0.015)
+    assert (taken.first[1:] != 20).sum() == 1
+    day = [(3600.0 * k, wall_image(spot=8.0)) for k in range(24)]
+    another = [*day[:12], (43_000.0, wall_image(spot=12.0)), *day[12:], (86_400.0, wall_image(spot=8.0))]
+    assert after(another).first[1, 1] == 20  # what lies farther was seen through where it stood
+    left = [*day[:12], (43_000.0, wall_image()), *day[12:], (86_400.0, wall_image(spot=8.0))]
+    assert after(left).first[1, 1] == 20
+    passed = [*day[:12], (43_000.0, wall_image(spot=5.0)), *day[12:], (86_400.0, wall_image(spot=8.0))]
+    assert after(passed).first[1, 1] == 8
+    only_passed_now = [*day, (86_400.0, wall_image(spot=5.0))]
+    assert after(only_passed_now).first[1, 1] == 20
+    farther = [(10.0 * k, wall_image(spot=30.0)) for k in range(7)]
+    assert after(farther[:6]).first[1, 1] == 20
+    assert after(farther).first[1, 1] == 30
+    gone = [(10.0 * k, wall_image(spot=0.0)) for k in range(7)]
+    assert after(gone[:6]).first[1, 1] == 20
+    assert after(gone).first[1, 1] == 0
+    assert after(gone).spread[1, 1] == 0
+    assert after(farther, reveal=70.0).first[1, 1] == 20

@@ -64,14 +64,11 @@ def test_the_plane_is_that_of_ground_seen_in_part_or_unevenly():
     np.testing.assert_allclose(fit_plane(street), [0, 0, -1.7], atol=1e-6)
 
 
-def test_the_same_seed_gives_the_same_plane_and_the_bound_on_tilt_holds():
+def test_planes_repeat_with_their_seed_and_need_ground():
     steep = sloped(scattered(np.random.default_rng(6), -20, 20, 0.0, 2000), 0.5, 0.0, 0.0)
     street = scattered(np.random.default_rng(6), -20, 20, 0.0, 2000, noise=0.05)
     assert fit_plane(street, seed=3).tobytes() == fit_plane(street, seed=3).tobytes()
     assert np.hypot(*fit_plane(steep, max_tilt=0.1)[:2]) <= np.tan(0.1)
-
-
-def test_points_that_make_no_ground_are_refused():
     with pytest.raises(ValueError, match="no ground found in 2 points"):
         fit_plane(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="no ground found in 0 points"):
@@ -82,15 +79,12 @@ def test_points_that_make_no_ground_are_refused():
         fit_plane(far)
 
 
-def test_low_ends_of_cells_and_heights_over_a_plane():
+def test_cells_have_low_ends_and_stray_ones_are_left_out():
     column = np.column_stack([np.full(31, 0.5), np.full(31, 0.5), np.arange(31.0)])
     assert low_points(column, 1.0).tolist() == [[0.5, 0.5, 3.0]]
     assert low_points(column, 1.0, share=0.5).tolist() == [[0.5, 0.5, 15.0]]
     assert low_points(column[:0], 1.0).shape == (0, 3)
     assert heights_above_plane(np.array([0.5, -1.0, 2.0]), np.array([[2.0, 1.0, 7.0]])).tolist() == [5.0]
-
-
-def test_cells_above_others_and_alone_are_left_out():
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2) + 0.5
     cells = np.column_stack([grid, np.zeros(400)])
     cells[210, 2], cells[37, 2] = 1.5, -3.0
@@ -111,13 +105,34 @@ def height_at(xy):
     return -1.2 / (1 + np.exp((xy[:, 0] + 20) / 6))
 
 
-def test_a_map_follows_what_the_plane_does_not():
+def test_maps_follow_hills_kerbs_and_not_stray_points():
     rng = np.random.default_rng(0)
     street = hilly(rng, 30000) + [0, 0, 1] * (0.02 * rng.standard_normal((30000, 1)))
     places = rng.uniform(-36, 36, (500, 2))
     error = fit_map(street).at(places) - height_at(places)
     assert abs(np.median(error)) < 0.01
     assert np.abs(error).max() < 0.08
+    rng = np.random.default_rng(2)
+    street = np.column_stack([rng.uniform(-20, 20, (8000, 2)), np.zeros(8000)])
+    stray = np.column_stack([rng.uniform(-20, 20, (12, 2)), np.full(12, -1.5)])
+    alone = np.column_stack([rng.uniform(70, 71, (30, 2)), rng.uniform(0.5, 1.9, 30)])
+    surface = fit_map(np.concatenate([street, stray, alone]))
+    assert np.abs(surface.at(rng.uniform(-20, 20, (300, 2)))).max() < 0.02
+    assert np.abs(surface.at(np.array([[70.0, 70.0]]))).max() < 0.02
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(-20, 20, (20000, 2))
+    street = np.column_stack([xy, np.where(xy[:, 1] > 4, 0.15, 0.0)])
+    surface = fit_map(street)
+    along = np.linspace(-15, 15, 50)
+    assert np.abs(surface.at(np.column_stack([along, np.full(50, 2.0)]))).max() < 0.03
+    np.testing.assert_allclose(surface.at(np.column_stack([along, np.full(50, 12.0)])), 0.15, atol=0.03)
+    heights = HeightMap(np.array([10.0, 20.0]), np.array([[0.0, 1.0, 2.0], [4.0, 5.0, 6.0]]), cell=2.0)
+    places = np.array([[10.0, 20.0], [11.0, 21.0], [12.0, 24.0], [-5.0, 22.0], [99.0, 99.0]])
+    assert heights.at(places).tolist() == [0.0, 2.5, 6.0, 1.0, 6.0]
+    assert HeightMap(np.zeros(2), np.full((1, 1), 0.3)).at(places).tolist() == [0.3] * 5
+    assert fit_map(np.full((10, 3), 50.0)).at(np.zeros((1, 2))).tolist() == [0.0]
+    with pytest.raises(ValueError, match="reach must be above 0 m, got -1"):
+        fit_map(np.zeros((10, 3)), reach=-1.0)
 
 
 def test_cars_and_hedges_do_not_lift_it():
@@ -134,36 +149,6 @@ def test_cars_and_hedges_do_not_lift_it():
     points = np.concatenate([street, *standing, hedge])
     places = rng.uniform(-30, 30, (500, 2))
     assert np.abs(fit_map(points).at(places) - height_at(places)).max() < 0.1
-
-
-def test_stray_points_below_do_not_sink_it_and_far_from_ground_it_is_the_plane():
-    rng = np.random.default_rng(2)
-    street = np.column_stack([rng.uniform(-20, 20, (8000, 2)), np.zeros(8000)])
-    stray = np.column_stack([rng.uniform(-20, 20, (12, 2)), np.full(12, -1.5)])
-    alone = np.column_stack([rng.uniform(70, 71, (30, 2)), rng.uniform(0.5, 1.9, 30)])
-    surface = fit_map(np.concatenate([street, stray, alone]))
-    assert np.abs(surface.at(rng.uniform(-20, 20, (300, 2)))).max() < 0.02
-    assert np.abs(surface.at(np.array([[70.0, 70.0]]))).max() < 0.02
-
-
-def test_beside_a_kerb_the_lower_level_counts():
-    rng = np.random.default_rng(3)
-    xy = rng.uniform(-20, 20, (20000, 2))
-    street = np.column_stack([xy, np.where(xy[:, 1] > 4, 0.15, 0.0)])
-    surface = fit_map(street)
-    along = np.linspace(-15, 15, 50)
-    assert np.abs(surface.at(np.column_stack([along, np.full(50, 2.0)]))).max() < 0.03
-    np.testing.assert_allclose(surface.at(np.column_stack([along, np.full(50, 12.0)])), 0.15, atol=0.03)
-
-
-def test_height_maps_at_their_edge_and_where_nothing_is():
-    heights = HeightMap(np.array([10.0, 20.0]), np.array([[0.0, 1.0, 2.0], [4.0, 5.0, 6.0]]), cell=2.0)
-    places = np.array([[10.0, 20.0], [11.0, 21.0], [12.0, 24.0], [-5.0, 22.0], [99.0, 99.0]])
-    assert heights.at(places).tolist() == [0.0, 2.5, 6.0, 1.0, 6.0]
-    assert HeightMap(np.zeros(2), np.full((1, 1), 0.3)).at(places).tolist() == [0.3] * 5
-    assert fit_map(np.full((10, 3), 50.0)).at(np.zeros((1, 2))).tolist() == [0.0]
-    with pytest.raises(ValueError, match="reach must be above 0 m, got -1"):
-        fit_map(np.zeros((10, 3)), reach=-1.0)
 
 
 SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared"))
@@ -198,7 +183,7 @@ def test_a_cloud_in_a_crooked_sensors_frame_is_put_on_its_ground(method, height,
     assert np.abs(ground.points(transform(invert(world_SE3_sensor), flat))[:, 2]).max() < 0.06
 
 
-def test_points_and_boxes_go_there_and_back():
+def test_points_boxes_and_headings_go_there_and_back():
     rng = np.random.default_rng(1)
     points = rng.uniform(-12, 12, (500, 3))
     np.testing.assert_allclose(TILTED.points_back(TILTED.points(points)), points, atol=1e-12)
@@ -206,6 +191,17 @@ def test_points_and_boxes_go_there_and_back():
     boxes = np.column_stack([points, rng.uniform(1, 4, (500, 3)), rng.uniform(-3.1, 3.1, 500)])
     np.testing.assert_allclose(TILTED.boxes_back(TILTED.boxes(boxes)), boxes, atol=1e-9)
     assert TILTED.boxes(np.zeros((0, 7))).shape == (0, 7)
+    # A car along the fall line of a plane that leans about the diagonal keeps to that line.
+    ground = Ground(np.array([0.3, 0.3, 0.0]))
+    turned = ground.boxes(np.array([[0, 0, 1, 4, 2, 1, np.pi / 4], [0, 0, 1, 4, 2, 1, 0.0]]))
+    assert turned[0, 6] == pytest.approx(np.pi / 4)
+    along = np.array([1.0, 0.0, 0.3]) @ ground.level_SE3_frame[:3, :3].T
+    assert turned[1, 6] == pytest.approx(np.arctan2(along[1], along[0]))
+    assert turned[:, 3:6].tolist() == [[4, 2, 1], [4, 2, 1]]
+    points = street(np.random.default_rng(3)).astype(np.float32) - np.float32([0, 0, 1.7])
+    one, other = level(points), level(from_points(points))
+    assert one.plane.tobytes() == other.plane.tobytes()
+    assert one.deviation.heights.tobytes() == other.deviation.heights.tobytes()
 
 
 def test_heights_and_motions_of_a_tilted_ground():
@@ -222,23 +218,6 @@ def test_heights_and_motions_of_a_tilted_ground():
     on_ground = np.column_stack([xy, level_plane.height(xy)])
     np.testing.assert_allclose(level_plane.points(on_ground)[:, 2], 0.0, atol=1e-12)
     assert Ground(np.array([0.5, 0.0, 1.0])).height(np.array([[2.0, 9.0]])).tolist() == [2.0]
-
-
-def test_the_heading_of_a_box_stays_in_the_plane():
-    """A car along the fall line of a plane that leans about the diagonal keeps to that line."""
-    ground = Ground(np.array([0.3, 0.3, 0.0]))
-    turned = ground.boxes(np.array([[0, 0, 1, 4, 2, 1, np.pi / 4], [0, 0, 1, 4, 2, 1, 0.0]]))
-    assert turned[0, 6] == pytest.approx(np.pi / 4)
-    along = np.array([1.0, 0.0, 0.3]) @ ground.level_SE3_frame[:3, :3].T
-    assert turned[1, 6] == pytest.approx(np.arctan2(along[1], along[0]))
-    assert turned[:, 3:6].tolist() == [[4, 2, 1], [4, 2, 1]]
-
-
-def test_an_open3d_cloud_and_its_points_have_the_same_ground():
-    points = street(np.random.default_rng(3)).astype(np.float32) - np.float32([0, 0, 1.7])
-    one, other = level(points), level(from_points(points))
-    assert one.plane.tobytes() == other.plane.tobytes()
-    assert one.deviation.heights.tobytes() == other.deviation.heights.tobytes()
 
 
 def test_wrong_arguments_and_points_are_refused():
@@ -258,7 +237,7 @@ def test_wrong_arguments_and_points_are_refused():
             level(wrong)
 
 
-def test_a_warning_names_the_height_of_the_ground():
+def test_warnings_name_the_height_of_the_ground_where_it_is_known():
     rng = np.random.default_rng(4)
     world = street(rng)
     assert level_warning(world) is None
@@ -266,9 +245,6 @@ def test_a_warning_names_the_height_of_the_ground():
     assert "z = 0.30 m" in warned(world - [0, 0, -0.3])
     assert "0% of 12800 points lie between 0 and 4 m" in warned(world - [0, 0, 20.0])
     assert level_warning(transform(pose(pitch=0.1), world)) is not None
-
-
-def test_clouds_that_say_nothing_of_the_ground_make_no_warning():
     rng = np.random.default_rng(5)
     world = street(rng)
     cropped = world[(world[:, 2] > 0) & (world[:, 2] < 4)]

@@ -72,7 +72,7 @@ def test_sensors_are_fitted_to_the_one_that_is_held():
     assert (found.scatter < 0.03).all()
 
 
-def test_without_a_held_one_they_fit_each_other_and_keep_their_common_pose():
+def test_common_poses_and_thin_walls():
     rng = np.random.default_rng(1)
     surfaces = [seen_by(pose, rng) for pose in TRUE]
     believed = [off(pose, rng) for pose in TRUE]
@@ -85,6 +85,25 @@ def test_without_a_held_one_they_fit_each_other_and_keep_their_common_pose():
     moved_by = np.mean([pose[:3, 3] - wrong[:3, 3] for pose, wrong in zip(found.poses, believed, strict=True)], axis=0)
     assert np.linalg.norm(moved_by) < 0.05
     assert len(found.unobserved) == 0
+    rng = np.random.default_rng(4)
+    planes = [plane(rng, [-10, -10, 0], [20, 0, 0], [0, 20, 0], 3000)]
+    front = [*planes, plane(rng, [-10, 0.0, 0], [20, 0, 0], [0, 0, 4], 2000)]
+    back = [*planes, plane(rng, [-10, 0.3, 0], [20, 0, 0], [0, 0, 4], 2000)]
+    poses = [look((0.0, -8.0, 6.0), heading=1.57, tilt=0.4), look((0.0, 8.0, 6.0), heading=-1.57, tilt=0.4)]
+    surfaces = []
+    for pose, side in zip(poses, (front, back), strict=True):
+        points, normals = (np.concatenate(parts) for parts in zip(*side, strict=True))
+        local = Surface(transform(invert(pose), points), normals @ pose[:3, :3], np.full(len(points), 0.005))
+        surfaces.append(face_sensor(local))
+    found = align(surfaces, poses, held=[0])
+    assert np.abs(found.poses[1][:2, 3] - poses[1][:2, 3]).max() < 0.02
+    ahead = Surface(np.array([[0.0, 0, 5], [0, 0, 5]]), np.array([[0.0, 0, 1], [0, 0, -1]]), np.zeros(2))
+    assert face_sensor(ahead).normals[:, 2].tolist() == [-1.0, -1.0]
+    surface = seen_by(TRUE[0], np.random.default_rng(6))
+    with pytest.raises(ValueError, match="got 1 surfaces and 1 poses"):
+        align([surface], [TRUE[0]])
+    with pytest.raises(ValueError, match=r"held must be sensor numbers from 0 to 1, got \[2\]"):
+        align([surface] * 2, TRUE[:2], held=[2])
 
 
 def test_bare_planes_and_strangers_leave_sensors_as_believed():
@@ -103,21 +122,6 @@ def test_bare_planes_and_strangers_leave_sensors_as_believed():
     assert len(found.hidden_motions(2)) == 6
     assert found.poses[2].tobytes() == far.tobytes()
     assert found.shared[2].sum() == 0
-
-
-def test_the_two_sides_of_a_thin_wall_are_not_taken_for_one():
-    rng = np.random.default_rng(4)
-    planes = [plane(rng, [-10, -10, 0], [20, 0, 0], [0, 20, 0], 3000)]
-    front = [*planes, plane(rng, [-10, 0.0, 0], [20, 0, 0], [0, 0, 4], 2000)]
-    back = [*planes, plane(rng, [-10, 0.3, 0], [20, 0, 0], [0, 0, 4], 2000)]
-    poses = [look((0.0, -8.0, 6.0), heading=1.57, tilt=0.4), look((0.0, 8.0, 6.0), heading=-1.57, tilt=0.4)]
-    surfaces = []
-    for pose, side in zip(poses, (front, back), strict=True):
-        points, normals = (np.concatenate(parts) for parts in zip(*side, strict=True))
-        local = Surface(transform(invert(pose), points), normals @ pose[:3, :3], np.full(len(points), 0.005))
-        surfaces.append(face_sensor(local))
-    found = align(surfaces, poses, held=[0])
-    assert np.abs(found.poses[1][:2, 3] - poses[1][:2, 3]).max() < 0.02
 
 
 def test_more_pairs_say_what_the_scene_does_not():
@@ -144,16 +148,6 @@ def test_more_pairs_say_what_the_scene_does_not():
     assert moved < 0.02
 
 
-def test_normals_look_at_sensors_of_which_there_are_several():
-    ahead = Surface(np.array([[0.0, 0, 5], [0, 0, 5]]), np.array([[0.0, 0, 1], [0, 0, -1]]), np.zeros(2))
-    assert face_sensor(ahead).normals[:, 2].tolist() == [-1.0, -1.0]
-    surface = seen_by(TRUE[0], np.random.default_rng(6))
-    with pytest.raises(ValueError, match="got 1 surfaces and 1 poses"):
-        align([surface], [TRUE[0]])
-    with pytest.raises(ValueError, match=r"held must be sensor numbers from 0 to 1, got \[2\]"):
-        align([surface] * 2, TRUE[:2], held=[2])
-
-
 TWO = TRUE[:2]
 
 
@@ -172,7 +166,7 @@ def seen_frames(rng, frames=30, noise=0.05):
     return [[SeenBoxes.of(each + spread * rng.standard_normal(each.shape), at) for at in TWO] for each in truths]
 
 
-def test_road_users_say_what_a_bare_plane_does_not():
+def test_road_users_say_what_a_bare_plane_does_not_by_their_derivatives():
     rng = np.random.default_rng(0)
     surfaces = [seen_by(at, rng, walls=False) for at in TWO]
     motion = np.array([0.0, 0.0, LEVER * np.deg2rad(1.0), 0.2, -0.15, 0.0])
@@ -185,9 +179,6 @@ def test_road_users_say_what_a_bare_plane_does_not():
     heading = [np.arctan2(at[1, 2], at[0, 2]) for at in (found.poses[1], TWO[1])]
     assert np.rad2deg(abs(heading[0] - heading[1])) < 0.2
     assert found.shared[0, 1] > alone.shared[0, 1]
-
-
-def test_rows_are_the_derivatives_of_the_residuals():
     rng = np.random.default_rng(1)
     seen = seen_frames(rng, frames=2)
     for sensor in (0, 1):

@@ -93,7 +93,7 @@ def test_sensors_where_they_should_be_have_not_drifted_and_errors_of_a_profile_t
         assert np.linalg.norm(each.pose[:3, 3] - true.pose[:3, 3]) < 0.02
 
 
-def test_too_few_frames_and_the_wrong_place_are_refused():
+def test_too_few_frames_and_other_places_are_refused():
     with pytest.raises(ValueError, match="4 frames are too few"):
         find_poses(recording(TRUE), surface(), frames=4)
     elsewhere = Surface(surface().points + 500.0, surface().normals, surface().roughness)
@@ -103,9 +103,6 @@ def test_too_few_frames_and_the_wrong_place_are_refused():
     assert refused.pose is TRUE[0].pose
     assert (refused.turn, refused.distance, refused.drifted) == (0.0, 0.0, False)
     assert refused.described()["found"] is False
-
-
-def test_a_reference_that_shows_little_of_what_a_sensor_sees_is_refused():
     learner = SceneLearner(TRUE[0])
     for _ in range(5):
         learner.add(images()[0])
@@ -113,6 +110,20 @@ def test_a_reference_that_shows_little_of_what_a_sensor_sees_is_refused():
     patch = Surface(surface().points[near], surface().normals[near], surface().roughness[near])
     found = find_pose(scene_points(learner.scene())[0], TRUE[0], patch)
     assert "% are needed: is it of the same place" in found.refusal
+    with pytest.raises(ValueError, match="3 frames are too few"):
+        find_poses(recording_together(TRUE_TOGETHER[:2]), frames=3)
+    with pytest.raises(ValueError, match="no sensor 'c'"):
+        find_poses(recording_together(TRUE_TOGETHER[:2]), held=["c"])
+    with pytest.raises(ValueError, match="got 1 surfaces"):
+        find_poses(recording_together(TRUE_TOGETHER[:1]))
+    nobody = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    with pytest.raises(ValueError, match="no frame has a point"):
+        find_poses([nobody])
+    samples = recording_sample_poses(1)
+    with pytest.raises(ValueError, match="no sensor 'c'"):
+        find_poses(samples, held=["c"])
+    with pytest.raises(ValueError, match="1 surfaces"):
+        find_poses([each.seen_by(["a"]) for each in samples])
 
 
 def found_at(pose, deviation=1e-4, unobserved=()):
@@ -121,7 +132,7 @@ def found_at(pose, deviation=1e-4, unobserved=()):
     return FoundPose(sensor, Registration(pose, np.eye(6) * deviation**2, rows, 0.8, 0.01))
 
 
-def test_a_drift_is_clear_or_none():
+def test_drifts_are_clear_and_said_in_degrees():
     little, much = np.eye(4), np.eye(4)
     little[0, 3], much[0, 3] = 0.015, 0.05
     assert not found_at(little).drifted
@@ -131,9 +142,6 @@ def test_a_drift_is_clear_or_none():
     turned[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(0.2)]))
     assert found_at(turned).drifted
     assert np.rad2deg(found_at(turned).turn) == pytest.approx(0.2)
-
-
-def test_what_files_say_is_in_degrees_and_names_what_is_not_observed():
     pose = np.eye(4)
     pose[:3, 3] = [0.0, 0.3, 0.4]
     said = found_at(pose, 0.01, [[0, 0, 0, -1.0, 0, 0]]).described()
@@ -142,6 +150,12 @@ def test_what_files_say_is_in_degrees_and_names_what_is_not_observed():
     assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
     assert said["standard_deviation"]["turn_deg"] == [pytest.approx(0.573, abs=1e-3)] * 3
     assert describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"
+    findings = drift_findings([found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction")
+    assert [(each.severity, each.where) for each in findings] == [("warning", "sensor north")]
+    assert "turned by 1.50° and moved by 50.0 cm against tjunction, to within 0.10° and 0.2 cm" in findings[0].evidence
+    findings = drift_findings([FoundPose(SENSOR, None, "only 4% of its points")], "tjunction")
+    assert findings[0].suspected == "its pose cannot be checked against tjunction"
+    assert findings[0].evidence == "only 4% of its points"
 
 
 TRUE_TOGETHER = (
@@ -179,15 +193,6 @@ def test_sensors_are_put_right_by_each_other():
     a, b = find_poses(recording_together([TRUE_TOGETHER[0], crooked]))  # with none held both move half way
     assert a.distance == pytest.approx(b.distance, abs=0.03)
     assert 0.0 < a.distance < 0.06
-
-
-def test_too_few_frames_and_unknown_sensors_are_refused():
-    with pytest.raises(ValueError, match="3 frames are too few"):
-        find_poses(recording_together(TRUE_TOGETHER[:2]), frames=3)
-    with pytest.raises(ValueError, match="no sensor 'c'"):
-        find_poses(recording_together(TRUE_TOGETHER[:2]), held=["c"])
-    with pytest.raises(ValueError, match="got 1 surfaces"):
-        find_poses(recording_together(TRUE_TOGETHER[:1]))
 
 
 MODEL_CLOUDS = RowLidar(tuple(np.deg2rad(np.linspace(0, -50, 48))), columns=360)
@@ -263,15 +268,17 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypa
         np.testing.assert_array_equal(sensors[1].pose, ERROR @ TRUE_CLOUDS[1].pose)
 
 
-def test_the_pose_found_is_that_of_the_first_sample():
+def test_poses_found_are_of_the_first_sample_in_the_sensors_frame():
     samples = recording_sample_poses(2)
     own = samples[1].clouds[1]
     samples[1] = samples[1].with_clouds((replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),))
     found = find_poses(samples, held=["a"])
     np.testing.assert_array_equal(found[1].sensor.pose, ERROR @ TRUE_CLOUDS[1].pose)
-
-
-def test_by_a_reference():
+    samples = recording_sample_poses(5)
+    found = find_poses(samples, held=["a"])
+    made = Corrected.of(samples, found).corrections
+    np.testing.assert_allclose(made["a"], np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(ERROR @ TRUE_CLOUDS[1].pose @ made["b"], found[1].pose, atol=1e-9)
     samples = recording_sample_poses(5)
     found = find_poses(samples, site_surface(PLACE_TOGETHER))
     for each, true in zip(found, TRUE_CLOUDS, strict=True):
@@ -290,39 +297,11 @@ def test_samples_are_put_where_their_sensors_are(frame):
     np.testing.assert_allclose(after.clouds[1].in_world(), transform(TRUE_CLOUDS[1].pose, clouds()[1]), atol=1e-4)
 
 
-def test_corrections_are_in_the_sensors_own_frame():
-    samples = recording_sample_poses(5)
-    found = find_poses(samples, held=["a"])
-    made = Corrected.of(samples, found).corrections
-    np.testing.assert_allclose(made["a"], np.eye(4), atol=1e-12)
-    np.testing.assert_allclose(ERROR @ TRUE_CLOUDS[1].pose @ made["b"], found[1].pose, atol=1e-9)
-
-
-def test_what_is_refused():
-    nobody = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    with pytest.raises(ValueError, match="no frame has a point"):
-        find_poses([nobody])
-    samples = recording_sample_poses(1)
-    with pytest.raises(ValueError, match="no sensor 'c'"):
-        find_poses(samples, held=["c"])
-    with pytest.raises(ValueError, match="1 surfaces"):
-        find_poses([each.seen_by(["a"]) for each in samples])
-
-
 SENSOR = Sensor("north", DepthCamera(width=40, height=30), np.eye(4))
 
 
 def found(moved, deviation=0.001):
     return FoundPose(SENSOR, Registration(moved, np.eye(6) * deviation**2, np.zeros((0, 6)), 0.8, 0.01))
-
-
-def test_drifts_are_said_with_their_numbers_or_why_they_are_unknown():
-    findings = drift_findings([found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction")
-    assert [(each.severity, each.where) for each in findings] == [("warning", "sensor north")]
-    assert "turned by 1.50° and moved by 50.0 cm against tjunction, to within 0.10° and 0.2 cm" in findings[0].evidence
-    findings = drift_findings([FoundPose(SENSOR, None, "only 4% of its points")], "tjunction")
-    assert findings[0].suspected == "its pose cannot be checked against tjunction"
-    assert findings[0].evidence == "only 4% of its points"
 
 
 def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an_error(tmp_path):

@@ -128,7 +128,7 @@ def test_strangers_noise_and_distance_do_not_pull():
         register(np.zeros((0, 3)), reference, np.eye(4))
 
 
-def test_the_motion_of_the_world_moves_what_is_found():
+def test_what_is_found_moves_with_the_world_by_the_derivative():
     rng = np.random.default_rng(5)
     reference, seen = corner(rng), corner(rng, 1000)
     points, believed = transform(invert(TRUE), seen.points), TRUE @ off(1.0, 0.1, rng)
@@ -138,9 +138,6 @@ def test_the_motion_of_the_world_moves_what_is_found():
     )
     one, other = register(points, reference, believed), register(points, moved_surface, motion @ believed)
     np.testing.assert_allclose(other.pose, motion @ one.pose, atol=2e-3)
-
-
-def test_resistance_is_the_derivative_of_the_distance_from_the_plane():
     rng = np.random.default_rng(7)
     points, normals = rng.uniform(-20, 20, (40, 3)), rng.standard_normal((40, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -151,15 +148,16 @@ def test_resistance_is_the_derivative_of_the_distance_from_the_plane():
         motion[k] = 1e-6
         along = ((transform(apply_motion(TRUE, motion), local) - points) * normals).sum(axis=1)
         np.testing.assert_allclose(along / 1e-6, rows[:, k], atol=1e-4)
-
-
-def test_motions_between_poses_count_as_moves_at_the_levers_end():
     after = apply_motion(np.eye(4), np.array([0, 0, 0.1, 1, 2, 3.0]))
     assert np.arctan2(after[1, 0], after[0, 0]) == pytest.approx(0.1 / LEVER)
     assert after[:3, 3].tolist() == [1, 2, 3]
     motion = np.array([0.3, -1.2, 0.7, 1.0, 2.0, -3.0])
     np.testing.assert_allclose(motion_between(TRUE, apply_motion(TRUE, motion)), motion, atol=1e-12)
     assert motion_between(TRUE, TRUE).tolist() == [0.0] * 6
+    assert tukey_weight(np.array([0.0, 1.0, -1.0, 2.0, 3.0]), 2.0).tolist() == [1.0, 0.5625, 0.5625, 0.0, 0.0]
+    points = np.array([[0.1, 0, 0], [0.2, 0, 0], [1.2, 0, 0], [0.3, -0.2, 0], [0.4, 0, 2.0]])
+    assert thin_rows(points, 1.0).tolist() == [0, 2, 3, 4]
+    assert thin_rows(points[:0], 1.0).tolist() == []
 
 
 def test_a_row_of_equal_bays_does_not_catch_a_sensor_that_is_one_bay_off():
@@ -175,13 +173,6 @@ def test_a_row_of_equal_bays_does_not_catch_a_sensor_that_is_one_bay_off():
     found = register(points, reference, turned_off)
     assert turned(found.pose, TRUE) < 0.05
     assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.02
-
-
-def test_weights_end_and_one_point_of_each_cube_stays():
-    assert tukey_weight(np.array([0.0, 1.0, -1.0, 2.0, 3.0]), 2.0).tolist() == [1.0, 0.5625, 0.5625, 0.0, 0.0]
-    points = np.array([[0.1, 0, 0], [0.2, 0, 0], [1.2, 0, 0], [0.3, -0.2, 0], [0.4, 0, 2.0]])
-    assert thin_rows(points, 1.0).tolist() == [0, 2, 3, 4]
-    assert thin_rows(points[:0], 1.0).tolist() == []
 
 
 SQUARE = np.array([[0.0, 0], [6, 0], [6, 4], [0, 4]])

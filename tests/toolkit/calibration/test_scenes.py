@@ -97,7 +97,7 @@ def test_who_passes_is_not_in_the_scene_learnt_when_asked_for():
         scenes["south"]
 
 
-def test_given_scenes_take_the_place_of_learnt_ones(tmp_path):
+def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
     learnt = learn_sample_scenes(sample(k, image) for k, image in enumerate(images()))["north"]
     save_empty_scenes(tmp_path / "scenes.npz", [learnt.scene])
     (loaded,) = load_empty_scenes(tmp_path / "scenes.npz")
@@ -108,9 +108,6 @@ def test_given_scenes_take_the_place_of_learnt_ones(tmp_path):
     camera = EmptyScene.of(Sensor("c", DepthCamera(), np.eye(4)), np.ones(DepthCamera().shape, np.float32))
     with pytest.raises(ValueError, match=r"learnt from images of DepthCamera.*, not from clouds"):
         Scenes([], [camera]).grid("c")
-
-
-def test_sensors_that_move_and_few_samples_have_no_good_scene():
     with pytest.raises(ValueError, match=r"north moves, by 0\.6 m: only a sensor that stands still"):
         learn_sample_scenes([sample(0, WALL), sample(1, WALL, moved=0.6)])
     here = sample(1, WALL)

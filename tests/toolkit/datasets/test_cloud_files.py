@@ -55,7 +55,7 @@ def test_every_format_gives_the_same_points(tmp_path, ending):
     np.testing.assert_array_equal(points, POINTS)
 
 
-def test_points_of_no_number_are_left_out_and_others_keep_their_millimetres(tmp_path):
+def test_points_of_no_number_or_none_at_all(tmp_path):
     np.save(tmp_path / "a.npy", [[1, 2, 3], [np.nan, 0, 0], [0, np.inf, 0]])
     assert read_points(tmp_path / "a.npy").tolist() == [[1, 2, 3]]
     world = POINTS + POSES[0][:3, 3]
@@ -66,6 +66,13 @@ def test_points_of_no_number_are_left_out_and_others_keep_their_millimetres(tmp_
     fused = fuse_files(paths, POSES)
     np.testing.assert_allclose(positions(fused), np.tile(world, (2, 1)), atol=1e-6, rtol=0)
     assert sensor_numbers(fused).tolist() == [0] * 40 + [1] * 40
+    header = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n"
+    )
+    (tmp_path / "a.pcd").write_text(header)
+    (tmp_path / "a.bin").write_bytes(b"")
+    for name in ("a.pcd", "a.bin"):
+        assert read_points(tmp_path / name).shape == (0, 3)
 
 
 def numbers(pose, form):
@@ -187,16 +194,6 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
 def test_text_with_a_header_is_read_by_its_columns(tmp_path, content):
     (tmp_path / "a.csv").write_text(content, encoding="utf-8")
     assert read_points(tmp_path / "a.csv").tolist() == [[1, 2, 3]]
-
-
-def test_a_sensor_that_saw_nothing_is_no_damage(tmp_path):
-    header = (
-        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n"
-    )
-    (tmp_path / "a.pcd").write_text(header)
-    (tmp_path / "a.bin").write_bytes(b"")
-    for name in ("a.pcd", "a.bin"):
-        assert read_points(tmp_path / name).shape == (0, 3)
 
 
 @pytest.mark.parametrize("ascii", [False, True])

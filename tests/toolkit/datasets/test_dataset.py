@@ -141,7 +141,7 @@ def test_goes_to_other_processes(path, method):
     assert same(dataset[2], made[2])
 
 
-def test_the_published_files(path, published):
+def test_the_published_files_and_those_from_elsewhere(path, published):
     dataset = CoopDataset(path)
     assert dataset.site.name == "tjunction"
     assert [sensor.name for sensor in dataset.sensors] == ["depth1", "depth2"]
@@ -154,9 +154,6 @@ def test_the_published_files(path, published):
             assert sensor.model == DepthCamera()
         for ours, theirs in zip(read.sensors, made.sensors, strict=True):
             assert np.allclose(ours.pose, theirs.pose)
-
-
-def test_a_published_file_from_elsewhere_needs_its_site(path, published):
     with h5py.File(path, "r+") as file:
         for objects in file["objects"].values():
             objects[:, :2] += 1000

@@ -43,14 +43,11 @@ def views(shown=CENTRES):
     return [SensorImages(each, rays, np.stack([image(each, x) for x in shown])) for each in SENSORS]
 
 
-def test_recordings_that_are_healthy_or_show_nothing():
+def test_frozen_images_are_named_and_healthy_ones_not():
     assert not any(frozen_frames(each, rows(CENTRES), SITE).any() for each in views())  # 9 twice: parked
     assert not blind_frames(views()).any()
     assert list(failing_sensors(views(), rows(CENTRES), SITE, range(6))) == []
     assert list(failing_sensors([], [], SITE, [])) == []
-
-
-def test_an_image_that_shows_who_has_gone_is_frozen():
     frozen = views([-4.0, -3.0, -3.0, -3.0, 9.0, 2.0])[0]
     assert frozen_frames(frozen, rows(CENTRES), SITE).tolist() == [False, False, True, True, False, False]
     both = [frozen, views()[1]]

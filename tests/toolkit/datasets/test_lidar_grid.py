@@ -91,7 +91,7 @@ def test_rows_are_found_where_elevations_scatter_and_lasers_stay_apart():
     assert find_grid([stretched]).model.max_range == np.ceil(1.25 * farthest)
 
 
-def test_a_lidar_that_looks_one_way_across_the_seam():
+def test_lidars_across_the_seam_or_without_a_pattern():
     row, column = (each.ravel() for each in np.meshgrid(np.arange(20), np.arange(50)))
     elevation, azimuth = np.deg2rad(5 - 0.8 * row), np.deg2rad(160.0 + 0.8 * column)  # on to -160.8
     grid = find_grid([cloud(elevation, azimuth, seed=k) for k in range(2)])
@@ -99,9 +99,6 @@ def test_a_lidar_that_looks_one_way_across_the_seam():
     assert grid.model.columns == 50
     assert np.rad2deg(grid.model.azimuth_fov) == pytest.approx(40.0, abs=1e-3)
     assert np.rad2deg(grid.model.heading) == pytest.approx(179.6, abs=1e-3)
-
-
-def test_a_pattern_that_never_repeats_has_even_cells_that_are_mostly_met():
     rng = np.random.default_rng(0)
     clouds = [cloud(rng.uniform(-0.3, 0.2, 6000), rng.uniform(-0.5, 0.5, 6000), seed=k) for k in range(2)]
     grid = find_grid(clouds)
@@ -111,6 +108,12 @@ def test_a_pattern_that_never_repeats_has_even_cells_that_are_mostly_met():
     assert 0.4 < 6000 / (grid.model.shape[0] * grid.model.shape[1]) < 1.6
     assert grid.model.elevations[0] >= 0.2 - 1e-3
     assert grid.model.elevations[-1] <= -0.3 + 1e-3
+    grid = LidarGrid(MODEL, rings=(7, 3, 9, 1))
+    points = along((0, 4, 10.0), (0, 5, 10.0), (0, 6, 10.0))
+    made = rasterize_cloud(SensorCloud("l", points, np.eye(4), ring=np.array([9, 1, 8])), grid)
+    assert made.inside.tolist() == [True, True, False]
+    assert made.cells[:2].tolist() == [2 * 36 + 4, 3 * 36 + 5]
+    assert rasterize_cloud(SensorCloud("l", points, np.eye(4)), grid).cells.tolist() == [4, 5, 6]
 
 
 def test_what_is_no_image_is_refused(monkeypatch):
@@ -185,12 +188,3 @@ def test_points_in_cells_and_outside_are_counted():
     made = rasterize_cloud(SensorCloud("l", points.astype(np.float32), np.eye(4)), LidarGrid(SECTOR))
     assert made.inside.tolist() == [False, True, True, True, False]
     assert made.cells[1:4].tolist() == [10, 15, 19]
-
-
-def test_rings_say_the_row_whatever_the_elevation():
-    grid = LidarGrid(MODEL, rings=(7, 3, 9, 1))
-    points = along((0, 4, 10.0), (0, 5, 10.0), (0, 6, 10.0))
-    made = rasterize_cloud(SensorCloud("l", points, np.eye(4), ring=np.array([9, 1, 8])), grid)
-    assert made.inside.tolist() == [True, True, False]
-    assert made.cells[:2].tolist() == [2 * 36 + 4, 3 * 36 + 5]
-    assert rasterize_cloud(SensorCloud("l", points, np.eye(4)), grid).cells.tolist() == [4, 5, 6]

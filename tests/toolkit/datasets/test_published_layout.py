@@ -33,7 +33,7 @@ def test_objects_and_back(map_SE3_site, places):
     assert back.ids.tolist() == objects.ids.tolist()
 
 
-def test_cameras_and_boxes_in_carla_coordinates():
+def test_cameras_boxes_and_empty_pixels_in_carla_coordinates():
     """On an unturned map a camera at (1, 2, 5) that looks north (+y) looks along -y in CARLA, its right is +x."""
     matrix = published.extrinsic(look((1.0, 2.0, 5.0), np.pi / 2), np.eye(4))
     ahead, right, above = np.array([[1, -2 - 7, 5, 1], [1 + 3, -2 - 7, 5, 1], [1, -2 - 7, 5 + 2, 1]]).T.T
@@ -48,6 +48,14 @@ def test_cameras_and_boxes_in_carla_coordinates():
     back = published.parse_intrinsic(published.intrinsic(camera), 200, 320)
     assert back.centre == (150.0, 99.5)
     assert back.fov == pytest.approx(1.2)
+    camera = DepthCamera(width=8, height=6)
+    depth = np.zeros(camera.shape, np.float32)
+    depth[0] = [1.5, 999.0, np.inf, np.nan]
+    image = published.expand_image(depth, camera)
+    assert image.shape == (6, 8)
+    assert image[0].tolist() == [1.5, 0, 999, 0, 1000, 0, 1000, 0]
+    assert published.measured([(image, 2)])[0][0].tolist() == [1.5, 999, 0, 0]
+    assert published.measured([(np.full((6, 8), np.nan), 2)])[0].tolist() == np.zeros((3, 4)).tolist()
 
 
 @pytest.mark.parametrize(
@@ -88,14 +96,3 @@ def test_objects_refused(rows, says):
 @pytest.mark.parametrize("rows", [np.zeros((0, 10)), np.zeros(0)])
 def test_no_objects(rows):
     assert len(published.parse_rows(rows, np.eye(4))) == 0
-
-
-def test_what_returned_nothing_survives_the_image():
-    camera = DepthCamera(width=8, height=6)
-    depth = np.zeros(camera.shape, np.float32)
-    depth[0] = [1.5, 999.0, np.inf, np.nan]
-    image = published.expand_image(depth, camera)
-    assert image.shape == (6, 8)
-    assert image[0].tolist() == [1.5, 0, 999, 0, 1000, 0, 1000, 0]
-    assert published.measured([(image, 2)])[0][0].tolist() == [1.5, 999, 0, 0]
-    assert published.measured([(np.full((6, 8), np.nan), 2)])[0].tolist() == np.zeros((3, 4)).tolist()

@@ -119,7 +119,7 @@ def test_a_clocks_offset_moves_points_on_cars_in_close_frames():
         with_errors(frame_at(1), late, 0)
 
 
-def test_no_terms_or_numbers_for_names():
+def test_no_terms_numbers_for_names_and_what_is_refused():
     frame = frame_at(1)
     before = [image.copy() for image in frame.images]
     assert same(with_errors(frame, ErrorProfile("none", ()), 0), frame)
@@ -129,9 +129,6 @@ def test_no_terms_or_numbers_for_names():
     one, two = (with_errors(frame, TYPICAL, 0, numbers=numbers) for numbers in ([9, 8, 7], [9, 1, 2]))
     assert np.array_equal(one.images[0], two.measurements[0])
     assert not np.array_equal(one.images[1], two.measurements[1])
-
-
-def test_what_is_refused():
     with pytest.raises(ValueError, match="seed must not be negative, got -1"):
         with_errors(frame_at(0), PAPER_ERRORS, -1)
     with pytest.raises(ValueError, match="unknown error profile 'rotten'"):

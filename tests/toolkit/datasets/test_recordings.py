@@ -174,9 +174,20 @@ def read_all(layout, path):
     return None
 
 
-def test_an_unknown_layout_lists_those_there_are():
+def test_parts_and_options_are_those_of_the_reader(tmp_path):
     with pytest.raises(ValueError, match="no layout 'kiti': choose among folder, kitti"):
         find_layout("kiti")
+    part = Part(Read(range(7)), frames=2, every=3)
+    assert [*map(str, part), len(part)] == ["0", "3", 2]
+    assert [*map(str, Part(Read(range(7)), every=3))] == ["0", "3", "6"]
+    assert len(Part(Read(range(3)), frames=9)) == 3
+    for number in (-1, 2):
+        with pytest.raises(IndexError, match="2 are chosen"):
+            part[number]
+    with pytest.raises(ValueError, match="--drop-invalid does not go with layout folder"):
+        open_recording(tmp_path, drop_invalid=True)
+    with pytest.raises(ValueError, match="--poses does not go with layout kitti"):
+        open_recording(tmp_path, "kitti", poses=tmp_path / "poses.txt")
 
 
 @pytest.fixture
@@ -188,7 +199,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_a_recording_is_read_one_by_one_in_part_with_its_problems(folder):
+def test_a_recording_is_read_one_by_one_with_its_problems_or_missed(folder):
     samples = read(folder, "folder")
     assert iter(samples) is samples
     assert [sample.name for sample in samples] == ["000000", "000001", "000002"]
@@ -202,9 +213,6 @@ def test_a_recording_is_read_one_by_one_in_part_with_its_problems(folder):
     for sample in read(folder, "folder"):
         add_problems(total, sample.problems)
     assert total == {"points of no return": 3}
-
-
-def test_what_is_not_there_or_only_read(folder):
     with pytest.raises(FileNotFoundError, match="no such recording"):
         read(folder / "other", "folder")
     with pytest.raises(ValueError, match="no layout 'x'"):
@@ -217,29 +225,12 @@ class Read(list):
     site = None
 
 
-def test_a_part_is_every_nth_frame_and_the_first_of_these():
-    part = Part(Read(range(7)), frames=2, every=3)
-    assert [*map(str, part), len(part)] == ["0", "3", 2]
-    assert [*map(str, Part(Read(range(7)), every=3))] == ["0", "3", "6"]
-    assert len(Part(Read(range(3)), frames=9)) == 3
-    for number in (-1, 2):
-        with pytest.raises(IndexError, match="2 are chosen"):
-            part[number]
-
-
 @pytest.mark.parametrize(("options", "message"), [({"every": 0}, "every must"), ({"frames": 0}, "frames must")])
 def test_no_part_is_empty(options, message):
     with pytest.raises(ValueError, match=message):
         Part(Read(range(3)), **options)
     with pytest.raises(ValueError, match="there is no frame"):
         Part(Read())
-
-
-def test_options_are_those_of_the_reader(tmp_path):
-    with pytest.raises(ValueError, match="--drop-invalid does not go with layout folder"):
-        open_recording(tmp_path, drop_invalid=True)
-    with pytest.raises(ValueError, match="--poses does not go with layout kitti"):
-        open_recording(tmp_path, "kitti", poses=tmp_path / "poses.txt")
 
 
 def test_layouts_plug_in(monkeypatch):

@@ -41,7 +41,7 @@ def test_damage_is_one_line_with_the_file(damage, names):
         damage()
 
 
-def test_rotations_are_made_orthonormal_or_refused():
+def test_rotations_poses_and_headings():
     off = pose(yaw=0.3)[:3, :3] + 0.004
     matrix = records.rigid(off, [1, 2, 3])
     np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
@@ -51,9 +51,6 @@ def test_rotations_are_made_orthonormal_or_refused():
             records.rigid(wrong, [0, 0, 0])
     with pytest.raises(ValueError, match="NaN"):
         records.rigid(np.eye(3), [np.nan, 0, 0])
-
-
-def test_poses_and_headings_turn_with_the_frame():
     placed = pose(1.0, 2.0, 3.0, yaw=0.5)
     np.testing.assert_allclose(records.rigid_matrix(placed.tolist()), placed)
     np.testing.assert_allclose(records.rigid_matrix(placed[:3].ravel().astype(str)), placed)
@@ -115,7 +112,7 @@ def cloud(points, **columns):
     ), problems
 
 
-def test_points_that_are_none_are_counted_apart_unless_the_frame_is_the_worlds():
+def test_points_and_times_of_clouds():
     made, problems = cloud([[1, 2, 3], [np.inf, 0, 0], [0, 0, 0], [2e5, 0, 0]], intensity=np.arange(4.0)[:, None])
     assert (made.points.tolist(), made.intensity.tolist()) == ([[1, 2, 3]], [0])
     assert problems == {"points with NaN or infinite numbers": 2, "points of no return": 1}
@@ -124,9 +121,6 @@ def test_points_that_are_none_are_counted_apart_unless_the_frame_is_the_worlds()
     assert (len(made.points), problems) == (1, {})
     made, _ = cloud([[1, 0, 0]], colors=np.array([[7, 0, 0]], np.uint8))  # colours hold intensity in the red
     assert made.intensity.tolist() == [7]
-
-
-def test_times_are_seconds_from_the_first():
     times = cloud([[1, 0, 0], [2, 0, 0]], t=np.array([500, 300], np.uint32))[0].time
     np.testing.assert_allclose(times, [2e-7, 0], atol=1e-15)
     times = cloud([[1, 0, 0], [2, 0, 0]], timestamp=np.array([1.6e9, 1.6e9 + 0.5]))[0].time
@@ -135,7 +129,7 @@ def test_times_are_seconds_from_the_first():
     assert cloud([[1, 0, 0]])[0].intensity is None
 
 
-def test_a_cloud_there_and_back(tmp_path):
+def test_clouds_there_and_back_as_one_with_rings(tmp_path):
     placed = pose(1.0, 2.0, 3.0, yaw=1.0)
     sensor = SensorCloud("s", np.array([[4.0, 5, 6]], np.float32), placed, intensity=np.array([0.5], np.float32))
     records.write_cloud(tmp_path / "a.pcd", sensor)
@@ -143,9 +137,6 @@ def test_a_cloud_there_and_back(tmp_path):
     back = records.read_cloud(tmp_path / "a.pcd", "s", placed, problems)
     assert back.points.tolist() == sensor.points.tolist()
     assert back.intensity.tolist() == [0.5]
-
-
-def test_clouds_as_one():
     placed = pose(10.0)
     some = SensorCloud("a", np.ones((1, 3), np.float32), placed, intensity=np.ones(1, np.float32))
     other = SensorCloud("b", np.ones((2, 3), np.float32), np.eye(4))
@@ -153,9 +144,6 @@ def test_clouds_as_one():
     assert together.points[:, 0].tolist() == [11, 1, 1]
     assert together.intensity is None
     assert records.one_cloud(Frame.of_clouds("0", (some,), Objects.empty())).intensity.tolist() == [1]
-
-
-def test_rings_are_read_and_written(tmp_path):
     assert cloud([[1, 0, 0]])[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([2.5]))[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([np.nan]))[0].ring is None

@@ -79,7 +79,7 @@ def undisturbed(tmp_path_factory):
     return out
 
 
-def test_frames_of_a_simulated_dataset(undisturbed):
+def test_frames_and_bodies_of_a_simulated_dataset(undisturbed):
     dataset = CoopDataset(undisturbed)
     job = small_job()
     assert len(dataset) == FRAMES
@@ -91,6 +91,12 @@ def test_frames_of_a_simulated_dataset(undisturbed):
     assert tracks[BLOCK] & tracks[BLOCK + 1]
     assert len({frame.objects.boxes.tobytes() for frame in dataset}) == FRAMES
     assert np.mean([len(frame.objects) for frame in dataset]) > 3
+    sizes = np.array([body.size for body in small_job()["fleet"].fixed])
+    with h5py.File(undisturbed) as file:
+        bodies, start = file["coview/object_bodies"][:], file["coview/object_start"][:]
+        for k in (0, FRAMES - 1):
+            halves = file[f"objects/{k}"][:, 6:9]
+            assert np.allclose(2 * halves, sizes[bodies[start[k] : start[k + 1]]], atol=1e-3)
 
 
 def test_points_above_the_street_lie_in_boxes(undisturbed):
@@ -109,15 +115,6 @@ def test_points_above_the_street_lie_in_boxes(undisturbed):
             inside += int(points_in_boxes(points, boxes).any(axis=1).sum())
     assert seen > 200
     assert inside >= 0.98 * seen  # what lies outside are wing mirrors
-
-
-def test_bodies_of_the_objects_are_kept(undisturbed):
-    sizes = np.array([body.size for body in small_job()["fleet"].fixed])
-    with h5py.File(undisturbed) as file:
-        bodies, start = file["coview/object_bodies"][:], file["coview/object_start"][:]
-        for k in (0, FRAMES - 1):
-            halves = file[f"objects/{k}"][:, 6:9]
-            assert np.allclose(2 * halves, sizes[bodies[start[k] : start[k + 1]]], atol=1e-3)
 
 
 def test_as_many_workers_as_you_like_write_the_same_bytes(tmp_path, undisturbed):
@@ -187,15 +184,12 @@ def test_what_was_made_from_something_else_is_not_touched(undisturbed, changes, 
     assert [path.name for path in undisturbed.parent.iterdir()] == [undisturbed.name]
 
 
-def test_files_that_are_no_simulation_are_not_touched(tmp_path):
+def test_what_is_there_is_overwritten_when_told_and_links_followed(tmp_path):
     out = tmp_path / "thesis.txt"
     out.write_text("ten years")
     with pytest.raises(FileExistsError, match="is no complete file of coview simulate"):
         simulate_dataset(out=out, **small_job())
     assert out.read_text() == "ten years"
-
-
-def test_overwrite(tmp_path):
     out = tmp_path / "new" / "out.hdf5"
     site = load_site("tjunction")
     lidar = Sensor("lidar", SpinningLidar(channels=4, azimuth_step=0.1), site.sensors[0].pose)
@@ -204,6 +198,14 @@ def test_overwrite(tmp_path):
     assert simulate_dataset(out=out, overwrite=True, **other) == 2
     assert CoopDataset(out).sensors == (lidar,)
     assert simulate_dataset(out=out, **other) == 0
+    (tmp_path / "elsewhere").mkdir()
+    link, real = tmp_path / "out.hdf5", tmp_path / "elsewhere" / "real.hdf5"
+    link.symlink_to(real)
+    assert simulate_dataset(out=link, **small_job(frames=np.int64(1), seed=np.int32(3))) == 1
+    assert link.is_symlink()
+    assert len(CoopDataset(real)) == 1
+    assert simulate_dataset(out=link, **small_job(frames=1)) == 0
+    assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["real.hdf5"]
 
 
 a, b = small_job()["sensors"]
@@ -221,17 +223,6 @@ def test_arguments_that_do_not_fit_leave_nothing(tmp_path, changes, says):
     with pytest.raises((ValueError, TypeError), match=f"{says}|Type-check error"):  # the shape checker may come first
         simulate_dataset(out=tmp_path / "new" / "out.hdf5", **small_job(**changes))
     assert not list(tmp_path.iterdir())
-
-
-def test_numbers_of_numpy_will_do_and_a_link_is_followed(tmp_path):
-    (tmp_path / "elsewhere").mkdir()
-    link, real = tmp_path / "out.hdf5", tmp_path / "elsewhere" / "real.hdf5"
-    link.symlink_to(real)
-    assert simulate_dataset(out=link, **small_job(frames=np.int64(1), seed=np.int32(3))) == 1
-    assert link.is_symlink()
-    assert len(CoopDataset(real)) == 1
-    assert simulate_dataset(out=link, **small_job(frames=1)) == 0
-    assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["real.hdf5"]
 
 
 def test_a_ray_cluster_writes_the_same_bytes(tmp_path, undisturbed):

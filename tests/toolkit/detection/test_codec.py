@@ -9,7 +9,7 @@ from toolkit.objects import Detections
 BOXES = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
 
 
-def test_the_papers_counting_and_estimates():
+def test_the_papers_counting_and_digest():
     points, boxes = np.ones((5, 3), np.float32), Detections(BOXES, np.array([0.5, 0.4]))
     assert PAPER.encode_points(points).bits == 5 * 3 * 32
     assert PAPER.encode_boxes(boxes).bits == 2 * 8 * 32
@@ -22,6 +22,12 @@ def test_the_papers_counting_and_estimates():
     codec = PaperCodec(bits_per_point=12.5, bits_per_box=40)
     for n in (0, 1, 10):
         assert codec.encode_points(np.zeros((n, 3), np.float32)).bits == round(float(codec.bits(points=n)))
+    assert PaperCodec().digest == PAPER.digest != PaperCodec(48).digest
+    assert check_codec(PAPER) is PAPER
+    with pytest.raises((ValueError, TypeError), match="codec"):
+        check_codec("paper")
+    with pytest.raises((ValueError, TypeError), match="codec"):
+        check_codec(PaperCodec)
 
 
 @pytest.mark.parametrize("bits", [-5, -0.1, math.nan, math.inf, True, None, "96"])
@@ -29,12 +35,3 @@ def test_the_papers_counting_and_estimates():
 def test_nonsense_costs_are_refused(which, bits):
     with pytest.raises((ValueError, TypeError), match=which):
         PaperCodec(**{which: bits})
-
-
-def test_its_digest_says_its_parameters():
-    assert PaperCodec().digest == PAPER.digest != PaperCodec(48).digest
-    assert check_codec(PAPER) is PAPER
-    with pytest.raises((ValueError, TypeError), match="codec"):
-        check_codec("paper")
-    with pytest.raises((ValueError, TypeError), match="codec"):
-        check_codec(PaperCodec)

@@ -59,13 +59,10 @@ def test_a_street_that_leans_far_from_the_origin_is_detected_in(levelling):
     assert found.detect_ms > 0
 
 
-def test_a_raw_cloud_is_warned_of():
+def test_raw_clouds_are_warned_of_and_counted_from_the_middle():
     (found,) = detect_frames(samples(pose(0.0, 0.0, -1.7)), Blocks(), Place("none"))
     assert "ground seems to lie at z = -1.70 m" in str(found.stand.warning)
     assert found.stand.ground is None
-
-
-def test_points_are_counted_from_the_middle_on_one_ground():
     detector = Blocks()
     (found,) = detect_frames(samples(pose(5000.0)), detector, Place("none", area=(4995.0, -8.0, 5015.0, 12.0)))
     assert detector.seen[0].dtype == np.float32
@@ -150,7 +147,7 @@ def found():
     ]
 
 
-def test_boxes_in_one_file_or_one_for_each_sample(found, tmp_path):
+def test_boxes_in_files_and_a_summary(found, tmp_path):
     assert list(write_detections(iter(found), tmp_path / "b.json", weights="general")) == found
     entries = read_entries(tmp_path / "b.json")
     assert list(entries) == ["a/0", "a/1"]
@@ -164,9 +161,6 @@ def test_boxes_in_one_file_or_one_for_each_sample(found, tmp_path):
     assert len(words) == 16
     assert float(words[-1]) == 0.75
     assert file_name("106-105/seq-1/00000 b") == "106-105_seq-1_00000_b"
-
-
-def test_a_summary(found):
     figures = summarise(found)
     assert figures == {
         "samples": 2,

@@ -88,13 +88,22 @@ def run(oracle=None, **options):
     return evaluate_recording(Watched(oracle), oracle, Comparison(**options), reads=reads, **more)
 
 
-def test_an_oracle_is_perfect_though_it_reports_what_is_not_scored():
+def test_oracles_are_perfect_and_detect_once_per_sensor():
     rows = run(Oracle(needed=-1), sensor_sets=[None, [1]])
     assert len(rows) == 3 * 2 * 3
     assert all(row.ap == row.recall == row.precision == 1 for row in rows)
     assert [row.scheme for row in rows[::6]] == ["early", "late", "hybrid"]
     assert [row.sensors for row in rows[:6:3]] == [(0, 1, 2), (1,)]
     assert [row.iou for row in rows[:3]] == [0.7, 0.8, 0.9]
+    oracle = Oracle()
+    run(oracle, schemes=["late"], sensor_sets=[[0], [1], [0, 1], [0, 1, 2], [2, 1]])
+    assert oracle.calls == 5 * 3
+    oracle = Oracle()
+    run(oracle, schemes=["late", "hybrid"], sensor_sets=[[0, 1], [1, 0]])
+    assert oracle.calls == 5 * (2 + 2)
+    row = run(schemes=["late"], iou_thresholds=[0.7], classes=["pedestrian"])[0]
+    assert row.as_dict()["ap"] is None
+    assert "nan" in format_table([row])
 
 
 def test_rows_are_what_fusion_and_metrics_give():
@@ -111,15 +120,6 @@ def test_rows_are_what_fusion_and_metrics_give():
     assert 0 < row.recall < 1
     assert row.kbit_per_sensor == pytest.approx(np.mean([f.bits for f in fused]) / 1000)
     np.testing.assert_array_equal(row.curve.recall, expected.curve.recall)
-
-
-def test_sensor_sets_share_what_each_sensor_detects():
-    oracle = Oracle()
-    run(oracle, schemes=["late"], sensor_sets=[[0], [1], [0, 1], [0, 1, 2], [2, 1]])
-    assert oracle.calls == 5 * 3
-    oracle = Oracle()
-    run(oracle, schemes=["late", "hybrid"], sensor_sets=[[0, 1], [1, 0]])
-    assert oracle.calls == 5 * (2 + 2)
 
 
 def test_rows_repeat_with_a_seed_and_report_frames():
@@ -171,12 +171,6 @@ def test_table_and_files(tmp_path):
     assert source["schemes"].keys() == {"early", "late"}
     assert {"dataset_sha256", "detector_digest", "codec", "coview", "protocol", "metric", "label"} <= source.keys()
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"pr_0.5.png", "pr_0.7.png", "table.json"}
-
-
-def test_without_any_truth_ap_is_null_in_json():
-    row = run(schemes=["late"], iou_thresholds=[0.7], classes=["pedestrian"])[0]
-    assert row.as_dict()["ap"] is None
-    assert "nan" in format_table([row])
 
 
 CAMERA = DepthCamera(width=200, height=150)
@@ -329,7 +323,7 @@ class Still(Recording):
         return replace(frame, measurements=tuple(images))
 
 
-def test_foreground_sends_bytes_and_learns_its_scenes_here():
+def test_foreground_learns_its_scenes_or_takes_those_given():
     rows = evaluate_recording(
         Still(), Oracle(), Comparison(schemes=["early", "foreground"], iou_thresholds=[0.7], rate=10.0)
     )
@@ -339,6 +333,22 @@ def test_foreground_sends_bytes_and_learns_its_scenes_here():
     assert [(load.scheme, load.load.one_packet) for load in rows.loads] == [("early", 0.0), ("foreground", 1.0)]
     assert rows.loads[1].load.mbit_per_s == pytest.approx(foreground.kbit_per_sensor * 3 * 10 / 1000)
     assert len(rows.as_dict()["loads"]) == 2
+    other = learn_empty_scenes(ReadRecording(Still(), Reads(noise_seed=3)))
+    rows = evaluate_recording(
+        Still(), Oracle(), Comparison(schemes=["foreground"], iou_thresholds=[0.7]), scenes=Scenes(Still(), other)
+    )
+    assert rows.provenance["empty_scenes"] == [scene.digest for scene in other]
+    rows = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early"], iou_thresholds=[0.7]))
+    assert "empty_scenes" not in rows.provenance
+    assert rows.loads == ()
+    assert "loads" not in rows.as_dict()
+    options = {"iou_thresholds": [0.7], "codec": RangeImages()}
+    rows = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early", "late", "hybrid"], **options))
+    paper = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early", "late", "hybrid"], iou_thresholds=[0.7]))
+    assert all(row.kbit_per_sensor > 0 for row in rows)
+    assert rows[0].kbit_per_sensor < paper[0].kbit_per_sensor / 10
+    assert rows[1].kbit_per_sensor <= rows[2].kbit_per_sensor < rows[0].kbit_per_sensor
+    assert rows.provenance["codec"] == "RangeImages(step=0.02)"
 
 
 def test_differences_remember_from_frame_to_frame(monkeypatch):
@@ -358,25 +368,3 @@ def test_differences_remember_from_frame_to_frame(monkeypatch):
     assert len({id(memory) for memory in memories[:per_run]}) == 1
     assert memories[0] is not memories[-1]
     assert set(memories[0]) == {(k, ForegroundDifferences().digest) for k in range(3)}
-
-
-def test_scenes_may_be_given_and_are_not_asked_for_in_vain():
-    other = learn_empty_scenes(ReadRecording(Still(), Reads(noise_seed=3)))
-    rows = evaluate_recording(
-        Still(), Oracle(), Comparison(schemes=["foreground"], iou_thresholds=[0.7]), scenes=Scenes(Still(), other)
-    )
-    assert rows.provenance["empty_scenes"] == [scene.digest for scene in other]
-    rows = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early"], iou_thresholds=[0.7]))
-    assert "empty_scenes" not in rows.provenance
-    assert rows.loads == ()
-    assert "loads" not in rows.as_dict()
-
-
-def test_range_images_are_a_codec_of_all_schemes():
-    options = {"iou_thresholds": [0.7], "codec": RangeImages()}
-    rows = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early", "late", "hybrid"], **options))
-    paper = evaluate_recording(Still(), Oracle(), Comparison(schemes=["early", "late", "hybrid"], iou_thresholds=[0.7]))
-    assert all(row.kbit_per_sensor > 0 for row in rows)
-    assert rows[0].kbit_per_sensor < paper[0].kbit_per_sensor / 10
-    assert rows[1].kbit_per_sensor <= rows[2].kbit_per_sensor < rows[0].kbit_per_sensor
-    assert rows.provenance["codec"] == "RangeImages(step=0.02)"

@@ -83,7 +83,7 @@ def test_scenes_and_sensors_may_be_given_with_a_rate():
     assert made.rows[0].sensors == (1,)
 
 
-def test_several_sensor_sets_and_processes():
+def test_several_sensor_sets_and_what_is_refused():
     made = evaluate(samples(), "early", sensor_sets=[["b"], None])
     assert list(made.schemes) == ["early 1", "early 0,1"]
     asked = Comparison(schemes=["early"], breakdown=False)
@@ -93,6 +93,12 @@ def test_several_sensor_sets_and_processes():
     )
     assert one.rows[0].ap == two.rows[0].ap == 1
     assert two.breakdown == ()
+    with pytest.raises(ValueError, match="need one frame"):
+        evaluate([], None)
+    with pytest.raises(ValueError, match="knows vehicle only, not cyclist"):
+        evaluate(samples(), None, classes=["cyclist"])
+    with pytest.raises(ValueError, match="no sensor 'c'"):
+        evaluate(samples(), None, sensor_sets=[["c"]])
 
 
 def still(count=6):
@@ -108,7 +114,7 @@ def still(count=6):
         yield Frame.of_clouds(str(k), (SensorCloud("a", points, pose(z=3.0)),), Objects(CAR))
 
 
-def test_schemes_that_send_images_learn_the_empty_scene():
+def test_schemes_of_images_learn_scenes_and_refer_to_frames_before():
     made = evaluate(still(), "early", "foreground", "late")
     figures = made.schemes["foreground"]
     assert figures["images"] == {"a": {"points": 6 * 3604, "points in a cell with a nearer one": 24}}
@@ -119,10 +125,7 @@ def test_schemes_that_send_images_learn_the_empty_scene():
     assert figures["kbit_per_sensor"] < coded.schemes["early"]["kbit_per_sensor"] < 20
     assert "images" in coded.schemes["early"]
     assert "images" not in coded.schemes["late"]
-
-
-def test_differences_are_to_the_frame_before_of_the_same_sensors():
-    """Somebody stands still in the last frames: what the first of them brings costs nothing in the next."""
+    # Somebody stands still in the last frames: what the first of them brings costs nothing in the next.
     last, before = list(still())[-1], next(iter(still()))
     scenes, memory, bits = Scenes(list(still(6))), LinkMemory(), []
     for k in range(9):
@@ -131,12 +134,3 @@ def test_differences_are_to_the_frame_before_of_the_same_sensors():
         view = stand_view(frame, Everything(), stand, scenes=scenes, memory=memory)
         bits.append(SCHEMES["differences"].fuse(view, [0]).bits.item())
     assert bits[7] == bits[8] < bits[6]
-
-
-def test_what_is_refused():
-    with pytest.raises(ValueError, match="need one frame"):
-        evaluate([], None)
-    with pytest.raises(ValueError, match="knows vehicle only, not cyclist"):
-        evaluate(samples(), None, classes=["cyclist"])
-    with pytest.raises(ValueError, match="no sensor 'c'"):
-        evaluate(samples(), None, sensor_sets=[["c"]])

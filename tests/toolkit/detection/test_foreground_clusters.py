@@ -93,7 +93,7 @@ def test_both_measurements_of_a_pixel_are_in_the_background():
     assert ranges[~near].std() == pytest.approx(0.1, rel=0.2)
 
 
-def test_a_detector_that_learnt_no_label_has_boxes(every):
+def test_detectors_that_learnt_no_label_have_boxes_or_refuse(every):
     scenes = Scenes(every)
     x, y = find_middle(every[0])
     place = Place("plane", True, (x - 20, y - 20, x + 20, y + 20))
@@ -107,6 +107,14 @@ def test_a_detector_that_learnt_no_label_has_boxes(every):
     boxes = boxes[np.argsort(-boxes[:, 0])]
     np.testing.assert_allclose(boxes[:, :2], CARS[:, :2], atol=0.4)
     np.testing.assert_allclose(boxes[:, 3:6], CARS[:, 3:6], atol=0.5)
+    scenes = Scenes(every)
+    with pytest.raises(ValueError, match=r"reach must be above 0 m and fewest at least 1, got 0\.0 and 5"):
+        foreground_clusters(every[0], scenes, reach=0.0)
+    stranger = Frame.of_clouds("0", (SensorCloud("c", np.ones((9, 3), np.float32), np.eye(4)),), Objects.empty())
+    with pytest.raises(ValueError, match="empty scenes of a, b, none of c"):
+        foreground_clusters(stranger, scenes)
+    empty = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    assert len(foreground_clusters(empty, scenes)) == 0
 
 
 def test_clusters_by_hand():
@@ -118,14 +126,3 @@ def test_clusters_by_hand():
     assert cluster_points(here[:4]).tolist() == [-1] * 4
     assert cluster_points(here[:5]).tolist() == [0] * 5
     assert cluster_points(np.zeros((0, 3))).tolist() == []
-
-
-def test_what_is_refused(every):
-    scenes = Scenes(every)
-    with pytest.raises(ValueError, match=r"reach must be above 0 m and fewest at least 1, got 0\.0 and 5"):
-        foreground_clusters(every[0], scenes, reach=0.0)
-    stranger = Frame.of_clouds("0", (SensorCloud("c", np.ones((9, 3), np.float32), np.eye(4)),), Objects.empty())
-    with pytest.raises(ValueError, match="empty scenes of a, b, none of c"):
-        foreground_clusters(stranger, scenes)
-    empty = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    assert len(foreground_clusters(empty, scenes)) == 0

@@ -71,7 +71,7 @@ def test_early_detects_once_in_all_points():
     assert fused.kbit_per_sensor == fused.bits.mean() / 1000
 
 
-def test_late_sends_every_box_and_keeps_the_surest_of_those_that_overlap():
+def test_late_and_hybrid_send_boxes_and_far_points():
     fused = late(frame(), grid_detector, site=AREA)
     local = [grid_detector(points) for points in frame_points(frame(), area=AREA)]
     assert fused.bits.tolist() == [256 * len(boxes) for boxes in local]
@@ -79,9 +79,6 @@ def test_late_sends_every_box_and_keeps_the_surest_of_those_that_overlap():
     overlap = iou_bev(fused.detections.boxes, fused.detections.boxes) - np.eye(len(fused.detections))
     assert overlap.max() <= 0.1
     assert (np.diff(fused.detections.scores) <= 0).all()
-
-
-def test_hybrid_adds_the_far_points():
     scene, clouds = frame(), frame_points(frame(), area=AREA)
     fused = hybrid(scene, grid_detector, site=AREA, radius=12.0)
     far = [points[is_beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
@@ -89,16 +86,17 @@ def test_hybrid_adds_the_far_points():
     assert fused.bits.tolist() == [96 * len(f) + 256 * len(b) for f, b in zip(far, local, strict=True)]
     everything = Detections.merge([*local, suppress(grid_detector(np.concatenate(far)))])
     same(fused, Fused(suppress(everything), fused.bits))
-
-
-def test_hybrid_lies_between_early_and_late():
-    """Radius 0 sends every point, and the surest boxes come from all of them; an endless radius is late fusion."""
+    # Radius 0 sends every point, and the surest boxes come from all of them; an endless radius is late fusion.
     endless = hybrid(frame(), grid_detector, site=AREA, radius=1e6)
     same(endless, late(frame(), grid_detector, site=AREA))
     none = hybrid(frame(), grid_detector, site=AREA, radius=0.0)
     best = early(frame(), grid_detector, site=AREA).detections
     assert none.bits.sum() > early(frame(), grid_detector, site=AREA).bits.sum()
     np.testing.assert_allclose(none.detections.boxes[0], best.boxes[0])
+    scene = frame()
+    twins = (*scene.sensors, replace(scene.sensors[0], name="twin of s0"))
+    doubled = Frame(twins, (*scene.measurements, scene.measurements[0]), scene.objects)
+    same(late(doubled, grid_detector, [0, "twin of s0", 1], site=AREA), late(scene, grid_detector, [0, 1], site=AREA))
 
 
 @pytest.mark.parametrize("scheme", [late, hybrid])
@@ -122,13 +120,6 @@ def test_order_of_the_sensors_does_not_matter(scheme):
     straight, shuffled = (scheme(s, grid_detector, site=AREA) for s in (scene, turned))
     same(straight, shuffled)
     np.testing.assert_array_equal(straight.bits[order], shuffled.bits)
-
-
-def test_a_duplicated_sensor_adds_nothing_to_late_fusion():
-    scene = frame()
-    twins = (*scene.sensors, replace(scene.sensors[0], name="twin of s0"))
-    doubled = Frame(twins, (*scene.measurements, scene.measurements[0]), scene.objects)
-    same(late(doubled, grid_detector, [0, "twin of s0", 1], site=AREA), late(scene, grid_detector, [0, 1], site=AREA))
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

@@ -59,7 +59,7 @@ def test_points_on_a_face_fit_and_those_within_or_around_do_not():
     assert measure_fits(wall[np.abs(wall[:, 1]) < 0.5], BOX).tolist() == [0.0]
 
 
-def test_better_by_more_than_chance():
+def test_what_is_seen_of_a_sample_is_better_by_more_than_chance():
     for before, after, said in (
         (np.zeros(5), np.ones(5), True),
         (np.zeros(4), np.ones(4), False),  # too few
@@ -70,9 +70,6 @@ def test_better_by_more_than_chance():
     ):
         assert better(before, after) is said
     assert not better(np.full(9, 0.5), np.full(9, 0.6), 0.15)
-
-
-def test_what_is_seen_of_a_sample():
     rng = np.random.default_rng(0)
     ground = np.column_stack([rng.uniform(-20, 20, (3000, 2)), np.full(3000, 2.0)])
     points = np.concatenate([ground, face(8.0, z=(2.5, 3.5))]).astype(np.float32)
@@ -98,16 +95,13 @@ def test_a_mistake_changes_boxes_and_some_undo_themselves(mistake):
     assert mistake.axes is (mistake.name.startswith(("mirrored", "y of", "x and y", "yaw counted", "yaw in radians")))
 
 
-def test_what_undoes_each():
+def test_mistakes_are_undone_also_in_a_map_and_of_degrees():
     undone = [
         *([3, -5, 1, 4, 2, 1.5, -0.4], [-3, 5, 1, 4, 2, 1.5, np.pi - 0.4], [3, -5, 1, 4, 2, 1.5, 0.4]),
         *([5, 3, 1, 4, 2, 1.5, np.pi / 2 - 0.4], [3, 5, 1, 8, 4, 3, 0.4], [3, 5, 1, 2, 1, 0.75, 0.4]),
         *([3, 5, 1, 2, 4, 1.5, 0.4], [3, 5, 1, 4, 2, 1.5, -0.4], [3, 5, 1, 4, 2, 1.5, np.rad2deg(0.4)]),
     ]
     np.testing.assert_allclose([each.undo(BOX_LABEL_MISTAKES)[0] for each in LABEL_MISTAKES[:9]], undone)
-
-
-def test_a_mistake_made_in_a_map_is_undone_there():
     world_SE3_map = invert(pose(600.0, 1600.0, 30.0, yaw=0.7))
     in_map = boxes_through(BOX_LABEL_MISTAKES, invert(world_SE3_map))
     mirrored = LABEL_MISTAKES[0].undo(in_map)
@@ -117,9 +111,6 @@ def test_a_mistake_made_in_a_map_is_undone_there():
     np.testing.assert_array_equal(
         undo_mistake(YAW_SIGN, BOX_LABEL_MISTAKES, np.eye(4)), YAW_SIGN.undo(BOX_LABEL_MISTAKES)
     )
-
-
-def test_the_true_heading_is_among_those_that_degrees_leave_open():
     for yaw in np.linspace(-1.5, 1.5, 7):
         headings = degrees_of_turns(np.array([np.angle(np.exp(1j * np.rad2deg(yaw)))]))
         assert np.abs(headings - yaw).min() < 1e-9
@@ -315,7 +306,7 @@ def test_degrees_read_as_radians_are_found_in_numbers_or_sines(sound):
     assert finding.remedy == "multiply yaw by pi / 180 before its sine and cosine are taken"
 
 
-def test_along_the_axes_the_sign_of_yaw_is_seen_by_what_moves():
+def test_signs_of_yaw_and_heights_are_seen_where_boxes_belong():
     along = recording(yaws=np.tile([np.pi / 2, -np.pi / 2], 7))
     assert diagnose_labels(along) == []
     (finding,) = diagnose_labels(with_boxes(along, MISTAKES["yaw counted the other way"]))
@@ -323,6 +314,15 @@ def test_along_the_axes_the_sign_of_yaw_is_seen_by_what_moves():
     assert finding.evidence == (
         "28 of 28 boxes that move, of 14 objects, head against their way, and along it with that undone"
     )
+    # On a slope, mirrored boxes lie elsewhere, above or below the ground there.
+    (flat,) = recording(count=1)
+    cloud = flat.clouds[0].points + np.float32(0)
+    cloud[:, 2] += 0.1 * cloud[:, 1]
+    boxes = flat.objects.boxes + np.column_stack([np.zeros((14, 2)), 0.1 * flat.objects.boxes[:, 1], np.zeros((14, 4))])
+    sloped = replace(flat.with_clouds((replace(flat.clouds[0], points=cloud),)), objects=Objects(boxes))
+    assert diagnose_labels([sloped]) == []
+    (finding,) = diagnose_labels(with_boxes([sloped], MISTAKES["mirrored: y"]))
+    assert finding.suspected.startswith("mirrored: y")
 
 
 PLACE = pose(600.0, 1600.0, 30.0, yaw=0.7)
@@ -351,18 +351,6 @@ def test_mistakes_made_in_the_frames_of_sensors(sound):
     assert diagnose_labels([sound[0].with_clouds(clouds)]) == []
     (finding,) = diagnose_labels([replace(sound[0].with_clouds(clouds), objects=Objects(mixed, ids=np.arange(14)))])
     assert finding.suspected == "mirrored: y points the other way"
-
-
-def test_heights_are_those_where_the_boxes_belong():
-    """On a slope, mirrored boxes lie elsewhere, above or below the ground there."""
-    (flat,) = recording(count=1)
-    cloud = flat.clouds[0].points + np.float32(0)
-    cloud[:, 2] += 0.1 * cloud[:, 1]
-    boxes = flat.objects.boxes + np.column_stack([np.zeros((14, 2)), 0.1 * flat.objects.boxes[:, 1], np.zeros((14, 4))])
-    sloped = replace(flat.with_clouds((replace(flat.clouds[0], points=cloud),)), objects=Objects(boxes))
-    assert diagnose_labels([sloped]) == []
-    (finding,) = diagnose_labels(with_boxes([sloped], MISTAKES["mirrored: y"]))
-    assert finding.suspected.startswith("mirrored: y")
 
 
 HERE = Path(__file__).parent
@@ -467,12 +455,9 @@ def test_every_mistake_is_found_on_every_layout(written, layout, mistake):
     check(written, layout, mistake)
 
 
-def test_every_layout_is_there_but_bags_which_hold_no_labels():
+def test_verdicts_on_every_layout():
     assert set(LAYOUTS) - set(mistakes.TERMS) == {"rosbag"}
     assert {mistake for _, mistake in SOME} == set(ALL)
-
-
-def test_a_verdict():
     assert bench.verdict(None, []) == "nothing"
     assert bench.verdict("late", []) == "not found"
     assert bench.verdict("late", ["labels lie about 0.2 s behind the clouds"]) == "found"

@@ -116,12 +116,19 @@ def test_a_case_worked_by_hand():
     assert result.ap == pytest.approx(1 / 3 * 1 + 1 / 3 * 2 / 3)
 
 
-def test_a_threshold_is_met_by_equality_and_3d_asks_more_than_bev():
+def test_thresholds_met_by_equality_and_what_does_not_count():
     detections, truths = [Detections(moved(CAR, z=0.5), np.ones(1))], [Objects(CAR)]
     third = float(iou_3d(detections[0].boxes, CAR)[0, 0])
     assert evaluate(detections, truths, iou_thresholds=[third])[third].tp == 1
     assert evaluate(detections, truths, iou_thresholds=[0.9])[0.9].tp == 0
     assert evaluate(detections, truths, iou_thresholds=[0.9], metric="bev")[0.9].tp == 1
+    boxes = np.concatenate([CAR, moved(CAR, 10)])
+    detections, truths = [Detections(boxes, np.ones(2))], [Objects(boxes)]
+    result = evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[0.5]
+    assert (result.tp, result.fp, result.truths) == (1, 0, 1)
+    found = match(detections[0], truths[0], 0.5, counted=[True, False])
+    assert found.ignored.tolist() == [False, True]
+    assert found.scored.tolist() == [True, False]
 
 
 def test_nothing_to_find_is_undefined_and_nothing_found_is_zero():
@@ -157,16 +164,6 @@ def test_labels_are_scored_alone_and_heavy_ones_excuse():
     inside = moved(CAR, 20)
     truths = [Objects(np.concatenate([inside, BUS]), np.array([0, 3]))]
     assert evaluate([Detections(inside, np.ones(1))], truths, iou_thresholds=[0.5])[0.5].tp == 1
-
-
-def test_truths_that_do_not_count_are_neither_missed_nor_false_alarms():
-    boxes = np.concatenate([CAR, moved(CAR, 10)])
-    detections, truths = [Detections(boxes, np.ones(2))], [Objects(boxes)]
-    result = evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[0.5]
-    assert (result.tp, result.fp, result.truths) == (1, 0, 1)
-    found = match(detections[0], truths[0], 0.5, counted=[True, False])
-    assert found.ignored.tolist() == [False, True]
-    assert found.scored.tolist() == [True, False]
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["exact", "published"]))
@@ -228,7 +225,7 @@ def test_sampled_iou_is_near_the_footprints_iou_times_the_heights_overlap(seed):
     np.testing.assert_allclose(sample_iou(a, b, "3d"), sample_iou(a, b, "bev") * factor)
 
 
-def test_sampled_iou_counts_the_points_one_by_one():
+def test_sampled_iou_and_matches_name_their_truth():
     a, b = np.array([1.0, 0.5, 1, 4, 2, 1.5, 0.4]), np.array([0.0, 0, 1, 4.4, 1.8, 1.5, -0.3])
     held = 0
     for u in np.linspace(-2.2, 2.2, 50):
@@ -238,9 +235,6 @@ def test_sampled_iou_counts_the_points_one_by_one():
     overlap = held / 2500 * 4.4 * 1.8
     assert sample_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(overlap / (8 + 4.4 * 1.8 - overlap))
     assert sample_iou(b[None], b[None])[0, 0] == 1
-
-
-def test_match_names_the_truth_each_detection_hit():
     boxes = np.concatenate([moved(CAR, 10.1), CAR, moved(CAR, 0.2), moved(CAR, 60), BUS])
     found = match(
         Detections(boxes, np.array([0.1, 0.8, 0.9, 0.5, 0.4]), np.array([0, 0, 0, 1, 0])),
@@ -266,7 +260,7 @@ def test_match_and_evaluate_agree(protocol):
         np.testing.assert_equal(vars(list(matches(*pair, AT, protocol=protocol))[AT.index(0.5)]), vars(alone))
 
 
-def test_curves_of_equal_scores_and_what_they_were_made_of():
+def test_curves_reliability_and_usual_thresholds():
     curve = precision_recall(np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2)
     assert curve.score.tolist() == [0.9, 0.5]
     assert curve.recall.tolist() == [0, 1]
@@ -274,6 +268,16 @@ def test_curves_of_equal_scores_and_what_they_were_made_of():
     two = [scored([CAR, moved(CAR, 50)], [0.9, 0.4]), scored([CAR], [0.7])]
     at = evaluate(two, [Objects(CAR), Objects(CAR)], iou_thresholds=[0.5])[0.5]
     assert sorted(zip(at.scores.tolist(), at.hits.tolist(), strict=True)) == [(0.4, False), (0.7, True), (0.9, True)]
+    diagram = reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
+    assert diagram.count.tolist() == [2, 0, 0, 0, 0, 1, 0, 0, 0, 1]
+    np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
+    np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
+    assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
+    assert reliability(np.array([-0.5, 1.5]), np.array([False, True]), bins=2).count.tolist() == [1, 1]
+    assert reliability(np.zeros(0), np.zeros(0, bool)).error == 0
+    assert TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
+    assert USUAL_IOUS[VEHICLE] == USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
+    assert USUAL_IOUS[CYCLIST] == USUAL_IOUS[PEDESTRIAN] == (0.25, 0.5, 0.7)
 
 
 @pytest.mark.parametrize(
@@ -343,19 +347,3 @@ def test_orders_of_equal_scores_and_truths_make_no_difference(order):
     assert found.truth[order.index(1)] == -1
     there = Objects(np.concatenate([[moved(CAR, 0.2), moved(CAR, -0.6)][k] for k in order]))
     assert match(scored([CAR], [0.9]), there, 0.5).truth.tolist() == [order.index(0)]
-
-
-def test_reliability_counts_every_detection_once():
-    diagram = reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
-    assert diagram.count.tolist() == [2, 0, 0, 0, 0, 1, 0, 0, 0, 1]
-    np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
-    np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
-    assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
-    assert reliability(np.array([-0.5, 1.5]), np.array([False, True]), bins=2).count.tolist() == [1, 1]
-    assert reliability(np.zeros(0), np.zeros(0, bool)).error == 0
-
-
-def test_usual_thresholds_are_stricter_where_objects_are_large():
-    assert TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
-    assert USUAL_IOUS[VEHICLE] == USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
-    assert USUAL_IOUS[CYCLIST] == USUAL_IOUS[PEDESTRIAN] == (0.25, 0.5, 0.7)

@@ -37,22 +37,12 @@ def view():
     return View(AREA, SENSORS, measure=lambda sensor: POINTS[sensor], run=one_box)
 
 
-def test_boxes_and_far_points_are_sent():
+def test_hybrid_sends_boxes_and_far_points_by_the_radius_of_the_site():
     """The points at y = 15 alone are farther than 10 m from their sensor."""
     fused = Hybrid(10.0).fuse(view(), [0, 1])
     assert fused.bits.tolist() == [256 + 96, 256 + 96]
     found = fused.detections.boxes[np.argsort(fused.detections.boxes[:, 0]), :2]
     np.testing.assert_allclose(found, [[-9.0, 6.0], [0.0, 15.0], [9.0, 6.0]], atol=1e-6)
-
-
-@pytest.mark.parametrize("radius", [0.0, 2.0, 10.0, 1e6])
-def test_what_is_sent_is_what_lies_beyond(radius):
-    bits = Hybrid(radius).fuse(view(), [0, 1]).bits
-    far = [int(is_beyond(points, sensor, radius).sum()) for points, sensor in zip(POINTS, SENSORS, strict=True)]
-    assert bits.tolist() == [256 + 96 * count for count in far]
-
-
-def test_far_points_are_counted_by_the_radius_of_the_site():
     np.testing.assert_array_equal(Hybrid().sent_points(COUNTS), COUNTS.far)
     for own in (Hybrid(5.0), Hybrid(metric="published")):
         with pytest.raises(ValueError, match="hybrid_radius"):
@@ -60,6 +50,13 @@ def test_far_points_are_counted_by_the_radius_of_the_site():
     distance = np.array([[5.0, 20.0, 20.5]], np.float32)
     assert Hybrid().mask_pooled(distance, 20.0).tolist() == [[False, False, True]]
     assert Hybrid(4.0).mask_pooled(distance, 20.0).all()
+
+
+@pytest.mark.parametrize("radius", [0.0, 2.0, 10.0, 1e6])
+def test_what_is_sent_is_what_lies_beyond(radius):
+    bits = Hybrid(radius).fuse(view(), [0, 1]).bits
+    far = [int(is_beyond(points, sensor, radius).sum()) for points, sensor in zip(POINTS, SENSORS, strict=True)]
+    assert bits.tolist() == [256 + 96 * count for count in far]
 
 
 @pytest.mark.parametrize("radius", [-1.0, np.nan])
@@ -76,7 +73,7 @@ def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius)
     assert Hybrid().find_radius(AREA) == Hybrid().find_radius(Site("any", np.array(AREA, float))) == 20.0
 
 
-def test_early_detects_once_in_the_points_of_all():
+def test_early_and_late_send_points_and_boxes():
     fused = Early().fuse(view(), [0, 1])
     np.testing.assert_allclose(fused.detections.boxes[:, :3], [[0.0, 6.0, 1.0]])
     assert fused.detections.scores.tolist() == [0.6]
@@ -87,9 +84,6 @@ def test_early_detects_once_in_the_points_of_all():
     assert (Early().sends_points, Early().sends_boxes) == (True, False)
     scheme: Scheme = Early()
     assert scheme.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
-
-
-def test_late_sends_the_boxes_of_every_sensor():
     fused = Late().fuse(view(), [0, 1])
     np.testing.assert_allclose(np.sort(fused.detections.boxes[:, 0]), [-9.0, 9.0])
     assert fused.bits.tolist() == [256, 256]

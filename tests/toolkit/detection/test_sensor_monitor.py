@@ -72,12 +72,31 @@ def test_frozen_is_noticed_at_the_second_repetition(sent):
     assert watched([sent(0.1 * k, image) for k, image in enumerate(again)])[-1] is None
 
 
-def test_what_has_arrived_already_is_no_repetition_and_few_pixels_tell_nothing():
+def test_shifted_lies_behind_the_scene_and_farther_beyond_it():
     message = whole(0.0, measured(0))
     assert watched([message] * 5) == [None] * 5
     small = [foreground(0.1 * k, with_car(0, width=4)) for k in range(6)]  # 40 pixels
     assert small[0].sent.sum() == 40
     assert watched(small) == [None] * 6
+    pushed = EMPTY.copy()
+    pushed[40:, :] = 21.0  # two fifths of what returns
+    assert watched([whole(0.1 * k, measured(k, pushed)) for k in range(4)]) == [
+        *(None, None, Fault.SHIFTED, Fault.SHIFTED)
+    ]
+    pushed = EMPTY.copy()
+    pushed[40:44, :] = 21.0  # less than a tenth
+    assert watched([whole(0.1 * k, measured(k, pushed)) for k in range(4)]) == [None] * 4
+    near = np.minimum(EMPTY, np.float32(5))
+    assert watched([whole(0.1 * k, measured(k, near)) for k in range(4)]) == [None] * 4
+    first = np.full(EMPTY.shape, 20.0, np.float32)
+    second = np.full(EMPTY.shape, np.nan, np.float32)
+    second[:, 1], second[:, 2], second[:, 3] = 30.0, 10.0, 0.0
+    spread, share, none = np.full_like(first, 0.1), np.ones_like(first), np.zeros_like(first)
+    scene = EmptyScene("a", SENSOR.model, first, spread, share, second, spread, none, 5)
+    image = np.full(EMPTY.shape, 20.5, np.float32)
+    assert farther(scene, image)[0, :5].tolist() == [True, False, True, False, True]
+    assert not farther(scene, image - np.float32(0.15)).any()
+    assert not farther(SCENE, image)[:10].any()  # where nothing returns, everything is nearer
 
 
 def test_blinded_is_noticed_at_once_by_itself_and_others():
@@ -114,31 +133,6 @@ def test_blinded_is_noticed_at_once_by_itself_and_others():
     assert watched(few, lambda: seen) == [None] * 4
     seen[45:, :60] = True
     assert watched(few, lambda: seen)[-1] is Fault.BLINDED
-
-
-def test_shifted_is_what_lies_behind_the_scene():
-    pushed = EMPTY.copy()
-    pushed[40:, :] = 21.0  # two fifths of what returns
-    assert watched([whole(0.1 * k, measured(k, pushed)) for k in range(4)]) == [
-        *(None, None, Fault.SHIFTED, Fault.SHIFTED)
-    ]
-    pushed = EMPTY.copy()
-    pushed[40:44, :] = 21.0  # less than a tenth
-    assert watched([whole(0.1 * k, measured(k, pushed)) for k in range(4)]) == [None] * 4
-    near = np.minimum(EMPTY, np.float32(5))
-    assert watched([whole(0.1 * k, measured(k, near)) for k in range(4)]) == [None] * 4
-
-
-def test_farther_is_beyond_the_last_surface_of_a_pixel():
-    first = np.full(EMPTY.shape, 20.0, np.float32)
-    second = np.full(EMPTY.shape, np.nan, np.float32)
-    second[:, 1], second[:, 2], second[:, 3] = 30.0, 10.0, 0.0
-    spread, share, none = np.full_like(first, 0.1), np.ones_like(first), np.zeros_like(first)
-    scene = EmptyScene("a", SENSOR.model, first, spread, share, second, spread, none, 5)
-    image = np.full(EMPTY.shape, 20.5, np.float32)
-    assert farther(scene, image)[0, :5].tolist() == [True, False, True, False, True]
-    assert not farther(scene, image - np.float32(0.15)).any()
-    assert not farther(SCENE, image)[:10].any()  # where nothing returns, everything is nearer
 
 
 def test_where_an_object_must_be_seen():

@@ -65,7 +65,7 @@ def watched():
     return view
 
 
-def test_each_step_is_done_once(watched):
+def test_each_step_is_done_once_and_ready_after_its_inputs(watched):
     view, calls = watched()
     for _ in range(2):
         clouds = [view.part(view.cloud(s), "first", lambda points, _: np.arange(len(points)) == 0) for s in (0, 1)]
@@ -74,6 +74,19 @@ def test_each_step_is_done_once(watched):
     assert calls.measured == [0, 1]
     assert calls.run == [[(0, ("first",))], [(1, ())]]
     assert [len(cloud.points) for cloud in clouds] == [1, 1]
+    view, _ = watched()
+    clouds = [view.cloud(0), view.cloud(1)]
+    last = max(cloud.ms for cloud in clouds)
+    boxes = view.detect(clouds)
+    assert 0 < last < boxes.ms
+    assert view.suppress([boxes, view.detect([clouds[0]])]).ms > boxes.ms
+    assert view.suppress([]).ms >= 0
+    view, _ = watched(codec=Dimmed())
+    assert view.send_points(view.cloud(1)).bits == 60
+    with pytest.raises(ValueError, match="points alone, no images"):
+        view.captured(0)
+    with pytest.raises(ValueError, match="no empty scenes"):
+        view.scene(0)
 
 
 def test_a_cloud_that_lost_points_on_the_way_is_another_and_else_the_same(watched):
@@ -86,16 +99,6 @@ def test_a_cloud_that_lost_points_on_the_way_is_another_and_else_the_same(watche
     view, calls = watched()
     assert view.detect([view.send_points(view.cloud(0)).arrived]) is view.detect([view.cloud(0)])
     assert calls.run[2:] == [[(0, ())]]
-
-
-def test_a_step_is_ready_after_the_last_of_its_inputs(watched):
-    view, _ = watched()
-    clouds = [view.cloud(0), view.cloud(1)]
-    last = max(cloud.ms for cloud in clouds)
-    boxes = view.detect(clouds)
-    assert 0 < last < boxes.ms
-    assert view.suppress([boxes, view.detect([clouds[0]])]).ms > boxes.ms
-    assert view.suppress([]).ms >= 0
 
 
 def test_of_boxes_of_a_class_that_overlap_the_surest_stays():
@@ -150,15 +153,6 @@ def test_a_codec_of_images_gets_the_pixels_of_the_points(shifted):
     assert [np.count_nonzero(image.measurement) for image in codec.sent] == [len(cloud.points), 1]
     assert part.rows.tolist() == [np.flatnonzero(far(cloud.points, None))[1]]
     assert (codec.sent[0].time, codec.sent[0].number, codec.sent[0].sensor.name) == (2.0, 9, "a")
-
-
-def test_where_there_are_points_alone_it_gets_them(watched):
-    view, _ = watched(codec=Dimmed())
-    assert view.send_points(view.cloud(1)).bits == 60
-    with pytest.raises(ValueError, match="points alone, no images"):
-        view.captured(0)
-    with pytest.raises(ValueError, match="no empty scenes"):
-        view.scene(0)
 
 
 def test_links_remember_and_transmit_once(watched):
@@ -252,7 +246,7 @@ def test_schemes_send_and_detect_as_on_a_frame_of_images(name):
         np.testing.assert_allclose(by_place(own), by_place(other), atol=0.025)
 
 
-def test_foreground_is_a_fraction_of_the_image_and_brings_all_of_it():
+def test_foreground_is_a_fraction_of_the_image_above_level_ground():
     seen = Seen()
     view = stand_view(sample(), seen, Stand(AREA_IMAGED, np.zeros(2), None), scenes=given())
     fused = Foreground().fuse(view, [0, 1])
@@ -264,9 +258,6 @@ def test_foreground_is_a_fraction_of_the_image_and_brings_all_of_it():
     inside = sum(len(view.cloud(k).points) for k in (0, 1))
     assert inside <= pixels
     assert len(seen.points[0]) >= inside
-
-
-def test_level_ground_is_below_what_the_centre_draws():
     ground, seen = Ground(np.array([0.0, 0.0, 100.0])), Seen()
     view = stand_view(sample(height=100.0), seen, Stand(AREA_IMAGED, np.zeros(2), ground), scenes=given())
     Foreground().fuse(view, [0, 1])
@@ -322,24 +313,12 @@ def view(detector):
     return stand_view(far_sample(), detector, Stand(AREA_VIEWS, np.array([100.0, 0]), Ground(np.array([0.0, 0, 10.0]))))
 
 
-def test_clouds_are_counted_from_the_middle_on_the_ground():
+def test_clouds_are_counted_from_the_middle_and_hybrid_sends_far_points():
     made = view(Counts())
     assert made.cloud(0).points.tolist() == [[1, 0, 1]] * 30
     assert made.cloud(1).points.tolist() == [[10, 40, 1]] * 20
     assert made.cloud(0).points.dtype == np.float32
     assert made.sensors[1].position.tolist() == [10, 0, 4]
-
-
-@pytest.mark.parametrize(("scheme", "kbit"), [("early", 96 * 25 / 1000), ("late", 0.256)])
-def test_fusion_as_on_simulated_frames(scheme, kbit):
-    detector = Counts()
-    fused = SCHEMES[scheme].fuse(view(detector), [0, 1])
-    assert fused.kbit_per_sensor == pytest.approx(kbit)
-    assert [len(points) for points in detector.seen] == ([50] if scheme == "early" else [30, 20])
-    assert len(fused.detections) == (1 if scheme == "early" else 2)
-
-
-def test_hybrid_sends_the_far_points_and_a_sensor_without_points_detects_nothing():
     detector = Counts()
     fused = Hybrid(radius=15.0).fuse(view(detector), [0, 1])
     assert fused.bits.tolist() == [256, 256 + 20 * 96]
@@ -350,3 +329,12 @@ def test_hybrid_sends_the_far_points_and_a_sensor_without_points_detects_nothing
     )  # points are at x = 101 and 110, z = 11
     assert SCHEMES["late"].fuse(nothing, [0, 1]).kbit_per_sensor == 0
     assert detector.seen == []
+
+
+@pytest.mark.parametrize(("scheme", "kbit"), [("early", 96 * 25 / 1000), ("late", 0.256)])
+def test_fusion_as_on_simulated_frames(scheme, kbit):
+    detector = Counts()
+    fused = SCHEMES[scheme].fuse(view(detector), [0, 1])
+    assert fused.kbit_per_sensor == pytest.approx(kbit)
+    assert [len(points) for points in detector.seen] == ([50] if scheme == "early" else [30, 20])
+    assert len(fused.detections) == (1 if scheme == "early" else 2)

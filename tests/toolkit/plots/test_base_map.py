@@ -43,16 +43,13 @@ def test_the_map_is_to_scale(site):
     assert strip.get_window_extent().width / 100 == pytest.approx(np.ptp(strip.get_xlim()))  # its unit is the inch
 
 
-def test_streets_and_houses_lie_where_they_are():
+def test_maps_show_streets_texts_and_north():
     with house_style():
         sheet = base_map.map_sheet(SITE, "a title")
         pixels = render_pixels(sheet.figure)
     assert colour_at(sheet, pixels, -10, 0) == GROUND["lanes"]
     assert colour_at(sheet, pixels, 10, 6) == SOLID["building"]
     assert colour_at(sheet, pixels, -10, 6) == "#ffffff"
-
-
-def test_legend_and_title_hold_every_text():
     entries = [(handle, name) for name in ("_hidden", "$5", "x" * 60) for handle, _ in ground_entries(SITE)[:1]]
     with house_style():
         sheet = base_map.map_sheet(SITE, "a $title$", "below", legend=entries)
@@ -63,6 +60,15 @@ def test_legend_and_title_hold_every_text():
     box, whole = shown.get_window_extent(), sheet.figure.bbox
     assert whole.x0 <= box.x0 < box.x1 <= whole.x1
     assert whole.y0 - 1 <= box.y0 < box.y1 <= sheet.axes.get_window_extent().y0
+    for yaw in (0.0, 0.5, np.pi / 2, -3.0):
+        site = Site("turned", AREA, map_SE3_site=pose(100.0, -5.0, yaw=yaw))
+        assert pose(yaw=yaw)[:2, :2] @ base_map.north(site) == pytest.approx([0, 1])
+    for metres, length in ((0.09, 0.05), (1, 1), (1.99, 1), (2, 2), (49, 20), (50, 50), (4e3, 2e3)):
+        assert base_map.scale_length(float(metres)) == length
+    assert np.ravel(base_map.extent(SITE)).tolist() == [
+        *(-20 - base_map.AROUND, -10 - base_map.AROUND, 20 + base_map.AROUND, 10 + base_map.AROUND)
+    ]
+    assert np.ravel(base_map.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [-30, -36, 55, 20]
 
 
 @pytest.mark.parametrize("count", [1, 4, 30])
@@ -76,18 +82,6 @@ def test_a_long_legend_lies_below_the_map(count):
     box = sheet.figure.axes[1].get_legend().get_window_extent()
     assert 0 <= box.y0 < box.y1 < sheet.axes.get_window_extent().y0
     assert box.x1 <= sheet.figure.bbox.x1
-
-
-def test_north_extent_and_scale_are_those_of_the_map():
-    for yaw in (0.0, 0.5, np.pi / 2, -3.0):
-        site = Site("turned", AREA, map_SE3_site=pose(100.0, -5.0, yaw=yaw))
-        assert pose(yaw=yaw)[:2, :2] @ base_map.north(site) == pytest.approx([0, 1])
-    for metres, length in ((0.09, 0.05), (1, 1), (1.99, 1), (2, 2), (49, 20), (50, 50), (4e3, 2e3)):
-        assert base_map.scale_length(float(metres)) == length
-    assert np.ravel(base_map.extent(SITE)).tolist() == [
-        *(-20 - base_map.AROUND, -10 - base_map.AROUND, 20 + base_map.AROUND, 10 + base_map.AROUND)
-    ]
-    assert np.ravel(base_map.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [-30, -36, 55, 20]
 
 
 def test_the_arrow_points_north():
@@ -134,13 +128,18 @@ def sensor(name="d0", at=(0.0, 0.0, 5.0), heading=0.0, fov=1.0):
     return Sensor(name, DepthCamera(fov=fov), look(at, heading, 0.2))
 
 
-def test_more_sensors_than_colours_are_told_apart(axes):
+def test_poles_sensors_and_objects_are_told_apart(axes):
     many = [sensor(f"north-east pole {k}", (3.0 * k, 0.0, 5.0)) for k in range(30)]
     base_map.draw_sensors(axes, many, 40.0)
     assert [text.get_text() for text in axes.texts] == [str(k + 1) for k in range(30)]
+    base_map.draw_poles(axes, np.array([[0.0, 0], [3, 3]]))
+    base_map.draw_poles(axes, np.array([[5.0, 5]]), used=True)
+    hollow, filled = axes.get_lines()
+    assert hollow.get_markersize() == filled.get_markersize() >= 6
+    assert (hollow.get_markerfacecolor(), filled.get_markerfacecolor()) == (PAPER_WHITE, INK)
 
 
-def test_short_names_stand_on_the_discs_in_text_that_can_be_read():
+def test_discs_have_room_and_short_names():
     for names, labels in (
         *(([], []), (["d0", "d11"], ["d0", "d11"])),
         *((["d0", "post"], ["1", "2"]), (["_a", "$"], ["_a", "$"])),
@@ -148,9 +147,6 @@ def test_short_names_stand_on_the_discs_in_text_that_can_be_read():
         assert base_map.sensor_labels(names) == labels
     assert base_map.text_colour("#ffffff") == base_map.text_colour("#f500c7") == INK
     assert base_map.text_colour("#000000") == base_map.text_colour("#4463f6") == PAPER_WHITE
-
-
-def test_discs_in_one_place_stand_about_it():
     places, headings = np.zeros((6, 2)), np.arange(6.0)
     discs = base_map.spread_discs(places, headings, 10.0)
     apart = np.linalg.norm(discs[:, None] - discs[None], axis=2)[np.triu_indices(6, 1)]
@@ -191,14 +187,6 @@ KINDS = [("building", 6.0, True), ("building", 1.0, False), ("pond", 6.0, False)
 def test_only_tall_buildings_cut_fields_of_view(axes, kind, top, cut):
     base_map.draw_wedges(axes, [sensor()], [Solid(TOWER, 0.0, top, kind)])
     assert (axes.patches[0].get_xy()[:, 0].max() < 24) == cut
-
-
-def test_poles_can_be_seen(axes):
-    base_map.draw_poles(axes, np.array([[0.0, 0], [3, 3]]))
-    base_map.draw_poles(axes, np.array([[5.0, 5]]), used=True)
-    hollow, filled = axes.get_lines()
-    assert hollow.get_markersize() == filled.get_markersize() >= 6
-    assert (hollow.get_markerfacecolor(), filled.get_markerfacecolor()) == (PAPER_WHITE, INK)
 
 
 def test_names_of_poles_keep_clear_of_each_other_and_of_sensors(axes):

@@ -40,7 +40,7 @@ def bare(tmp_path_factory):
     return picture(path)
 
 
-def test_a_site_is_drawn_with_sensors_and_poles(tmp_path):
+def test_sites_are_drawn_the_same_with_a_legend(tmp_path):
     bare = Site("square", SITE.area, lanes=SITE.lanes)
     poles = Site("square", SITE.area, lanes=SITE.lanes, mounts=(Mount("p", np.array([3.0, 3, 0])),))
     for name, site in (("with", SITE), ("without", bare), ("poles", poles)):
@@ -49,6 +49,13 @@ def test_a_site_is_drawn_with_sensors_and_poles(tmp_path):
     more = picture(tmp_path / "poles.png").min(axis=2) < 0.2
     ink = picture(tmp_path / "without.png").min(axis=2) < 0.2
     assert (more & ~ink)[: len(ink) // 2].sum() > 20  # the edge of a square in the map
+    far = Sensor("north-east pole", DepthCamera(), CAMERA.pose)
+    assert [name for _, name in sensor_entries([CAMERA])] == []
+    assert [name for _, name in sensor_entries([CAMERA, far])] == ["1  d0", "2  north-east pole"]
+    names = [name for _, name in pole_entries(used=2, unused=3)]
+    assert names == ["pole with a sensor (2)", "pole without a sensor (3)"]
+    assert [name for _, name in pole_entries(unused=1)] == ["pole (1)"]
+    assert pole_entries() == []
 
 
 @pytest.mark.parametrize(
@@ -98,13 +105,3 @@ def test_hits_misses_and_false_alarms_are_told_apart(tmp_path, outcome, there):
     map_only = (shown[: int(0.85 * len(shown)), :, :3] * 255).round().astype(int)
     for name in ("hit", "missed", "false alarm"):
         assert ((map_only == rgb(OUTCOME[name].colour)).all(axis=2).sum() > 20) == (name in there), name
-
-
-def test_the_legend_names_numbered_sensors_and_counts_poles():
-    far = Sensor("north-east pole", DepthCamera(), CAMERA.pose)
-    assert [name for _, name in sensor_entries([CAMERA])] == []
-    assert [name for _, name in sensor_entries([CAMERA, far])] == ["1  d0", "2  north-east pole"]
-    names = [name for _, name in pole_entries(used=2, unused=3)]
-    assert names == ["pole with a sensor (2)", "pole without a sensor (3)"]
-    assert [name for _, name in pole_entries(unused=1)] == ["pole (1)"]
-    assert pole_entries() == []

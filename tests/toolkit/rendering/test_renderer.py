@@ -56,16 +56,13 @@ def test_flat_ground_has_the_depth_of_a_plane(tilt):
     assert (depth[slope > 0] == 0).all()
 
 
-def test_lidar_measures_range_along_its_rays():
+def test_lidars_and_boxes_have_range_and_depth():
     sensor = lidar((0.0, 0.0, 4.0), 1.0)
     found = Renderer(FLAT, (CUBE,), (sensor,)).background[0]
     slope = sensor.model.rays()[..., 2]
     near = slope < -0.1
     assert np.allclose(found[near], -4.0 / slope[near], rtol=1e-4)
     assert (found[slope >= 0] == 0).all()
-
-
-def test_box_has_depth_along_the_axis_and_its_row_in_hits():
     renderer = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 1.0)),))
     (depth,), (hits,) = renderer.render(snapshot((CUBE,), (0, 20.0, 9.0, 0.0), (0, 11.0, 0.0, 0.0)))
     x, y = CAMERA.rays()[..., 0], CAMERA.rays()[..., 1]
@@ -75,9 +72,6 @@ def test_box_has_depth_along_the_axis_and_its_row_in_hits():
     assert set(np.unique(hits)) == {-1, 0, 1}
     still = hits < 0
     assert np.array_equal(depth[still], renderer.background[0][still])
-
-
-def test_boxes_lie_where_they_are_drawn():
     plank = make_body("plank", VEHICLE, *box((6.0, 0.2, 1.0)))
     sensor = camera((0.0, 0.0, 10.0), 0.0, np.pi / 2)  # up in the picture is +x, left is +y
     _, (hits,) = Renderer(FLAT, (plank,), (sensor,)).render(snapshot((plank,), (0, 0.0, 0.0, np.pi / 4)))
@@ -159,7 +153,7 @@ def test_lidar_sees_a_box_across_the_seam_of_its_turn(heading):
     assert len(seen) * sensor.model.azimuth_step == pytest.approx(2 * np.arctan(1 / 5), abs=0.02)
 
 
-def test_nothing_returns_beyond_the_range_or_too_near():
+def test_nothing_returns_out_of_range_or_of_ones_own_post():
     short = camera((0.0, 0.0, 1.0), model=DepthCamera(80, 60, 1, max_range=8.0))
     measured, hits = Renderer(FLAT, (CUBE,), (short,)).render(snapshot((CUBE,), (0, 11.0, 0.0, 0.0)))
     assert not (hits[0] >= 0).any()
@@ -170,16 +164,10 @@ def test_nothing_returns_beyond_the_range_or_too_near():
     assert np.allclose(
         around.measurements[0][30, 40], 2.0 + 0.5 * NEAR, atol=1e-4
     )  # through the near face to the far one
-
-
-def test_a_sensor_does_not_see_the_post_it_hangs_on():
     angle = np.arange(8) * np.pi / 4
     post = Solid(0.1 * np.column_stack([np.cos(angle), np.sin(angle)]), 0.0, 8.0, "post")
     seen = Renderer(Site("post", AREA, solids=(post,)), (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background
     assert np.allclose(seen[0], Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background[0], atol=1e-4)
-
-
-def test_no_objects_or_own_scenery_is_the_background():
     renderer = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.2), lidar((0.0, 0.0, 5.0))))
     rendered = renderer.render(Snapshot(Objects.empty(), np.zeros(0, np.int64)))
     for measured, hits, background in zip(*rendered, renderer.background, strict=True):
@@ -190,7 +178,7 @@ def test_no_objects_or_own_scenery_is_the_background():
     assert depth[30, 40] == pytest.approx(8.5, abs=1e-4)
 
 
-def test_rendering_repeats_itself_in_any_process_and_keeps_the_background():
+def test_rendering_repeats_itself_and_refuses_other_bodies():
     renderer = Renderer(FLAT, catalogue(), (camera((-10.0, 0.0, 5.0), 0.0, 0.2),))
     before = renderer.background[0].copy()
     frame = snapshot(catalogue(), (3, 0.0, 0.0, 0.4), (30, 2.0, 4.0, 1.0))
@@ -199,16 +187,10 @@ def test_rendering_repeats_itself_in_any_process_and_keeps_the_background():
         assert np.array_equal(first.measurements[0], other.measurements[0])
         assert np.array_equal(first.hits[0], other.hits[0])
     assert np.array_equal(before, renderer.background[0])
-
-
-def test_boxes_of_other_bodies_are_refused():
     renderer = Renderer(FLAT, catalogue(), (camera((0.0, 0.0, 5.0)),))
     frame = snapshot(catalogue(), (3, 0.0, 0.0, 0.4))
     with pytest.raises(ValueError, match=r"object 0 has a box of .*simulate and render with the same bodies"):
         renderer.render(Snapshot(frame.objects, np.array([4])))
-
-
-def test_windows_are_small_and_leave_out_what_is_behind():
     sensor = camera((0.0, 0.0, 1.0))
     boxes = np.array([[20.0, 0, 1, 2, 2, 2, 0], [-20, 0, 1, 2, 2, 2, 0], [5, 40, 1, 2, 2, 2, 0]])
     found = sensor.model.windows(transform(invert(sensor.pose), corners(boxes)))
@@ -282,7 +264,7 @@ def lines(starts, ways):
     return np.concatenate([starts, ways], axis=1).astype(np.float32)
 
 
-def test_lines_meet_the_nearest_object_or_none():
+def test_moments_meet_lines_and_cover_ground():
     moment = Moment((CAR, CAR), BEHIND, threads=1)
     starts = np.array([[-10.0, 0, 0.7], [20, 0, 0.7], [0, 9, 0.7], [10, 9, 0.7]])
     ways = np.array([[1.0, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0]])
@@ -296,6 +278,16 @@ def test_lines_meet_the_nearest_object_or_none():
     assert met.tolist() == [-1, -1]
     assert np.isinf(length).all()
     assert moment.ground.points.shape == (0, 2)
+    turned = np.array([[5.0, 6.0, 0.75, 4, 2, 1.5, np.pi / 2]])
+    for body, across in ((CAR, (-1.0, 1.0)), (MIRRORED, (-1.0, 1.4))):
+        ground = Moment((body,), turned).ground
+        x, y = ground.points.T
+        assert (x.min(), x.max()) == pytest.approx((5 - across[1], 5 - across[0]))
+        assert (y.min(), y.max()) == pytest.approx((4.0, 8.0))
+        assert (ground.low[0], ground.high[0]) == pytest.approx((0.0, 1.5))
+        assert ground.first.tolist() == [0, len(x)]
+        middle = 5 - sum(across) / 2
+        np.testing.assert_allclose(ground.rectangles[0], [middle, 6, 2, np.ptp(across) / 2, 0, 1], atol=1e-6)
 
 
 def test_it_shows_what_the_renderer_draws():
@@ -322,19 +314,6 @@ def test_it_shows_what_the_renderer_draws():
         renderer.moment(Snapshot(Objects(boxes + np.eye(7)[3], snapshot.objects.labels), chosen))
 
 
-def test_the_ground_it_covers():
-    turned = np.array([[5.0, 6.0, 0.75, 4, 2, 1.5, np.pi / 2]])
-    for body, across in ((CAR, (-1.0, 1.0)), (MIRRORED, (-1.0, 1.4))):
-        ground = Moment((body,), turned).ground
-        x, y = ground.points.T
-        assert (x.min(), x.max()) == pytest.approx((5 - across[1], 5 - across[0]))
-        assert (y.min(), y.max()) == pytest.approx((4.0, 8.0))
-        assert (ground.low[0], ground.high[0]) == pytest.approx((0.0, 1.5))
-        assert ground.first.tolist() == [0, len(x)]
-        middle = 5 - sum(across) / 2
-        np.testing.assert_allclose(ground.rectangles[0], [middle, 6, 2, np.ptp(across) / 2, 0, 1], atol=1e-6)
-
-
 def test_on_a_slope_it_is_what_the_renderer_shows():
     steep = Site("steep", np.array([-30.0, -30, 30, 30]), relief=Relief(0.0, 0, (0.06, -0.04)))
     eye = Sensor("eye", DepthCamera(width=160, height=120, stride=1), look((-14.0, 2.0, 5.0), 0.0, 0.2))
@@ -356,7 +335,7 @@ def test_on_a_slope_it_is_what_the_renderer_shows():
 WALL = box((0.2, 4.0, 3.0), (5.0, 0.0, 1.5))
 
 
-def test_a_wall_hides_what_the_lines_through_it_lead_to():
+def test_walls_hide_what_lines_lead_to_unless_near():
     rng = np.random.default_rng(3)
     start, ends = np.array([0.0, 0.3, 2.0]), rng.uniform((6, -9, 0), (20, 9, 4), (4000, 3))
     share = (4.9 - start[0]) / (ends[:, 0] - start[0])  # of the way to the face, and to the back
@@ -368,16 +347,13 @@ def test_a_wall_hides_what_the_lines_through_it_lead_to():
     sure = (np.minimum(abs(y0), abs(y1)) > 2) == (np.maximum(abs(y0), abs(y1)) > 2)  # not through a narrow end
     assert 0.1 < hidden.mean() < 0.9
     assert np.array_equal(SightLines(WALL, threads=1).clear(start, ends)[sure], ~hidden[sure])
-
-
-@pytest.mark.parametrize(("distance", "seen"), [(0.0, False), (NEAR - 0.01, False), (NEAR + 0.01, True), (4.0, True)])
-def test_nothing_nearer_than_a_sensor_measures_is_seen(distance, seen):
-    assert SightLines(WALL).clear(np.zeros(3), np.array([[distance, 0.0, 0.0]])).tolist() == [seen]
-
-
-def test_what_is_near_or_a_surface_itself_hides_nothing():
     own_post = box((0.1, 0.1, 6.0), (0.1, 0.0, 0.0))
     ends = np.array([[4.0, 0.0, 1.0], [9.0, 0.0, 1.0]])
     assert SightLines(merge([own_post, WALL])).clear(np.array([0.0, 0, 1]), ends).tolist() == [True, False]
     face = np.array([[4.9, 0.0, 1.0], [4.9 + GRAZE / 2, 0, 1], [4.9 + 3 * GRAZE, 0, 1]])
     assert SightLines(WALL).clear(np.array([0.0, 0, 1]), face).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize(("distance", "seen"), [(0.0, False), (NEAR - 0.01, False), (NEAR + 0.01, True), (4.0, True)])
+def test_nothing_nearer_than_a_sensor_measures_is_seen(distance, seen):
+    assert SightLines(WALL).clear(np.zeros(3), np.array([[distance, 0.0, 0.0]])).tolist() == [seen]

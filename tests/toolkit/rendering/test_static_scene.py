@@ -27,16 +27,13 @@ def places(rng, n=3000, margin=30.0):
     return rng.uniform(AREA[:2] - margin, AREA[2:] + margin, (n, 2))
 
 
-def test_bare_ground_is_what_the_site_says_everywhere():
+def test_ground_and_ponds_are_what_the_site_says():
     assert np.abs(drop(build_scenery(site()), places(np.random.default_rng(0)))).max() < 1e-4
     uneven = site(relief=Relief(0.1, 3))
     xy = places(np.random.default_rng(0), margin=12.0)
     assert np.abs(drop(build_scenery(uneven), xy) - uneven.ground(xy)).max() < 0.003
     far = np.random.default_rng(1).uniform(-FAR * 0.8, FAR * 0.8, (500, 2))
     assert np.isfinite(drop(build_scenery(uneven), far)).all()
-
-
-def test_pond_is_a_hole_with_banks_and_a_surface():
     pond = Solid(SQUARE, -1.5, -0.5, "pond")
     xy = places(np.random.default_rng(0))
     inside = (xy > [0, 0]).all(axis=1) & (xy < [8, 6]).all(axis=1)

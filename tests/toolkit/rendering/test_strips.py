@@ -90,7 +90,7 @@ def test_a_direction_lies_in_the_strip_of_what_it_shows(scene, strips, v):
     assert (met >= 0).sum() > 500
 
 
-def test_each_kind_is_shown_and_coarse_strips_are_fewer(strips, scene):
+def test_strips_show_each_kind_and_walls_hide(strips, scene):
     first = strips.viewpoint == 0
     assert set(strips.shows[first & (strips.item == 3)]) == {BEYOND, OUTSIDE}  # across the edge of the area
     assert set(strips.shows[first & (strips.item == 1)]) == {WITHIN}
@@ -98,9 +98,6 @@ def test_each_kind_is_shown_and_coarse_strips_are_fewer(strips, scene):
     coarse = find_strips(scene[0], scene[1], EYES, COUNTED, np.array([True, False, True, True, True]))
     assert 2 * (coarse.item == 1).sum() < (strips.item == 1).sum()
     assert (coarse.item == 0).sum() == (strips.item == 0).sum()
-
-
-def test_a_wall_hides_and_without_it_more_is_seen(scene, strips):
     open_site = Renderer(Site("open", SITE.area), (CAR,), (), threads=1)
     free = find_strips(open_site, scene[1], EYES, COUNTED, np.ones(5, bool))
 
@@ -111,7 +108,7 @@ def test_a_wall_hides_and_without_it_more_is_seen(scene, strips):
     assert 0.05 < extent(strips) / extent(free) < 0.9
 
 
-def test_a_box_has_the_solid_angle_it_has(scene):
+def test_boxes_have_their_solid_angle_and_nothing_none(scene):
     """A plate of 4 m by 1.5 m across the view, 20 m off, its middle at the height of the eye."""
     plate = make_body("plate", VEHICLE, *box((0.01, 4.0, 1.5)))
     renderer = Renderer(Site("open", SITE.area), (plate,), (), threads=1)
@@ -125,20 +122,17 @@ def test_a_box_has_the_solid_angle_it_has(scene):
         a, b, d = 2.0, 0.75, 19.995
         exact = 4 * np.arcsin(a * b / np.sqrt((a * a + d * d) * (b * b + d * d)))
         assert angle == pytest.approx(exact, rel=within)
+    empty = scene[0].moment(Snapshot(Objects(np.zeros((0, 7)), np.zeros(0, np.int64)), np.zeros(0, np.int64)))
+    for some in (find_strips(scene[0], empty, EYES, COUNTED, np.zeros(0, bool)), concatenate_strips([])):
+        assert [len(each) for each in some] == [0] * 7
+    assert len(find_strips(scene[0], scene[1], np.zeros((0, 3)), COUNTED, np.ones(5, bool)).item) == 0
+    assert counting(np.array([1, 0, 2])).tolist() == [0, 0, 1]
 
 
 def test_portions_make_no_difference(scene, strips, monkeypatch):
     monkeypatch.setattr(module, "RAYS_AT_ONCE", 500)
     for one, other in zip(find_strips(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool)), strips, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_nothing_to_see(scene):
-    empty = scene[0].moment(Snapshot(Objects(np.zeros((0, 7)), np.zeros(0, np.int64)), np.zeros(0, np.int64)))
-    for some in (find_strips(scene[0], empty, EYES, COUNTED, np.zeros(0, bool)), concatenate_strips([])):
-        assert [len(each) for each in some] == [0] * 7
-    assert len(find_strips(scene[0], scene[1], np.zeros((0, 3)), COUNTED, np.ones(5, bool)).item) == 0
-    assert counting(np.array([1, 0, 2])).tolist() == [0, 0, 1]
 
 
 TRUCK = make_body("truck", VEHICLE, *box((9.0, 2.5, 3.5)))

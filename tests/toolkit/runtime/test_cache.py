@@ -37,24 +37,27 @@ def cache(tmp_path):
     return cache
 
 
-def test_what_was_put_is_found_again_also_by_another(cache):
+def test_what_was_put_is_found_by_others_whose_files_stay(cache):
     for reader in (cache, Cache(cache.path), pickle.loads(pickle.dumps(cache))):
         found = reader.get(KEYS)
         assert all(same(each, value(k)) for k, each in enumerate(found[:30]))
         assert found[30:] == [None] * 10
         assert len(reader) == 30
+    assert len(cache) == 30
+    os.replace(cache.path, cache.path.with_name("aside"))
+    other = Cache(cache.path)
+    other.put({KEYS[0]: value(0)})
+    cache._put_aside("damaged")
+    assert len(other) == len(Cache(cache.path)) == 1
 
 
-def test_many_keys_at_once():
+def test_many_keys_tell_apart_what_differs_and_is_kept(tmp_path):
     cache, keys = Cache(), [make_key(k) for k in range(1234)]
     cache.put({key: (np.array([k]),) for k, key in enumerate(keys[:-1])})
     found = cache.get(keys)
     assert [int(each[0][0]) for each in found[:-1] if each is not None] == list(range(1233))
     assert found[-1] is None
     assert cache.get([]) == []
-
-
-def test_many_keys_tell_apart_what_differs():
     parts = [("a",), ("a", 1), ("a", "1"), ("a", [1]), ("a", [1, 2]), ("a", 0.7), ("a", 0.7000000000000001), (["a"], 1)]
     assert len({make_key(*each) for each in parts}) == len(parts)
     assert make_key({"b": 1, "a": 2}) == make_key({"a": 2, "b": 1})
@@ -64,6 +67,11 @@ def test_many_keys_tell_apart_what_differs():
     zeros = np.zeros((100_000, 3))
     assert len(encode_arrays(KEYS[0], [zeros])) < zeros.nbytes / 100
     assert same(decode_arrays(KEYS[0], encode_arrays(KEYS[0], [zeros, np.arange(5)])), (zeros, np.arange(5)))
+    cache = Cache(tmp_path)  # a folder
+    with pytest.warns(UserWarning, match="cannot be used"):
+        cache.put({KEYS[0]: value(0)})
+    with pytest.warns(UserWarning, match="cannot be used"):
+        assert cache.get(KEYS[:1]) == [None]
 
 
 @settings(max_examples=50, deadline=None)
@@ -138,23 +146,6 @@ def test_a_damaged_file_is_put_aside_and_begun_anew(cache, kind):
         warnings.simplefilter("error")
         assert same(again.get(KEYS[:1])[0], value(0))
     assert any("damaged" in path.name for path in cache.path.parent.iterdir())
-
-
-def test_another_process_s_new_file_stays_where_it_is(cache):
-    assert len(cache) == 30
-    os.replace(cache.path, cache.path.with_name("aside"))
-    other = Cache(cache.path)
-    other.put({KEYS[0]: value(0)})
-    cache._put_aside("damaged")
-    assert len(other) == len(Cache(cache.path)) == 1
-
-
-def test_where_nothing_can_be_kept_it_warns_and_goes_on(tmp_path):
-    cache = Cache(tmp_path)  # a folder
-    with pytest.warns(UserWarning, match="cannot be used"):
-        cache.put({KEYS[0]: value(0)})
-    with pytest.warns(UserWarning, match="cannot be used"):
-        assert cache.get(KEYS[:1]) == [None]
 
 
 def put_slowly(path, first, gate):

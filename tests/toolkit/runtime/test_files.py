@@ -12,12 +12,20 @@ import pytest
 from toolkit.runtime import files
 
 
-def test_it_makes_folders_replaces_what_was_there_and_leaves_nothing_else(tmp_path):
+def test_files_replace_what_was_there_with_links_and_permissions(tmp_path):
     path = tmp_path / "new" / "file.txt"
     files.write_text(path, "one")
     files.write_bytes(path, b"two")
     assert path.read_bytes() == b"two"
     assert [each.name for each in path.parent.iterdir()] == ["file.txt"]
+    path = tmp_path / "file"
+    files.write_text(path, "a")
+    mask = os.umask(0)
+    os.umask(mask)
+    assert path.stat().st_mode & 0o777 == 0o666 & ~mask
+    path.chmod(0o640)
+    files.write_text(path, "b")
+    assert path.stat().st_mode & 0o777 == 0o640
 
 
 def test_a_link_stays_a_link_and_what_it_points_to_is_replaced(tmp_path):
@@ -29,17 +37,6 @@ def test_a_link_stays_a_link_and_what_it_points_to_is_replaced(tmp_path):
     assert link.is_symlink()
     assert real.read_text() == "new"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["link", "real"]
-
-
-def test_permissions_of_what_was_there_stay_and_new_files_follow_the_mask(tmp_path):
-    path = tmp_path / "file"
-    files.write_text(path, "a")
-    mask = os.umask(0)
-    os.umask(mask)
-    assert path.stat().st_mode & 0o777 == 0o666 & ~mask
-    path.chmod(0o640)
-    files.write_text(path, "b")
-    assert path.stat().st_mode & 0o777 == 0o640
 
 
 def test_a_full_disk_is_one_line_that_names_the_file_and_what_was_there_stays(tmp_path):
@@ -60,13 +57,7 @@ def test_a_full_disk_is_one_line_that_names_the_file_and_what_was_there_stays(tm
     assert [each.name for each in tmp_path.iterdir()] == ["file.h5"]
 
 
-def test_a_folder_that_is_none_is_told(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OSError, match="cannot write"):
-        files.write_text(tmp_path / "file" / "below", "x")
-
-
-def test_other_errors_pass_as_they_are(tmp_path):
+def test_errors_leave_nothing_and_pass_as_they_are(tmp_path):
     def fail() -> None:
         with files.writing(tmp_path / "file"):
             raise ValueError("mine")
@@ -74,9 +65,18 @@ def test_other_errors_pass_as_they_are(tmp_path):
     with pytest.raises(ValueError, match="mine"):
         fail()
     assert not list(tmp_path.iterdir())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="cannot write"):
+        files.write_text(tmp_path / "file" / "below", "x")
+    path = tmp_path / "file"
+    files.reserve(path, 100_000)
+    assert path.read_bytes() == b""
+    with pytest.raises(OSError, match=r"."):
+        files.reserve(path, 1 << 62)
+    assert path.read_bytes() == b""
 
 
-def test_an_output_may_not_be_an_input_under_any_name(tmp_path):
+def test_outputs_are_no_inputs_and_replaced_when_told(tmp_path):
     (tmp_path / "in").write_text("")
     (tmp_path / "link").symlink_to(tmp_path / "in")
     os.link(tmp_path / "in", tmp_path / "hard")
@@ -85,9 +85,6 @@ def test_an_output_may_not_be_an_input_under_any_name(tmp_path):
             files.check_output(tmp_path / name, inputs=[tmp_path / "other", tmp_path / "in"], overwrite=True)
     with pytest.raises(ValueError, match="is what is read"):
         files.check_output(Path("not-there"), inputs=["./not-there"])
-
-
-def test_what_is_there_is_replaced_only_when_told(tmp_path):
     (tmp_path / "there").write_text("")
     (tmp_path / "empty").mkdir()
     (tmp_path / "full").mkdir()
@@ -108,15 +105,6 @@ def test_a_place_of_the_caller_s_own_for_what_is_unfinished(tmp_path):
         own.write_text("whole")
     assert path.read_text() == "whole"
     assert not own.exists()
-
-
-def test_room_is_reserved_or_refused(tmp_path):
-    path = tmp_path / "file"
-    files.reserve(path, 100_000)
-    assert path.read_bytes() == b""
-    with pytest.raises(OSError, match=r"."):
-        files.reserve(path, 1 << 62)
-    assert path.read_bytes() == b""
 
 
 def test_files_written_together_are_all_there_or_none(tmp_path):
@@ -167,6 +155,10 @@ def test_arrays_written_are_read_here_and_by_numpy(tmp_path):
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["x.npz"]
     with np.load(tmp_path / "new" / "x.npz") as file:
         assert (file["a"] == ARRAYS["a"]).all()
+    np.save(tmp_path / "a.npy", np.arange(3))
+    np.savez(tmp_path / "b.npz", x=np.arange(3), y=np.eye(2))
+    assert files.load_arrays(tmp_path / "a.npy")[""].tolist() == [0, 1, 2]
+    assert set(files.load_arrays(tmp_path / "b.npz")) == {"x", "y"}
 
 
 def test_arrays_cut_off_or_with_a_turned_bit_are_refused(tmp_path):
@@ -198,13 +190,6 @@ def npy(array):
     stream = BytesIO()
     np.save(stream, array)
     return stream.getvalue()
-
-
-def test_arrays_are_read(tmp_path):
-    np.save(tmp_path / "a.npy", np.arange(3))
-    np.savez(tmp_path / "b.npz", x=np.arange(3), y=np.eye(2))
-    assert files.load_arrays(tmp_path / "a.npy")[""].tolist() == [0, 1, 2]
-    assert set(files.load_arrays(tmp_path / "b.npz")) == {"x", "y"}
 
 
 def test_damaged_numpy_file_or_pickle_is_one_line(tmp_path):

@@ -76,7 +76,7 @@ def write(file, check=lambda: None):
         check()
 
 
-def test_what_is_written_is_read(tmp_path):
+def test_what_is_written_is_read_and_errors_of_the_block_pass(tmp_path):
     with hdf5_file(tmp_path / "a.hdf5") as (file, check):
         write(file, check)
     with h5py.File(tmp_path / "a.hdf5") as file:
@@ -87,8 +87,6 @@ def test_what_is_written_is_read(tmp_path):
     assert (tmp_path / "a.hdf5").read_bytes() == (tmp_path / "b.hdf5").read_bytes()
     assert (tmp_path / "a.hdf5").stat().st_size > SIZES[-1]
 
-
-def test_errors_of_the_block_pass(tmp_path):
     def fail() -> None:
         with hdf5_file(tmp_path / "a.hdf5") as (file, _):
             write(file)

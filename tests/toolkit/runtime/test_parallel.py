@@ -39,7 +39,7 @@ class DiesOnce:
         return x * x
 
 
-def test_serial_is_lazy_and_in_order():
+def test_a_loop_is_serial_lazy_and_the_same_in_processes():
     seen: list[int] = []
     results = spread(square, iter(range(1, 5)), progress=seen.append)
     assert next(results) == 1
@@ -47,9 +47,6 @@ def test_serial_is_lazy_and_in_order():
     assert list(results) == [4, 9, 16]
     assert seen == [1, 2, 3, 4]
     assert list(spread(square, [])) == []
-
-
-def test_processes_give_what_a_loop_gives():
     seen: list[int] = []
     results = spread(square, iter([3, 1, 2, 5, 4, 6, 7, 13, 8]), workers=2, progress=seen.append)
     assert [next(results) for _ in range(7)] == [9, 1, 4, 25, 16, 36, 49]
@@ -59,9 +56,13 @@ def test_processes_give_what_a_loop_gives():
     assert list(spread(square, [], workers=2)) == []
 
 
-def test_work_of_a_process_that_is_killed_is_done_again(tmp_path):
+def test_lost_work_is_done_again_or_given_up(tmp_path):
     assert list(spread(DiesOnce(tmp_path, 5), range(9), workers=2)) == [x * x for x in range(9)]
     assert (tmp_path / "killed").exists()
+    with pytest.raises(WorkLost, match=f"died {RETRIES + 1} times in a row, at or near input 1") as error:
+        list(spread(dies, [1], workers=2))
+    assert "\n" not in str(error.value)
+    assert isinstance(error.value, RuntimeError)
 
 
 @dataclass(frozen=True)
@@ -166,13 +167,6 @@ def dies(x: int) -> int:
     os._exit(7)
 
 
-def test_work_that_kills_every_process_is_given_up():
-    with pytest.raises(WorkLost, match=f"died {RETRIES + 1} times in a row, at or near input 1") as error:
-        list(spread(dies, [1], workers=2))
-    assert "\n" not in str(error.value)
-    assert isinstance(error.value, RuntimeError)
-
-
 COUNTS = """
 import resource, sys
 import numpy as np
@@ -256,15 +250,11 @@ class Stuck:
 
 
 @pytest.mark.slow
-def test_ray_gives_what_a_loop_gives(two_nodes):
+def test_ray_gives_what_a_loop_gives_also_of_killed_work(two_nodes, tmp_path):
     cluster, _ = two_nodes
     assert list(spread(square, range(12), ray=cluster.address)) == [x * x for x in range(12)]
     with pytest.raises(ValueError, match=r"^unlucky$"):
         list(spread(square, [1, 13, 2], ray=cluster.address))
-
-
-@pytest.mark.slow
-def test_ray_does_the_work_of_a_killed_process_again(two_nodes, tmp_path):
     cluster, _ = two_nodes
     assert list(spread(DiesOnce(tmp_path, 5), range(9), ray=cluster.address)) == [x * x for x in range(9)]
     assert (tmp_path / "killed").exists()

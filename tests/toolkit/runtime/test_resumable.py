@@ -114,7 +114,7 @@ def folder(tmp_path, **plan):
     return made
 
 
-def test_damaged_parts_are_found_and_removed(tmp_path):
+def test_damaged_parts_go_and_others_files_stay(tmp_path):
     parts = folder(tmp_path)
     for block in range(4):
         parts.add(block, bytes([block]) * 1000)
@@ -124,9 +124,18 @@ def test_damaged_parts_are_found_and_removed(tmp_path):
     (parts.path / "00004.00000000.hdf5.123.unfinished").write_bytes(b"half")
     assert sorted(parts.check_shards()) == [0, 3]
     assert len(list(parts.path.iterdir())) == 3
+    parts = folder(tmp_path)
+    (parts.path / "notes.txt").write_text("mine")
+    assert parts.check_shards() == {}
+    parts.remove()
+    assert [path.name for path in parts.path.iterdir()] == ["notes.txt"]
+    with pytest.raises(ValueError, match="at least 1, got 0"):
+        make_shards(Nothing(), folder(tmp_path), [0], workers=0, progress=lambda done: None)
+    assert describe_differences({"a": 1}, {"a": 1}) == ""
+    assert describe_differences({"a": 1, "b": 2}, {"a": 1, "c": 3}) == "b 2 instead of None, c None instead of 3"
 
 
-def test_another_plan_is_refused_and_named(tmp_path):
+def test_plans_are_the_runs_own_one_at_a_time(tmp_path):
     folder(tmp_path, seed=1, site="a").add(0, b"1")
     other = ShardFolder(tmp_path / "f.parts", {"seed": 2, "site": "a"})
     with pytest.raises(FileExistsError, match="made from seed 1 instead of 2: finish that one first"):
@@ -134,30 +143,16 @@ def test_another_plan_is_refused_and_named(tmp_path):
     assert len(other.shards()) == 1
     other.open(True)
     assert other.shards() == {}
-
-
-def test_a_damaged_plan_starts_anew(tmp_path):
     parts = folder(tmp_path)
     parts.add(0, b"1")
     (parts.path / "plan.json").write_text("{")
     parts.open(False)
     assert parts.shards() == {}
-
-
-def test_one_run_at_a_time(tmp_path):
     parts = folder(tmp_path)
     with parts.lock(), pytest.raises(FileExistsError, match="another run is writing"), parts.lock():
         pass
     with parts.lock():
         pass
-
-
-def test_files_of_others_stay(tmp_path):
-    parts = folder(tmp_path)
-    (parts.path / "notes.txt").write_text("mine")
-    assert parts.check_shards() == {}
-    parts.remove()
-    assert [path.name for path in parts.path.iterdir()] == ["notes.txt"]
 
 
 def test_a_full_disk_says_what_is_safe(tmp_path):
@@ -176,10 +171,3 @@ class Nothing:
 
     def encode(self, items):
         return b""
-
-
-def test_workers_must_be_some_and_differences_are_in_words(tmp_path):
-    with pytest.raises(ValueError, match="at least 1, got 0"):
-        make_shards(Nothing(), folder(tmp_path), [0], workers=0, progress=lambda done: None)
-    assert describe_differences({"a": 1}, {"a": 1}) == ""
-    assert describe_differences({"a": 1, "b": 2}, {"a": 1, "c": 3}) == "b 2 instead of None, c None instead of 3"

@@ -39,14 +39,11 @@ def test_work_is_done_in_order_by_as_many_workers():
     assert Processes(workers=None).count == os.cpu_count()
 
 
-def test_another_process_gets_all_but_progress(tmp_path):
+def test_runs_go_to_other_processes_with_one_cache(tmp_path):
     run = Run(seed=3, frames=5, cache=tmp_path, progress=print)
     there = pickle.loads(pickle.dumps(run))
     assert there == run
     assert there.progress is None
-
-
-def test_the_cache_is_one_file_in_its_folder(tmp_path):
     run = Run(cache=str(tmp_path))
     assert run.memo is run.memo
     assert run.cache == tmp_path

@@ -31,7 +31,7 @@ class Offset:
         return reading.measuring(reading.measurement + np.float32(self.metres) * reading.valid)
 
 
-def test_a_digest_tells_terms_numbers_and_order_but_not_the_name():
+def test_digests_and_names_of_profiles():
     one = ErrorProfile("one", (OwnNoise(), Calibration(0.01, 0.05)))
     assert one.digest == ErrorProfile("two", one.terms).digest
     assert len(one.digest) == 64
@@ -43,16 +43,6 @@ def test_a_digest_tells_terms_numbers_and_order_but_not_the_name():
     assert ErrorProfile("x", (Calibration(np.float64(0.01), np.float64(0.05)),)).digest
     assert one.origin == {"profile": "one", "digest": one.digest}
     assert hash(one) == hash(ErrorProfile("one", one.terms))
-
-
-@pytest.mark.parametrize("terms", [(Calibration,), ("rain",), (3,), (OwnNoise(), None)])
-def test_what_is_no_term_is_refused(terms):
-    with pytest.raises((ValueError, TypeError)) as refused:
-        ErrorProfile("x", terms)
-    assert "term" in str(refused.value)
-
-
-def test_profiles_have_names_and_draw_from_a_seed():
     with pytest.raises(ValueError, match="needs a name"):
         ErrorProfile("", ())
     assert list(PROFILES) == ["paper", "surveyed", "typical", "poor"]
@@ -66,6 +56,13 @@ def test_profiles_have_names_and_draw_from_a_seed():
     check_drawn(TYPICAL, 0)
     with pytest.raises(ValueError, match=r"errors 'typical' are drawn from a seed, got noise_seed None"):
         check_drawn(TYPICAL, None)
+
+
+@pytest.mark.parametrize("terms", [(Calibration,), ("rain",), (3,), (OwnNoise(), None)])
+def test_what_is_no_term_is_refused(terms):
+    with pytest.raises((ValueError, TypeError)) as refused:
+        ErrorProfile("x", terms)
+    assert "term" in str(refused.value)
 
 
 def test_own_terms_take_part_and_draw_the_same_in_any_company(street):
@@ -94,7 +91,7 @@ def test_two_terms_of_one_kind_draw_apart(wall, sensor):
     assert (said.measurement - truth.measurement).std() == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
 
 
-def test_the_paper_has_the_models_noise_and_nothing_else(street):
+def test_the_paper_has_noise_alone_and_each_profile_is_worse(street):
     assert PAPER_ERRORS.terms == (OwnNoise(),)
     said = PAPER_ERRORS.read(street, seed=4, sensor=99, frame=6)
     expected = street.sensor.model.noisy(street.measurement, np.random.default_rng([4, 6, 99]))
@@ -103,18 +100,6 @@ def test_the_paper_has_the_models_noise_and_nothing_else(street):
     assert said.shift is None
     assert [only_own_noise(profile) for profile in PROFILES.values()] == [True, False, False, False]
     assert only_own_noise(ErrorProfile("other", (OwnNoise(),)))
-
-
-@pytest.mark.parametrize(
-    ("name", "degrees", "metres"), [("surveyed", 0.05, 0.01), ("typical", 0.2, 0.03), ("poor", 0.5, 0.05)]
-)
-def test_calibration_is_what_the_name_says(name, degrees, metres):
-    (found,) = [term for term in PROFILES[name].terms if type(term) is Calibration]
-    assert (np.rad2deg(found.rotation), found.translation) == (pytest.approx(degrees), metres)
-    assert not any(type(term) is ClockOffset for term in PROFILES[name].terms)
-
-
-def test_each_profile_is_worse_than_the_one_before(street):
     lost, spread = [], []
     for profile in PROFILES.values():
         said = profile.read(street, seed=0, sensor=1, frame=0)
@@ -125,6 +110,15 @@ def test_each_profile_is_worse_than_the_one_before(street):
     assert lost[0] == 0 < lost[1] < 0.01 < lost[2] < 0.05 < lost[3] < 0.3
     assert spread == sorted(spread)
     assert lost == pytest.approx(PINNED, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "degrees", "metres"), [("surveyed", 0.05, 0.01), ("typical", 0.2, 0.03), ("poor", 0.5, 0.05)]
+)
+def test_calibration_is_what_the_name_says(name, degrees, metres):
+    (found,) = [term for term in PROFILES[name].terms if type(term) is Calibration]
+    assert (np.rad2deg(found.rotation), found.translation) == (pytest.approx(degrees), metres)
+    assert not any(type(term) is ClockOffset for term in PROFILES[name].terms)
 
 
 PINNED = [0.0, 0.005284, 0.025493, 0.165173]  # share of returns that each profile takes

@@ -36,7 +36,7 @@ def moved(objects, by):
     return Objects(boxes, objects.labels, objects.ids)
 
 
-def test_velocities_of_tracks(street):
+def test_velocities_of_tracks_and_the_window_band_of_cars(street):
     now, speed = street.objects, np.array([[10.0, 0, 0], [0, -5, 0], [1, 1, 0], [0, 0, 0]])
     before, after = (moved(now, speed * t) for t in (-0.1, 0.1))
     both = velocities(now, 4.0, [(before, 3.9), (after, 4.1)])
@@ -44,6 +44,10 @@ def test_velocities_of_tracks(street):
     one = velocities(now, 4.0, [(after[[3, 0]], 4.1)])
     assert np.allclose(one, [[10, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     assert np.allclose(velocities(now, 4.0, [(before[[1]], 3.9), (after, 4.1)]), speed)
+    band, share = Glass(1.0).band(street), heights(street)
+    expected = (street.owners >= 0) & (street.owners < 2) & (share > 0.62) & (share < 0.93)
+    assert np.array_equal(band, expected)
+    assert band.sum() > 300
 
 
 @pytest.mark.parametrize("times", [(), (5.0,), (3.9, 9.0), (4.0,)])
@@ -52,7 +56,7 @@ def test_frames_far_apart_do_not_say_velocities(street, times):
         velocities(street.objects, 4.0, [(street.objects, time) for time in times])
 
 
-def test_points_on_a_car_move_by_its_velocity_times_the_offset(read, street):
+def test_points_on_a_car_move_with_its_velocity_and_drops_stay(read, street):
     speed = np.array([[10.0, 2, 0], [0, 0, 0], [-4, 0, 0], [0, 0, 0]])
     said = read(ClockOffset(0.02), replace(street, velocities=speed))
     late = np.random.default_rng([0, 1, 5, 1]).standard_normal() * 0.02
@@ -62,9 +66,6 @@ def test_points_on_a_car_move_by_its_velocity_times_the_offset(read, street):
     assert said.measurement is street.measurement
     again = read(ClockOffset(0.02), replace(street, velocities=speed), frame=99)
     assert np.array_equal(again.shift, said.shift)  # constant over a recording
-
-
-def test_a_drop_before_a_car_stays(read, street):
     speed = np.full((4, 3), 10.0)
     near = np.where(street.owners == 0, np.float32(2.0), street.measurement)
     from toolkit.sensors.readings import Draws, Reading
@@ -85,7 +86,7 @@ def test_it_needs_velocities_unless_it_has_no_strength(read, harmless, street):
         ClockOffset(-1.0)
 
 
-def test_the_law_of_range_incidence_and_reflectivity():
+def test_laws_of_range_and_of_stereo_and_time_of_flight():
     """p = 1/2 where rho · cos · (half / R)² = 1; twice the range or a quarter of the power is the same."""
     one = np.ones(1)
     assert chance_of_return(80 * one, one, 80.0, 2.0)[0] == 0.5
@@ -97,6 +98,16 @@ def test_the_law_of_range_incidence_and_reflectivity():
     assert falling[0] > 0.9999
     assert falling[-1] < 0.02
     assert chance_of_return(one, 0 * one, 80.0, 2.0)[0] < 1e-6
+    # f = 800 pixels and B = 0.5 m: at 20 m one tenth of a pixel is 10 cm.
+    assert stereo_noise(baseline=0.5, focal=800.0).quadratic * 20**2 == pytest.approx(0.1)
+    with pytest.raises(ValueError, match="above 0"):
+        stereo_noise(baseline=0.0, focal=800.0)
+    for ambient in (0.0, 0.3, 1.0):
+        term = time_of_flight_noise(at_10_m=0.05, ambient=ambient)
+        assert term.proportional * 10 + term.quadratic * 100 == pytest.approx(0.05)
+        assert term.quadratic * 100 == pytest.approx(0.05 * ambient)
+    with pytest.raises(ValueError, match="share"):
+        time_of_flight_noise(ambient=1.5)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.4])
@@ -118,13 +129,10 @@ def test_share_and_range_take_pixels(read, street):
     assert not read(DropOut(0.5, 40.0), nothing).measurement.any()
 
 
-def test_shares_multiply(read, wall, sensor):
+def test_shares_multiply_and_dead_rows_stay_dead(read, wall, sensor):
     truth = wall(sensor, 50.0)
     kept = read(DropOut(0.5, half_range=50.0), truth).valid.mean()
     assert kept == pytest.approx(0.5 * chance_of_return(truth.ranges, truth.cosines, 50.0, 2.0).mean(), rel=0.06)
-
-
-def test_dead_rows_are_whole_rows_and_stay_dead(read, wall, sensor):
     truth = wall(sensor, 10.0)
     said = [read(DeadRows(0.25), truth, frame=frame).valid for frame in (0, 1, 77)]
     assert all(np.array_equal(each, said[0]) for each in said)
@@ -144,7 +152,7 @@ def halves(wall, sensor):
     return truth
 
 
-def test_only_the_two_columns_at_the_edge_mix_and_lie_between(read, halves):
+def test_edges_mix_between_and_within_bounds(read, halves):
     image = np.stack([read(MixedPixels(0.6), halves, frame=f).measurement for f in range(40)])
     changed = image != halves.measurement
     middle = image.shape[2] // 2
@@ -155,9 +163,6 @@ def test_only_the_two_columns_at_the_edge_mix_and_lie_between(read, halves):
     assert between.max() < 20
     assert between.mean() == pytest.approx(15.0, abs=0.25)
     assert between.std() == pytest.approx(10 / np.sqrt(12), rel=0.06)
-
-
-def test_edges_that_mix_are_bounded_by_gap_reach_and_sky(read, halves):
     for still in (MixedPixels(1.0, gap=10.5), MixedPixels(1.0, reach=9.5)):
         assert np.array_equal(read(still, halves).measurement, halves.measurement)
     assert (read(MixedPixels(1.0, gap=9.5, reach=10.5), halves).measurement != halves.measurement).any()
@@ -189,7 +194,7 @@ def test_rotation_about_is_a_rotation_by_its_length():
     assert np.array_equal(make_rotation(np.zeros(3)), np.eye(3))
 
 
-def test_calibration_has_its_root_mean_square_and_no_axis_is_preferred(read, street):
+def test_calibration_has_its_root_mean_square_and_is_constant(read, street):
     term, true = Calibration(0.01, 0.05), np.linalg.inv(street.sensor.pose)
     errors = np.array([true @ read(term, street, number=n).pose for n in range(800)])
     moves = errors[:, :3, 3]
@@ -201,9 +206,6 @@ def test_calibration_has_its_root_mean_square_and_no_axis_is_preferred(read, str
     assert np.sqrt((moves**2).sum(axis=1).mean()) == pytest.approx(0.05, rel=0.04)
     assert np.abs(moves.mean(axis=0)).max() < 0.007
     assert np.abs(turns.mean(axis=0)).max() < 0.0014
-
-
-def test_calibration_is_constant_over_frames_and_scales(read, street):
     said = [read(Calibration(0.01, 0.05), street, frame=frame) for frame in (0, 1, 900)]
     assert all(np.array_equal(each.pose, said[0].pose) for each in said)
     assert all(each.measurement is street.measurement for each in said)
@@ -254,25 +256,15 @@ def test_sigma_by_range(read, wall, sensor, term, metres):
     assert abs(noise.mean()) < 4 * expected / np.sqrt(noise.size)
 
 
-def test_chances_of_return_and_stereo_and_time_of_flight():
-    """f = 800 pixels and B = 0.5 m: at 20 m one tenth of a pixel is 10 cm."""
-    assert stereo_noise(baseline=0.5, focal=800.0).quadratic * 20**2 == pytest.approx(0.1)
-    with pytest.raises(ValueError, match="above 0"):
-        stereo_noise(baseline=0.0, focal=800.0)
-    for ambient in (0.0, 0.3, 1.0):
-        term = time_of_flight_noise(at_10_m=0.05, ambient=ambient)
-        assert term.proportional * 10 + term.quadratic * 100 == pytest.approx(0.05)
-        assert term.quadratic * 100 == pytest.approx(0.05 * ambient)
-    with pytest.raises(ValueError, match="share"):
-        time_of_flight_noise(ambient=1.5)
-
-
-def test_a_law_may_be_for_some_sensors_only(read, wall, sensor):
+def test_laws_for_some_sensors_and_beers_attenuation(read, wall, sensor):
     truth = wall(sensor, 10.0)
     laws = {"depth": stereo_noise(baseline=1.0, focal=1000.0), "range": lidar_noise()}
     for measures, term in laws.items():
         same = np.array_equal(read(term, truth).measurement, truth.measurement)
         assert same == (measures != sensor.model.measures)
+    truth = wall(sensor, 40.0)
+    kept = read(Weather(extinction=0.01), truth).valid.mean()
+    assert kept == pytest.approx(np.exp(-0.02 * truth.ranges).mean(), abs=0.012)
 
 
 def test_what_returned_nothing_still_does_and_nothing_comes_from_behind(read, street, wall, sensor):
@@ -299,13 +291,6 @@ def heights(truth):
     boxes = truth.objects.boxes[truth.owners]
     z = truth.points[:, 2].reshape(truth.owners.shape)
     return (z - boxes[..., 2]) / boxes[..., 5] + 0.5
-
-
-def test_the_window_band_is_that_of_cars_alone(street):
-    band, share = Glass(1.0).band(street), heights(street)
-    expected = (street.owners >= 0) & (street.owners < 2) & (share > 0.62) & (share < 0.93)
-    assert np.array_equal(band, expected)
-    assert band.sum() > 300
 
 
 def test_dark_pillars_and_glass(read, street):
@@ -358,7 +343,7 @@ def test_dark_cars_lose_more_the_same_ones_for_every_sensor(read, street, sensor
     assert lost[0].sum() > 1000
 
 
-def test_the_wet_lose_what_the_law_says(read, street):
+def test_wetness_and_rain_take_more_by_the_law(read, street):
     """All vehicles at a fifth of their reflectivity: what stays is the ratio of both chances."""
     from toolkit.sensors.error_terms import chance_of_return
 
@@ -371,6 +356,12 @@ def test_the_wet_lose_what_the_law_says(read, street):
     assert kept[painted].mean() < 0.8
     others = street.valid & ~painted
     assert (kept[others] == 1).all()
+    # Metamorphic: whatever a light rain takes or brings, a heavier one does too, since both draw the same
+    # numbers.
+    light, heavy = (read(rain(r), street) for r in (5.0, 50.0))
+    changed = [each.measurement != street.measurement for each in (light, heavy)]
+    assert not (changed[0] & ~changed[1]).any()
+    assert changed[0].sum() < changed[1].sum()
 
 
 def ranges_of(said):
@@ -397,12 +388,6 @@ def test_of_rays_into_the_open_the_share_returns(read, street, sensor):
     assert np.percentile(ranges_of(said)[said.valid], 90) < 12
 
 
-def test_attenuation_is_beers(read, wall, sensor):
-    truth = wall(sensor, 40.0)
-    kept = read(Weather(extinction=0.01), truth).valid.mean()
-    assert kept == pytest.approx(np.exp(-0.02 * truth.ranges).mean(), abs=0.012)
-
-
 def test_the_laws_of_rain_snow_and_fog():
     """dB per km: rain of 10 mm/h 5.03, dry snow of 1 mm/h 5.55, wet 3.88; fog of 100 m visibility 0.039 per metre."""
     per_km = 10 / np.log(10) * 1000
@@ -419,14 +404,6 @@ def test_the_laws_of_rain_snow_and_fog():
     for wrong in (lambda: rain(-1.0), lambda: snow(float("nan")), lambda: fog(0.0)):
         with pytest.raises(ValueError, match="must be"):
             wrong()
-
-
-def test_more_rain_more_of_it(read, street):
-    """Metamorphic: whatever a light rain takes or brings, a heavier one does too, since both draw the same numbers."""
-    light, heavy = (read(rain(r), street) for r in (5.0, 50.0))
-    changed = [each.measurement != street.measurement for each in (light, heavy)]
-    assert not (changed[0] & ~changed[1]).any()
-    assert changed[0].sum() < changed[1].sum()
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def test_what_falls_into_the_view():
     assert SIDEWAYS.in_view(np.concatenate([inside, outside])).tolist() == [True] * 4 + [False] * 5
 
 
-def test_a_window_holds_every_pixel_of_its_box_and_few_others():
+def test_windows_of_cameras_hold_boxes_ahead_and_around():
     sensor = Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.0, 0.2))
     box = corners(np.array([[15.0, 1.0, 0.75, 4.0, 2.0, 1.5, 0.4]]))
     in_sensor = transform(invert(sensor.pose), box)
@@ -80,9 +80,6 @@ def test_a_window_holds_every_pixel_of_its_box_and_few_others():
     assert right - 2 <= u.max() <= right
     assert top <= v.min() <= top + 1
     assert bottom - 2 <= v.max() <= bottom
-
-
-def test_boxes_behind_it_have_no_window_and_those_around_it_all_of_the_image():
     sensor = Sensor("s", CAMERA, look((0.0, 0.0, 0.0), 0.0))
     boxes = corners(np.array([[-15.0, 0, 0, 4, 2, 1.5, 0], [0, 0, 0, 4, 4, 4, 0]]))
     windows = CAMERA.windows(transform(invert(sensor.pose), boxes))
@@ -106,11 +103,21 @@ def test_rays_are_unit_vectors_from_the_top_right_sideways(grid):
     np.testing.assert_allclose(azimuth.mean(axis=1), 0, atol=1e-5)
 
 
-def test_rays_are_made_once_and_windows_end_with_the_range():
+def test_turning_lidars_have_columns_seams_and_rays_made_once():
     assert unit_rays(TURN) is unit_rays(TURN._replace())
     with pytest.raises(ValueError, match="read-only"):
         unit_rays(TURN)[0, 0] = 1
     assert len(grid_windows(TURN, corners(np.array([[99.0, 0, 0, 4, 2, 1.5, 0]])))) == 0
+    for step, sweep, columns in ((np.deg2rad(0.4), 2 * np.pi, 900), (0.1, 1.0, 10), (1.0, 1.0, 1), (0.4, 1.0, 2)):
+        assert SpinningLidar(azimuth_step=step, azimuth_fov=sweep).shape == (64, columns)
+    lidar = SpinningLidar(fov_up=0.2, fov_down=-0.3, azimuth_fov=1.5)
+    assert (lidar.horizontal_fov, lidar.vertical_fov) == (1.5, 0.5)
+    assert LIDAR.deviation(np.zeros(LIDAR.shape, np.float32)) == np.float32(LIDAR.sigma)
+    windows = LIDAR.windows(corners(np.array([[-10.0, 0, 0, 4, 2, 1.5, 0], [10, 0, 0, 4, 2, 1.5, 0]])))
+    assert windows[:, 0].tolist().count(0) == 2
+    assert windows[:, 0].tolist().count(1) == 1
+    assert {0} <= set(windows[windows[:, 0] == 0, 3].tolist())
+    assert LIDAR.shape[1] in windows[windows[:, 0] == 0, 4].tolist()
 
 
 @grids
@@ -141,32 +148,28 @@ def test_every_ray_that_meets_a_box_lies_in_one_of_its_windows(grid):
 LIDAR = SpinningLidar(channels=16, azimuth_step=0.05)
 
 
-def test_columns_are_the_sweep_in_steps():
-    for step, sweep, columns in ((np.deg2rad(0.4), 2 * np.pi, 900), (0.1, 1.0, 10), (1.0, 1.0, 1), (0.4, 1.0, 2)):
-        assert SpinningLidar(azimuth_step=step, azimuth_fov=sweep).shape == (64, columns)
-    lidar = SpinningLidar(fov_up=0.2, fov_down=-0.3, azimuth_fov=1.5)
-    assert (lidar.horizontal_fov, lidar.vertical_fov) == (1.5, 0.5)
-    assert LIDAR.deviation(np.zeros(LIDAR.shape, np.float32)) == np.float32(LIDAR.sigma)
-
-
-def test_a_box_behind_it_lies_on_both_sides_of_the_seam():
-    windows = LIDAR.windows(corners(np.array([[-10.0, 0, 0, 4, 2, 1.5, 0], [10, 0, 0, 4, 2, 1.5, 0]])))
-    assert windows[:, 0].tolist().count(0) == 2
-    assert windows[:, 0].tolist().count(1) == 1
-    assert {0} <= set(windows[windows[:, 0] == 0, 3].tolist())
-    assert LIDAR.shape[1] in windows[windows[:, 0] == 0, 4].tolist()
-
-
 SOLID_STATE = SolidStateLidar(rows=25, columns=120)
 
 
-def test_its_field_is_120_by_25_degrees():
+def test_solid_state_lidars_measure_in_their_field_and_windows():
     assert np.allclose(np.rad2deg([SolidStateLidar().horizontal_fov, SolidStateLidar().vertical_fov]), [120, 25])
     x, y, z = np.moveaxis(SOLID_STATE.rays().astype(np.float64), -1, 0)
     azimuth, elevation = np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arcsin(z))
     assert np.allclose(elevation[[0, 12, 24]], [[12.5], [0.0], [-12.5]], atol=1e-4)
     assert np.allclose(azimuth[:, [0, -1]], [-59.5, 59.5], atol=1e-4)
     assert np.allclose(x**2 + y**2 + z**2, 1, atol=1e-6)
+    sensor = Sensor("s", SOLID_STATE, pose(0.0, 0.0, 1.0))
+    boxes = np.array([[20.0, 0, 1, 2, 2, 2, 0], [-20, 0, 1, 2, 2, 2, 0], [-5, 40, 1, 2, 2, 2, 0]])
+    found = SOLID_STATE.windows(transform(invert(sensor.pose), corners(boxes)))
+    assert found[:, 0].tolist() == [0]
+    _, top, bottom, left, right = found[0]
+    assert (bottom - top) * (right - left) < 250
+    sensor = Sensor("s", SOLID_STATE, pose(0.0, 0.0, 4.0, yaw=1.0))
+    found = Renderer(Site("flat", np.array([-30.0, -20, 30, 20])), catalogue(), (sensor,)).background[0]
+    slope = SOLID_STATE.rays()[..., 2]
+    near = slope < -0.1
+    assert np.allclose(found[near], -4.0 / slope[near], rtol=1e-3)
+    assert not found[slope > 0].any()
 
 
 def test_noise_of_solid_state_grows_with_the_range_and_that_of_rows_does_not():
@@ -178,24 +181,6 @@ def test_noise_of_solid_state_grows_with_the_range_and_that_of_rows_does_not():
     wide, clean = replace(ROWS, columns=4000, sigma=0.03), np.full((4, 4000), 20.0, np.float32)
     assert (wide.noisy(clean, np.random.default_rng(0)) - 20).std() == pytest.approx(0.03, rel=0.05)
     assert not wide.noisy(np.zeros_like(clean), np.random.default_rng(0)).any()
-
-
-def test_windows_are_small_and_leave_out_what_is_behind():
-    sensor = Sensor("s", SOLID_STATE, pose(0.0, 0.0, 1.0))
-    boxes = np.array([[20.0, 0, 1, 2, 2, 2, 0], [-20, 0, 1, 2, 2, 2, 0], [-5, 40, 1, 2, 2, 2, 0]])
-    found = SOLID_STATE.windows(transform(invert(sensor.pose), corners(boxes)))
-    assert found[:, 0].tolist() == [0]
-    _, top, bottom, left, right = found[0]
-    assert (bottom - top) * (right - left) < 250
-
-
-def test_it_measures_the_ground_along_its_rays():
-    sensor = Sensor("s", SOLID_STATE, pose(0.0, 0.0, 4.0, yaw=1.0))
-    found = Renderer(Site("flat", np.array([-30.0, -20, 30, 20])), catalogue(), (sensor,)).background[0]
-    slope = SOLID_STATE.rays()[..., 2]
-    near = slope < -0.1
-    assert np.allclose(found[near], -4.0 / slope[near], rtol=1e-3)
-    assert not found[slope > 0].any()
 
 
 ROWS = RowLidar((0.2, 0.05, 0.0, -0.4), columns=90)
@@ -214,10 +199,21 @@ def test_rays_lie_in_its_rows_and_columns(lidar):
     assert azimuth.mean() == pytest.approx(lidar.heading, abs=1e-5)
 
 
-def test_its_body_looks_along_the_heading():
+def test_row_lidars_look_along_their_heading_also_from_files():
     ahead = SIDEWAYS.body_SE3_sensor[:3, :3] @ [np.cos(1.5), np.sin(1.5), 0.0]
     np.testing.assert_allclose(ahead, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(ROWS.body_SE3_sensor, np.eye(4))
+    site = replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),))
+    content = document(site)
+    (model,) = [f["properties"]["model"] for f in content["features"] if f["properties"]["layer"] == "sensor"]
+    assert model["elevations_deg"] == pytest.approx(np.rad2deg(SIDEWAYS.elevations).tolist())
+    (back,) = parse(content).sensors
+    np.testing.assert_allclose(back.model.rays(), SIDEWAYS.rays(), atol=1e-6)
+    assert back.model.deviation(np.ones(1)) == SIDEWAYS.deviation(np.ones(1))
+    assert back.model.max_range == SIDEWAYS.max_range
+    assert make_model("RowLidar", {"elevations": [0.2, 0.05, 0.0, -0.4], "columns": 90}) == ROWS
+    assert find_model("row-lidar") == RowLidar()
+    assert RowLidar().shape == (32, 1800)
 
 
 @lidars
@@ -238,20 +234,6 @@ def test_every_ray_that_meets_a_box_lies_in_one_of_its_windows_of_row_lidar(lida
     assert (found[:, 1] < found[:, 2]).all()
     sizes = (found[:, 2] - found[:, 1]) * (found[:, 4] - found[:, 3])
     assert np.median(sizes) < 0.2 * np.prod(lidar.shape)
-
-
-def test_files_hold_it_with_its_rows_in_degrees():
-    site = replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),))
-    content = document(site)
-    (model,) = [f["properties"]["model"] for f in content["features"] if f["properties"]["layer"] == "sensor"]
-    assert model["elevations_deg"] == pytest.approx(np.rad2deg(SIDEWAYS.elevations).tolist())
-    (back,) = parse(content).sensors
-    np.testing.assert_allclose(back.model.rays(), SIDEWAYS.rays(), atol=1e-6)
-    assert back.model.deviation(np.ones(1)) == SIDEWAYS.deviation(np.ones(1))
-    assert back.model.max_range == SIDEWAYS.max_range
-    assert make_model("RowLidar", {"elevations": [0.2, 0.05, 0.0, -0.4], "columns": 90}) == ROWS
-    assert find_model("row-lidar") == RowLidar()
-    assert RowLidar().shape == (32, 1800)
 
 
 @pytest.mark.parametrize(

@@ -174,7 +174,7 @@ def cast_together(traffic: Traffic, k: int, sensor: Sensor) -> np.ndarray:
 
 
 @models
-def test_a_model_is_one_and_its_image_is_its_field_of_view(model):
+def test_a_model_is_one_with_its_noise_and_field_of_view(model):
     assert isinstance(model, SensorModel)
     rays = model.rays().astype(np.float64)
     assert rays.shape == (*model.shape, 3)
@@ -188,10 +188,6 @@ def test_a_model_is_one_and_its_image_is_its_field_of_view(model):
     heading = np.unwrap(np.arctan2(body[model.shape[0] // 2, :, 1], body[model.shape[0] // 2, :, 0]))
     width = abs(heading[-1] - heading[0]) * (1 + 1 / model.shape[1])
     assert width == pytest.approx(model.horizontal_fov, abs=0.06)
-
-
-@models
-def test_noise_has_the_deviation_it_says(model):
     clean = np.full(model.shape, 0.6 * min(model.max_range, 50.0), np.float32)
     clean[0, :3] = [0.0, np.nan, np.inf]
     noisy = model.noisy(clean, np.random.default_rng(1))
@@ -199,6 +195,12 @@ def test_noise_has_the_deviation_it_says(model):
     assert not noisy[0, :3].any()
     expected = np.broadcast_to(model.deviation(clean[1:]), clean[1:].shape).mean()
     assert (noisy - clean)[1:].std() == pytest.approx(expected, rel=0.1)
+    rng = np.random.default_rng(0)
+    corners = rng.uniform(-20, 20, (50, 1, 3)) + rng.uniform(-2, 2, (50, 8, 3))
+    weights = rng.dirichlet(np.ones(8), (50, 200))
+    points = weights @ corners
+    measured = points @ model.body_SE3_sensor[0, :3] if model.measures == "depth" else np.linalg.norm(points, axis=-1)
+    assert (measured >= nearest(model, corners)[:, None]).all()
 
 
 @models
@@ -220,17 +222,7 @@ def test_rendering_and_silhouettes_agree_with_all_rays_cast_at_once(model):
 
 
 @models
-def test_no_point_of_a_box_is_nearer_than_said(model):
-    rng = np.random.default_rng(0)
-    corners = rng.uniform(-20, 20, (50, 1, 3)) + rng.uniform(-2, 2, (50, 8, 3))
-    weights = rng.dirichlet(np.ones(8), (50, 200))
-    points = weights @ corners
-    measured = points @ model.body_SE3_sensor[0, :3] if model.measures == "depth" else np.linalg.norm(points, axis=-1)
-    assert (measured >= nearest(model, corners)[:, None]).all()
-
-
-@models
-def test_aims_are_where_it_looks(model):
+def test_aims_candidates_and_files_know_it(model):
     sensor = hung(model, "s", (1.0, 2.0, 5.0), 1.0, 0.5)
     assert np.allclose(aims([sensor]), [[1.0], [0.5]])
     turned = aim_sensor(sensor, np.array([3.0, 2.0, 6.0]), -2.0, 0.1)
@@ -238,10 +230,6 @@ def test_aims_are_where_it_looks(model):
     assert turned.position.tolist() == [3, 2, 6]
     ahead = transform(pose(1.0, 2.0, 5.0, yaw=1.0, pitch=0.5), np.array([[9.0, 0.5, 0.0], [3.0, 0.0, 9.0]]))
     assert is_beyond(ahead, sensor, 5.0, "published").tolist() == [True, False]
-
-
-@models
-def test_it_is_a_candidate(model):
     site = square(model)
     some = pool(site, heights=(5.0,), headings=4, tilts=(0.3,), models=[model, replace(model, max_range=20.0)])
     assert all(f"_{model.kind}" in sensor.name for sensor in some.sensors)
@@ -251,6 +239,11 @@ def test_it_is_a_candidate(model):
     _, _, _, width, lidar = poses(paper_candidates(site))
     assert np.allclose(width, model.horizontal_fov)
     assert (lidar == (model.measures == "range")).all()
+    site = square(model)
+    again = parse(document(site))
+    for before, after in zip(site.sensors, again.sensors, strict=True):
+        assert (after.name, after.model) == (before.name, before.model)
+        assert np.allclose(after.pose, before.pose, atol=1e-8)
 
 
 @models
@@ -288,15 +281,6 @@ def test_recordings_and_packed_files_give_it_back(model, tmp_path):
     theirs = frame_points(frames[1], area=site, rng=np.random.default_rng(1))
     for ours, expected in zip(packed.points(1, np.random.default_rng(0)), theirs, strict=True):
         assert abs(len(ours) - len(expected)) < 0.1 * len(expected) + 20
-
-
-@models
-def test_a_sites_file_gives_it_back(model):
-    site = square(model)
-    again = parse(document(site))
-    for before, after in zip(site.sensors, again.sensors, strict=True):
-        assert (after.name, after.model) == (before.name, before.model)
-        assert np.allclose(after.pose, before.pose, atol=1e-8)
 
 
 @models
@@ -360,7 +344,7 @@ CAMERA = DepthCamera()
 LIDAR = SpinningLidar(channels=16)
 
 
-def test_a_default_camera_has_the_papers_rays():
+def test_default_cameras_and_lidars_have_the_papers_rays():
     assert CAMERA.shape == (150, 200)
     np.testing.assert_allclose(CAMERA.intrinsic, [[200, 0, 200], [0, 200, 150], [0, 0, 1]])
     assert CAMERA.sigma == 0.015
@@ -370,6 +354,17 @@ def test_a_default_camera_has_the_papers_rays():
     for row, column in ((0, 0), (149, 199), (75, 100), (31, 180)):
         u, v = 2 * column, 2 * row
         np.testing.assert_allclose(points[row, column], [(u - 200) / 200 * depth, (v - 150) / 200 * depth, depth])
+    lidar = SpinningLidar(channels=3, fov_up=0.2, fov_down=-0.4, azimuth_step=np.pi / 2)
+    rays = lidar.rays()
+    assert rays.shape == (3, 4, 3) == (*lidar.shape, 3)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, rtol=1e-6)
+    np.testing.assert_allclose(rays[:, 0, 2], np.sin([0.2, -0.1, -0.4]), rtol=1e-6)
+    azimuth = np.arctan2(rays[0, :, 1], rays[0, :, 0])
+    np.testing.assert_allclose(np.diff(azimuth), np.pi / 2, rtol=1e-6)
+    rays = SpinningLidar(channels=1, fov_up=0.0, fov_down=0.0, azimuth_step=0.1, azimuth_fov=1.0).rays()
+    assert rays.shape == (1, 10, 3)
+    np.testing.assert_allclose(rays[0, :, 1], -rays[0, ::-1, 1], atol=1e-6)
+    assert (rays[..., 0] > np.cos(0.5)).all()
 
 
 def test_camera_rays_in_image_and_world():
@@ -391,20 +386,6 @@ def test_camera_rays_in_image_and_world():
     assert rays[0, 75, 0] < 0 < rays[0, 75, -1]  # looking north, the image's left is west
 
 
-def test_lidar_rays_are_unit_vectors_top_row_first_evenly():
-    lidar = SpinningLidar(channels=3, fov_up=0.2, fov_down=-0.4, azimuth_step=np.pi / 2)
-    rays = lidar.rays()
-    assert rays.shape == (3, 4, 3) == (*lidar.shape, 3)
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, rtol=1e-6)
-    np.testing.assert_allclose(rays[:, 0, 2], np.sin([0.2, -0.1, -0.4]), rtol=1e-6)
-    azimuth = np.arctan2(rays[0, :, 1], rays[0, :, 0])
-    np.testing.assert_allclose(np.diff(azimuth), np.pi / 2, rtol=1e-6)
-    rays = SpinningLidar(channels=1, fov_up=0.0, fov_down=0.0, azimuth_step=0.1, azimuth_fov=1.0).rays()
-    assert rays.shape == (1, 10, 3)
-    np.testing.assert_allclose(rays[0, :, 1], -rays[0, ::-1, 1], atol=1e-6)
-    assert (rays[..., 0] > np.cos(0.5)).all()
-
-
 @pytest.mark.parametrize("model", [CAMERA, LIDAR])
 def test_noise_has_the_models_deviation_is_reproducible_and_keeps_nothing_nothing(model):
     nothing = np.zeros(model.shape, np.float32)
@@ -419,7 +400,7 @@ def test_noise_has_the_models_deviation_is_reproducible_and_keeps_nothing_nothin
     np.testing.assert_array_equal(noisy, model.noisy(clean, np.random.default_rng(3)))
 
 
-def test_sensors_compare_by_value_and_keep_their_own_pose():
+def test_sensors_compare_by_value_with_digests_of_model_and_pose():
     one, other = (Sensor("s", DepthCamera(), pose(1.0, 2.0, 3.0)) for _ in range(2))
     assert one == other
     assert hash(one) == hash(other)
@@ -433,6 +414,16 @@ def test_sensors_compare_by_value_and_keep_their_own_pose():
     sensor = Sensor("s", DepthCamera(), look((1.0, 2.0, 3.0), 0.4, 0.2))
     assert np.allclose(sensor.world_SE3_body, pose(1.0, 2.0, 3.0, yaw=0.4, pitch=0.2))
     assert np.allclose(invert(sensor.world_SE3_body) @ sensor.pose, BODY_SE3_CAMERA)
+    lidar, place = SpinningLidar(), pose(1.0, 2.0, 3.0)
+    sensor = Sensor("a", lidar, place)
+    assert sensor.digest == Sensor("b", SpinningLidar(), place.copy()).digest
+    others = [
+        Sensor("a", CAMERA, place),
+        Sensor("a", SpinningLidar(sigma=0.5), place),
+        Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)),
+        Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9)),
+    ]
+    assert len({sensor.digest, *(other.digest for other in others)}) == 5
 
 
 @pytest.mark.parametrize(
@@ -467,16 +458,3 @@ def test_impossible_sensors_are_refused(make, message):
 @given(st.floats(width=32, allow_nan=True, allow_infinity=True))
 def test_returned_means_finite_and_positive(value):
     assert is_return(np.array([value], np.float32))[0] == (np.isfinite(value) and value > 0 and value < 3.4028234e38)
-
-
-def test_the_digest_is_that_of_model_and_pose_alone():
-    lidar, place = SpinningLidar(), pose(1.0, 2.0, 3.0)
-    sensor = Sensor("a", lidar, place)
-    assert sensor.digest == Sensor("b", SpinningLidar(), place.copy()).digest
-    others = [
-        Sensor("a", CAMERA, place),
-        Sensor("a", SpinningLidar(sigma=0.5), place),
-        Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)),
-        Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9)),
-    ]
-    assert len({sensor.digest, *(other.digest for other in others)}) == 5

@@ -15,7 +15,7 @@ from toolkit.sites.site import Relief, Site
 NET = '<net version="1.20">\n    <edge id="a"/>\n</net>\n'
 
 
-def test_a_saved_site_comes_back_equal(tmp_path, small_site, saved):
+def test_saved_sites_come_back_equal_also_with_null_columns(tmp_path, small_site, saved):
     site, (path, document) = small_site(), saved(tmp_path)
     loaded = load_site(path)
     assert loaded == site
@@ -26,9 +26,11 @@ def test_a_saved_site_comes_back_equal(tmp_path, small_site, saved):
         assert before.model.shape == after.model.shape
     save_site(loaded, path)
     assert json.loads(path.read_text()) == document
+    path, _ = saved(tmp_path, assign("lane", "properties", "kind", None))
+    assert load_site(path) == small_site()
 
 
-def test_files_that_are_no_json(tmp_path, small_site):
+def test_slopes_are_kept_and_files_that_are_no_json_refused(tmp_path, small_site):
     path = tmp_path / "cut.json"
     save_site(small_site(), path)
     path.write_text(path.read_text()[:500])
@@ -42,6 +44,10 @@ def test_files_that_are_no_json(tmp_path, small_site):
         load_site(path)
     with pytest.raises(FileNotFoundError, match="roundabout, tjunction"):
         load_site("tjunctoin")
+    steep = replace(small_site(), relief=Relief(0.06, 7, (0.0512, -0.03)))
+    save_site(steep, tmp_path / "steep.json")
+    assert load_site(tmp_path / "steep.json") == steep
+    assert document(small_site())["relief"] == {"amplitude": 0.06, "seed": 7}
 
 
 def test_a_byte_order_mark_does_no_harm(tmp_path):
@@ -212,18 +218,6 @@ def test_the_file_is_geojson_with_closed_rings(tmp_path, saved):
 def test_a_file_without_a_hybrid_radius_has_the_papers_usual_one_whatever_its_name(tmp_path, name, saved):
     path, _ = saved(tmp_path, lambda d: (d.pop("hybrid_radius"), d.update(name=name)))
     assert load_site(path).hybrid_radius == 20.0
-
-
-def test_columns_a_gis_tool_fills_up_with_null_do_no_harm(tmp_path, saved, small_site):
-    path, _ = saved(tmp_path, assign("lane", "properties", "kind", None))
-    assert load_site(path) == small_site()
-
-
-def test_a_slope_is_kept_and_level_ground_is_written_as_before(tmp_path, small_site):
-    steep = replace(small_site(), relief=Relief(0.06, 7, (0.0512, -0.03)))
-    save_site(steep, tmp_path / "steep.json")
-    assert load_site(tmp_path / "steep.json") == steep
-    assert document(small_site())["relief"] == {"amplitude": 0.06, "seed": 7}
 
 
 @pytest.mark.parametrize("slope", [0.05, [0.05], [0.05, "x"], [0.4, 0.0]])

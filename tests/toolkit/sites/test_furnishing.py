@@ -41,11 +41,23 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
     assert any(works) == (not angles)
 
 
-def test_posts_end_below_the_lowest_sensor():
+def test_posts_barriers_and_works_have_their_size_off_the_street():
     rng = np.random.default_rng(0)
     mounts = place_mounts(ROAD, AREA, rng)
     solids, _ = furnishing.furnish(ROAD, AREA, mounts, rng)
     assert [s.top for s in solids[: len(mounts)]] == [round(m.min_height - furnishing.FOOT_AIR, 2) for m in mounts]
+    assert works(0, line=np.array([[0.0, -6.1], [12.0, -6.1]])) == []
+    number = 0
+    for seed in range(8):
+        plot = Plot(ROAD, WINDOW, [])
+        furnishing.verge_works(plot, np.random.default_rng(seed))
+        assert not any(shapely.Polygon(s.footprint).intersects(ROAD.surface) for s in plot.solids)
+        number += len(plot.solids) > 0
+    assert number >= 4
+    solids = furnishing.barrier(2.5, np.random.default_rng(0))
+    assert np.ptp(np.concatenate([s.footprint for s in solids])[:, 0]) == pytest.approx(2.5)
+    assert min(s.base for s in solids) == 0
+    assert 0.9 <= max(s.top for s in solids) <= 1.2
 
 
 WINDOW = shapely.box(*AREA).buffer(25.0, join_style="mitre")
@@ -163,17 +175,6 @@ def test_a_closed_lane_is_fenced_off_and_nothing_of_it_is_in_the_way(edge):
     assert {"cone", "barrier", "fence", "container", "machine", "heap"} <= found
 
 
-def test_works_beside_the_street_keep_off_it_and_need_room():
-    assert works(0, line=np.array([[0.0, -6.1], [12.0, -6.1]])) == []
-    number = 0
-    for seed in range(8):
-        plot = Plot(ROAD, WINDOW, [])
-        furnishing.verge_works(plot, np.random.default_rng(seed))
-        assert not any(shapely.Polygon(s.footprint).intersects(ROAD.surface) for s in plot.solids)
-        number += len(plot.solids) > 0
-    assert number >= 4
-
-
 @pytest.mark.parametrize(
     ("make", "kind", "top"),
     [
@@ -189,10 +190,3 @@ def test_what_closes_a_lane_has_its_usual_size(make, kind, top):
         assert {s.kind for s in solids} == {kind}
         assert min(s.base for s in solids) == 0
         assert top[0] - 0.01 <= max(s.top for s in solids) <= top[1] + 0.01
-
-
-def test_a_barrier_is_as_long_as_asked_and_stands():
-    solids = furnishing.barrier(2.5, np.random.default_rng(0))
-    assert np.ptp(np.concatenate([s.footprint for s in solids])[:, 0]) == pytest.approx(2.5)
-    assert min(s.base for s in solids) == 0
-    assert 0.9 <= max(s.top for s in solids) <= 1.2

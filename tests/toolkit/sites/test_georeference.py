@@ -115,9 +115,17 @@ def test_bearings_are_clockwise_from_the_maps_north(heading_deg, map_yaw_deg, be
     assert bearing_deg(site, float(np.deg2rad(heading_deg))) == pytest.approx(bearing, abs=1e-9)
 
 
-def test_a_bearing_is_never_360():
+def test_bearings_and_boxes_at_their_ends():
     assert bearing_deg(TURNED, float(np.nextafter(0.0, 1.0))) == 0.0
     assert min(bearing_deg(TURNED, h) for h in np.linspace(-7, 7, 500).tolist()) >= 0
+    assert json.loads(feature_collection([], name="none", note="Straße")) == {
+        "type": "FeatureCollection",
+        "name": "none",
+        "note": "Straße",
+        "features": [],
+    }
+    with pytest.raises(ValueError, match="JSON compliant"):
+        feature_collection([], price=float("nan"))
 
 
 @pytest.fixture
@@ -200,7 +208,7 @@ def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
         site_geojson(load_site("tjunction"))
 
 
-def test_clockwise_polygons_and_holes_are_turned(site):
+def test_polygons_are_turned_in_the_same_text(site, tmp_path):
     outer, hole = [(0, 0), (0, 9), (9, 9), (9, 0)], [(2, 2), (4, 2), (4, 4), (2, 4)]
     both = shapely.MultiPolygon([shapely.Polygon(outer, [hole]), shapely.box(20, 0, 30, 9)])
     for place in (site, replace(site, geo_reference=None)):
@@ -211,19 +219,5 @@ def test_clockwise_polygons_and_holes_are_turned(site):
         assert not shapely.LinearRing(inside).is_ccw
         assert shapely.LinearRing(second).is_ccw
         assert written["properties"] == {"layer": "seen"}
-
-
-def test_the_same_site_gives_the_same_text(site, tmp_path):
     save_site(site, tmp_path / "site.json")
     assert site_geojson(load_site(tmp_path / "site.json")) == site_geojson(site)
-
-
-def test_collections_without_features_have_no_box():
-    assert json.loads(feature_collection([], name="none", note="Straße")) == {
-        "type": "FeatureCollection",
-        "name": "none",
-        "note": "Straße",
-        "features": [],
-    }
-    with pytest.raises(ValueError, match="JSON compliant"):
-        feature_collection([], price=float("nan"))

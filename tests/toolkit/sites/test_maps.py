@@ -237,16 +237,13 @@ def shape(polygons):
     return shapely.union_all([shapely.Polygon(p) for p in polygons])
 
 
-def test_driven_and_corners_of_a_network():
+def test_tracks_turns_and_legs_of_a_network():
     tracks = maps.find_tracks(NET)  # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
     assert tracks.bounds == pytest.approx((-80, -3.75, 25.5, -0.25), abs=0.5)
     assert tracks.area == pytest.approx(80 * 3 + 20 * 3.5 + 5.5 * 2.6, abs=1.5)
     carriageway, footway = maps.junction_corners(NET)
     assert footway.bounds == (0, -6, 8, -2)
     assert carriageway.area == pytest.approx(72 - 32)
-
-
-def test_a_vehicle_that_turns_needs_room_inside_the_bend():
     bend = "0,0 1,0 2,0.2 3,0.6 4,1.2 4.8,2 5.4,3 5.8,4 6,5 6,6"
     lane = f'<lane id=":c_0_0" index="0" width="2" shape="{bend}"/>'
     turn = maps.find_tracks(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
@@ -254,6 +251,9 @@ def test_a_vehicle_that_turns_needs_room_inside_the_bend():
     assert not turn.contains(shapely.Point(1.0, 5.0))
     assert maps.find_turns(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>').buffer(1.0).contains(turn)
     assert maps.find_turns(NET).is_empty
+    paths, widths = maps.legs(NET)
+    assert widths == [(3.5, 3.5)]  # 5 m of lanes, from the middle of the inner one
+    np.testing.assert_allclose(paths[0], [[-80, -2], [0, -2], [130, -2]])
 
 
 def test_roads_are_whole_and_footways_yield():
@@ -279,16 +279,13 @@ def test_roads_are_whole_and_footways_yield():
     assert walk.bounds == pytest.approx((-40, 9, 40, 12), abs=0.02)
 
 
-def test_fillings_yield_to_what_the_map_says():
+def test_fillings_yield_and_kerbs_stand_on_the_footway():
     lanes, walk = [shapely.box(-60, -4, 60, 4)], [shapely.box(-60, 4, 60, 6)]
     fillings = shapely.box(-10, -12, 10, 5), shapely.box(-10, -14, 10, -12)
     lanes_there, footways = maps.whole_road(lanes, walk, shapely.Polygon(), WINDOW, fillings=fillings)
     assert shape(lanes_there).contains(shapely.box(-9.9, -11.9, 9.9, 0))
     assert shape(footways).contains(shapely.box(-9.9, 4.1, 9.9, 5.9))
     assert shape(footways).contains(shapely.box(-9.9, -13.9, 9.9, -12.1))
-
-
-def test_kerbs_stand_on_the_footway():
     lanes, footways = (rectangle(-10.0, -4.0, 10.0, 4.0),), (rectangle(-10.0, 4.0, 10.0, 6.0),)
     stones = maps.kerbstones(lanes, footways, shapely.Polygon())
     assert shape([s.footprint for s in stones]).bounds == pytest.approx((-10, 4.01, 10, 4.15), abs=0.011)
@@ -297,12 +294,6 @@ def test_kerbs_stand_on_the_footway():
     lowered = shape([s.footprint for s in maps.kerbstones(lanes, footways, shapely.box(-3, 0, 3, 9))])
     assert lowered.area == pytest.approx(14 * 0.14, abs=0.1)
     assert not lowered.intersects(shapely.box(-2.9, 0, 2.9, 9))
-
-
-def test_legs_are_the_streets_that_cars_use():
-    paths, widths = maps.legs(NET)
-    assert widths == [(3.5, 3.5)]  # 5 m of lanes, from the middle of the inner one
-    np.testing.assert_allclose(paths[0], [[-80, -2], [0, -2], [130, -2]])
 
 
 def test_bays_are_free_and_along_lanes():

@@ -59,13 +59,32 @@ def line_of(*shapes, x=10.0, y=5.0, heading=0.0, elevation=""):
     return read_road(ElementTree.fromstring(f'<road id="7"><planView>{text}</planView>{profile}</road>'))
 
 
-def test_lines_and_their_pieces_in_order_of_s():
+def test_lines_spirals_and_polynomials():
     line = line_of((20.0, "<line/>"), heading=np.pi / 2)
     np.testing.assert_allclose(line.at(np.array([0.0, 12.0])), [[10, 5, np.pi / 2], [10, 17, np.pi / 2]], atol=1e-12)
     np.testing.assert_allclose(line.beside(np.array([12.0]), np.array([3.0])), [[7, 17]], atol=1e-12)
     line = line_of((10.0, "<line/>"), (10.0, '<arc curvature="0.1"/>'))
     assert line.length == 20.0
     assert line.at(np.array([15.0]))[0, 2] == pytest.approx(0.5)
+    line = line_of((20.0, '<spiral curvStart="0" curvEnd="0.05"/>'), x=0.0, y=0.0)
+    s, rate = 20.0, 0.05 / 20.0
+    ((x, y, heading),) = line.at(np.array([s]))
+    assert heading == pytest.approx(rate * s**2 / 2)
+    assert x == pytest.approx(s - rate**2 * s**5 / 40 + rate**4 * s**9 / 3456, abs=1e-3)
+    assert y == pytest.approx(rate * s**3 / 6 - rate**3 * s**7 / 336, abs=1e-3)
+    s = np.array([0.0, 4.0])
+    cubic = line_of((8.0, '<poly3 a="1" b="0" c="0.5" d="0"/>'), x=0.0, y=0.0)
+    np.testing.assert_allclose(cubic.at(s), [[0, 1, 0], [4, 9, np.arctan(4.0)]])
+    normal = '<paramPoly3 pRange="{}" aU="0" bU="{}" cU="0" dU="0" aV="0" bV="0" cV="{}" dV="0"/>'
+    for text in (normal.format("normalized", 8, 16), normal.format("arcLength", 1, 0.25)):
+        np.testing.assert_allclose(line_of((8.0, text), x=0.0, y=0.0).at(s)[:, :2], [[0, 0], [4, 4]])
+    line = line_of(
+        (50.0, "<line/>"), elevation='<elevation s="30" a="4" b="0.02"/><elevation s="0" a="1" b="0.1" c="0.001"/>'
+    )
+    np.testing.assert_allclose(line.elevation.at(np.array([0.0, 10, 40])), [1, 2.1, 4.2])
+    np.testing.assert_allclose(line.elevation.slope(np.array([10.0, 40])), [0.12, 0.02])
+    assert (Cubics(np.zeros(0), np.zeros((0, 4))).at(np.arange(3.0)) == 0).all()
+    assert not len(cubics([]).starts)
 
 
 @pytest.mark.parametrize("curvature", [0.1, -0.1, 1e-12])
@@ -75,34 +94,6 @@ def test_arc_lies_on_its_circle(curvature):
     turn = curvature * s
     exact = [np.sin(turn) / curvature, (1 - np.cos(turn)) / curvature, turn]
     np.testing.assert_allclose(line.at(s), np.transpose(exact), atol=1e-3 if curvature == 1e-12 else 1e-9)
-
-
-def test_spiral_against_its_series():
-    line = line_of((20.0, '<spiral curvStart="0" curvEnd="0.05"/>'), x=0.0, y=0.0)
-    s, rate = 20.0, 0.05 / 20.0
-    ((x, y, heading),) = line.at(np.array([s]))
-    assert heading == pytest.approx(rate * s**2 / 2)
-    assert x == pytest.approx(s - rate**2 * s**5 / 40 + rate**4 * s**9 / 3456, abs=1e-3)
-    assert y == pytest.approx(rate * s**3 / 6 - rate**3 * s**7 / 336, abs=1e-3)
-
-
-def test_polynomials():
-    s = np.array([0.0, 4.0])
-    cubic = line_of((8.0, '<poly3 a="1" b="0" c="0.5" d="0"/>'), x=0.0, y=0.0)
-    np.testing.assert_allclose(cubic.at(s), [[0, 1, 0], [4, 9, np.arctan(4.0)]])
-    normal = '<paramPoly3 pRange="{}" aU="0" bU="{}" cU="0" dU="0" aV="0" bV="0" cV="{}" dV="0"/>'
-    for text in (normal.format("normalized", 8, 16), normal.format("arcLength", 1, 0.25)):
-        np.testing.assert_allclose(line_of((8.0, text), x=0.0, y=0.0).at(s)[:, :2], [[0, 0], [4, 4]])
-
-
-def test_elevation_and_its_slope():
-    line = line_of(
-        (50.0, "<line/>"), elevation='<elevation s="30" a="4" b="0.02"/><elevation s="0" a="1" b="0.1" c="0.001"/>'
-    )
-    np.testing.assert_allclose(line.elevation.at(np.array([0.0, 10, 40])), [1, 2.1, 4.2])
-    np.testing.assert_allclose(line.elevation.slope(np.array([10.0, 40])), [0.12, 0.02])
-    assert (Cubics(np.zeros(0), np.zeros((0, 4))).at(np.arange(3.0)) == 0).all()
-    assert not len(cubics([]).starts)
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "1e9", "far", ""])
@@ -162,11 +153,16 @@ def test_damaged_numbers(street, tmp_path):
         near(path, WINDOW, 0.0, 3.5)
 
 
-def test_frames_are_inverse():
+def test_frames_are_inverse_and_things_move_to_the_site():
     spot = shapely.Point(3.0, 4.0)
     there = pose(10.0, -20.0, 5.0, yaw=np.pi / 2)
     assert in_map(spot, there).equals_exact(shapely.Point(6.0, -17.0), 1e-9)
     assert in_site(in_map(spot, there), there).equals_exact(spot, 1e-9)
+    there = Standing(groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)])
+    moved = move_to_site(there, pose(10.0, 5.0, yaw=np.pi / 2))
+    np.testing.assert_allclose(moved.groups[0][0].footprint.mean(axis=0), [0, -2], atol=1e-3)
+    np.testing.assert_allclose(moved.bays, [[0, -2, 1.0 - np.pi / 2]], atol=1e-9)
+    np.testing.assert_allclose(moved.lamps, [[1, 0]], atol=1e-9)
 
 
 def test_the_plane_of_the_roads_in_the_frame_of_the_site(street, tmp_path):
@@ -216,11 +212,26 @@ def bounds(solid):
     return tuple(np.round([*solid.footprint.min(axis=0), *solid.footprint.max(axis=0), solid.base, solid.top], 3))
 
 
-def test_a_box_is_turned_and_lifted(found):
+def test_boxes_barriers_and_bays_are_turned_and_run_along_the_road(found):
     box = '<object type="building" s="60" t="20" zOffset="1.5" hdg="1.5707963" length="8" width="6" height="5"/>'
     ((solid,),) = found(box).groups
     assert solid.kind == "building"
     assert bounds(solid) == (7, 16, 13, 24, 1.5, 6.5)
+    repeat = '<repeat s="10" length="16" distance="0" tStart="8" tEnd="8" heightStart="0.8" widthStart="0.4"/>'
+    groups = found(f'<object type="barrier" s="0" t="0">{repeat}</object>').groups
+    assert shapely.union_all([shapely.Polygon(g[0].footprint) for g in groups]).bounds == (-40, 7.8, -24, 8.2)
+    assert {group[0].top for group in groups} == {0.8}
+    bay = '<object type="parkingSpace" s="50" t="-9" hdg="0.5" length="{}" width="{}"/>'
+    made = found(bay.format(5, 2.5) + bay.format(2.5, 5))
+    np.testing.assert_allclose(made.bays, [[0, -9, 0.5], [0, -9, 0.5 + np.pi / 2]])
+    assert not made.groups
+    made = found(
+        '<object type="crosswalk" s="5" t="0"/><object type="dragon" s="5" t="9"/><object type="dragon" s="6" t="9"/>'
+        '<object type="-1" name="Speed_30" s="5" t="0"/>'
+    )
+    assert not made.groups
+    assert made.understood == {"crosswalk": 1}
+    assert made.unknown == {"dragon": 2, "-1 Speed_30": 1}
 
 
 def test_outlines_on_the_road_and_about_the_object(found):
@@ -243,30 +254,6 @@ def test_trees_poles_and_what_repeats_them(found):
     assert made.groups[0][-1].top == 6.0
     lamp = found('<object type="streetLamp" s="50" t="7" radius="0.1"/>')
     assert (lamp.lamps, bounds(lamp.groups[0][0])[4:]) == ([(0.0, 7.0)], (0.0, 6.0))
-
-
-def test_a_barrier_without_distance_runs_along_the_road(found):
-    repeat = '<repeat s="10" length="16" distance="0" tStart="8" tEnd="8" heightStart="0.8" widthStart="0.4"/>'
-    groups = found(f'<object type="barrier" s="0" t="0">{repeat}</object>').groups
-    assert shapely.union_all([shapely.Polygon(g[0].footprint) for g in groups]).bounds == (-40, 7.8, -24, 8.2)
-    assert {group[0].top for group in groups} == {0.8}
-
-
-def test_bays_lie_along_their_longer_side(found):
-    bay = '<object type="parkingSpace" s="50" t="-9" hdg="0.5" length="{}" width="{}"/>'
-    made = found(bay.format(5, 2.5) + bay.format(2.5, 5))
-    np.testing.assert_allclose(made.bays, [[0, -9, 0.5], [0, -9, 0.5 + np.pi / 2]])
-    assert not made.groups
-
-
-def test_what_is_flat_is_understood_and_what_is_unknown_is_counted(found):
-    made = found(
-        '<object type="crosswalk" s="5" t="0"/><object type="dragon" s="5" t="9"/><object type="dragon" s="6" t="9"/>'
-        '<object type="-1" name="Speed_30" s="5" t="0"/>'
-    )
-    assert not made.groups
-    assert made.understood == {"crosswalk": 1}
-    assert made.unknown == {"dragon": 2, "-1 Speed_30": 1}
 
 
 @pytest.mark.parametrize(
@@ -297,14 +284,6 @@ def test_signals_face_those_they_are_for(found, attributes, depth, levels):
 def test_damaged_objects(found, inside, message):
     with pytest.raises(ValueError, match=message):
         found(inside)
-
-
-def test_frame_of_the_site():
-    there = Standing(groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)])
-    moved = move_to_site(there, pose(10.0, 5.0, yaw=np.pi / 2))
-    np.testing.assert_allclose(moved.groups[0][0].footprint.mean(axis=0), [0, -2], atol=1e-3)
-    np.testing.assert_allclose(moved.bays, [[0, -2, 1.0 - np.pi / 2]], atol=1e-9)
-    np.testing.assert_allclose(moved.lamps, [[1, 0]], atol=1e-9)
 
 
 def test_what_would_stop_traffic_is_left_out_and_said():

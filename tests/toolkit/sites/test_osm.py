@@ -9,7 +9,7 @@ from toolkit.sites.maps import import_osm
 CENTRE = (13.4, 52.505)
 
 
-def test_multipolygons_holes_and_missing_members(tmp_path, crossroads, imported, top, box):
+def test_multipolygons_and_building_parts(tmp_path, crossroads, imported, top, box):
     draft = crossroads()
     half = draft.way((15, 15), (35, 15), (35, 28))
     rest = draft.way((35, 28), (15, 28), (15, 15))
@@ -23,6 +23,12 @@ def test_multipolygons_holes_and_missing_members(tmp_path, crossroads, imported,
     assert top(site, 18, 17) == [10.0]
     assert top(site, 25, 21.5) == []
     assert top(site, -25, 18) == []
+    draft = crossroads()
+    draft.way(*box(15, 15, 35, 25), building="yes", height="8")
+    draft.way(*box(15, 15, 25, 25), building__part="yes", height="20")
+    site = imported(draft, tmp_path)
+    assert top(site, 20, 20) == [20.0]
+    assert top(site, 30, 20) == [8.0]
 
 
 def test_gzip_and_wrong_formats(tmp_path, crossroads):
@@ -143,15 +149,6 @@ def test_buildings_and_their_heights(tmp_path, crossroads, imported, top, box):
     assert top(site, 20, -20) == [4.0]
     assert top(site, 31, -20) == [6.0]
     assert top(site, -34, 20) == []
-
-
-def test_building_parts_replace_the_outline_where_they_are(tmp_path, crossroads, imported, top, box):
-    draft = crossroads()
-    draft.way(*box(15, 15, 35, 25), building="yes", height="8")
-    draft.way(*box(15, 15, 25, 25), building__part="yes", height="20")
-    site = imported(draft, tmp_path)
-    assert top(site, 20, 20) == [20.0]
-    assert top(site, 30, 20) == [8.0]
 
 
 def test_buildings_over_the_road_are_cut_back(tmp_path, crossroads, put, check_site, top, box):

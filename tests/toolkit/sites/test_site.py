@@ -38,7 +38,7 @@ def test_a_site_made_in_python_is_checked_too(field, value, message):
         Site(**arguments)
 
 
-def test_ground_is_smooth_bounded_and_seeded():
+def test_ground_is_smooth_seeded_and_slopes_about_the_origin():
     site, other = (Site("s", np.array([0.0, 0, 1, 1]), relief=Relief(0.08, seed)) for seed in (1, 2))
     xy = np.random.default_rng(0).uniform(-500, 500, (20_000, 2))
     z = site.ground(xy)
@@ -50,6 +50,16 @@ def test_ground_is_smooth_bounded_and_seeded():
     assert np.abs(site.ground(xy + np.array([0.1, 0])) - z).max() < 0.003
     assert site.ground(xy.reshape(100, 200, 2)).shape == (100, 200)
     assert not Site("flat", site.area).ground(xy).any()
+    level, steep = (
+        Site("s", np.array([0.0, 0, 1, 1]), relief=Relief(0.08, 3, slope)) for slope in ((0.0, 0.0), (0.06, -0.02))
+    )
+    xy = np.random.default_rng(0).uniform(-50, 50, (40, 2))
+    np.testing.assert_allclose(steep.plane(xy), xy @ [0.06, -0.02])
+    np.testing.assert_allclose(steep.ground(xy) - level.ground(xy), xy @ [0.06, -0.02], atol=1e-12)
+    assert not level.plane(xy).any()
+    assert steep != level
+    with pytest.raises(ValueError, match=r"relief\.slope must be a rise along x and along y"):
+        Relief(slope=(0.5, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -69,16 +79,3 @@ def test_a_site_that_differs_in_one_field_is_another(change, small_site):
     assert small_site() == small_site()
     assert replace(small_site(), **change) != small_site()
     assert replace(small_site(), height=3.5 + 1e-12) == small_site()
-
-
-def test_the_ground_slopes_about_the_origin_and_is_as_uneven_on_it():
-    level, steep = (
-        Site("s", np.array([0.0, 0, 1, 1]), relief=Relief(0.08, 3, slope)) for slope in ((0.0, 0.0), (0.06, -0.02))
-    )
-    xy = np.random.default_rng(0).uniform(-50, 50, (40, 2))
-    np.testing.assert_allclose(steep.plane(xy), xy @ [0.06, -0.02])
-    np.testing.assert_allclose(steep.ground(xy) - level.ground(xy), xy @ [0.06, -0.02], atol=1e-12)
-    assert not level.plane(xy).any()
-    assert steep != level
-    with pytest.raises(ValueError, match=r"relief\.slope must be a rise along x and along y"):
-        Relief(slope=(0.5, 0.0))

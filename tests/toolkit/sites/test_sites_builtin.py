@@ -23,13 +23,18 @@ def site(request):
     return load_site(request.param)
 
 
-def test_areas_heights_and_sensors_are_the_papers(site):
+def test_areas_sensors_and_traffic_are_the_papers(site):
     assert tuple(site.area) == AREAS[site.name]
     assert site.height == 4.0
     height, count = HEIGHTS[site.name]
     assert [s.name for s in site.sensors] == [f"d{i}" for i in range(count)]
     assert {round(s.position[2], 6) for s in site.sensors} == {height}
     assert {s.model.shape for s in site.sensors} == {(150, 200)}
+    x0, y0, x1, y1 = map(float, ElementTree.fromstring(site.network).find("location").get("convBoundary").split(","))
+    beyond = np.array([site.area[0] - x0, site.area[1] - y0, x1 - site.area[2], y1 - site.area[3]])
+    open_ends = beyond > 0  # the T-junction has no road upwards
+    assert open_ends.sum() >= 3
+    assert (beyond[open_ends] >= 60).all()
 
 
 def test_nothing_is_in_the_way_on_the_road(site, union):
@@ -70,18 +75,20 @@ def test_parking_bays_and_mounts_are_free_of_the_street(site, union):
     assert present <= {tuple(place) for place in np.round(places[:, :2])}
 
 
-def test_traffic_comes_from_60_metres_beyond_the_area(site):
-    x0, y0, x1, y1 = map(float, ElementTree.fromstring(site.network).find("location").get("convBoundary").split(","))
-    beyond = np.array([site.area[0] - x0, site.area[1] - y0, x1 - site.area[2], y1 - site.area[3]])
-    open_ends = beyond > 0  # the T-junction has no road upwards
-    assert open_ends.sum() >= 3
-    assert (beyond[open_ends] >= 60).all()
-
-
-def test_shipped_files_are_the_published_ones():
+def test_shipped_files_and_areas_are_the_published_ones():
     """Recordings and tables refer to these sites, so the files change by no byte."""
     shipped = {name: sha256((FOLDER / f"{name}.json").read_bytes()).hexdigest()[:16] for name in sorted(BUILT_IN)}
     assert shipped == {"roundabout": "4a9ab46d1475b148", "tjunction": "04ad7bbaea6fac5b"}
+    site = load_site("tjunction")
+    xmin, ymin, xmax, ymax = site.area
+    corners = transform(site.map_SE3_site, np.array([[xmin, ymin, 0], [xmax, ymax, 0]]))
+    x, y_carla = corners[:, 0], -corners[:, 1]
+    assert sorted(x) == [84, 124]
+    assert sorted(y_carla) == [156, 236]
+    a, b = 12.5, 13.6
+    x, y, _ = transform(site.map_SE3_site, np.array([a, b, 0.0]))
+    assert (a, b) == pytest.approx((196 + y, 104 - x))  # a = 196 - y_carla, b = 104 - x_carla
+    assert np.array_equal(load_site("roundabout").map_SE3_site, np.eye(4))
 
 
 def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path, union):
@@ -112,19 +119,6 @@ def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path, union)
     road = union(site.lanes).buffer(0.3)
     inside = [p for p in seen if site.area[0] < p[0] < site.area[2] and site.area[1] < p[1] < site.area[3]]
     assert np.mean([road.contains(shapely.Point(p)) for p in inside]) > 0.99
-
-
-def test_areas_in_carla_coordinates():
-    site = load_site("tjunction")
-    xmin, ymin, xmax, ymax = site.area
-    corners = transform(site.map_SE3_site, np.array([[xmin, ymin, 0], [xmax, ymax, 0]]))
-    x, y_carla = corners[:, 0], -corners[:, 1]
-    assert sorted(x) == [84, 124]
-    assert sorted(y_carla) == [156, 236]
-    a, b = 12.5, 13.6
-    x, y, _ = transform(site.map_SE3_site, np.array([a, b, 0.0]))
-    assert (a, b) == pytest.approx((196 + y, 104 - x))  # a = 196 - y_carla, b = 104 - x_carla
-    assert np.array_equal(load_site("roundabout").map_SE3_site, np.eye(4))
 
 
 def headings(site):

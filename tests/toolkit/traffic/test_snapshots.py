@@ -131,7 +131,7 @@ def test_the_scene_is_as_crowded_as_the_papers_in_its_shares(site, snapshots):
     assert 0.01 < shares[HEAVY] < 0.1
 
 
-def test_each_moving_object_is_seen_at_most_four_times(site, snapshots):
+def test_traffic_keeps_to_its_ways_for_four_frames_by_its_seed(site, snapshots):
     seen = Counter(name for s in snapshots for name in s.objects.ids.tolist())
     where = {name: s.objects.boxes[i, :2] for s in snapshots for i, name in enumerate(s.objects.ids.tolist())}
     bays = shapely.MultiPoint(site.parking[:, :2]).buffer(1.5)
@@ -139,9 +139,6 @@ def test_each_moving_object_is_seen_at_most_four_times(site, snapshots):
     assert all(bays.contains(shapely.Point(where[name])) for name in long_seen)
     assert long_seen, "some vehicles park"
     assert len(seen) > FRAMES * 3, "objects are replaced"
-
-
-def test_traffic_keeps_to_its_ways(site, snapshots):
     road, footway = (shapely.union_all([shapely.Polygon(p) for p in layer]) for layer in (site.lanes, site.footways))
     boxes, labels = (np.concatenate([getattr(s.objects, k) for s in snapshots]) for k in ("boxes", "labels"))
     points = shapely.points(boxes[:, :2])
@@ -149,9 +146,6 @@ def test_traffic_keeps_to_its_ways(site, snapshots):
     parked = shapely.contains(shapely.MultiPoint(site.parking[:, :2]).buffer(1.5), points)
     assert shapely.contains(road, points[inside & ~parked & (labels != PEDESTRIAN)]).mean() > 0.99
     assert shapely.contains(footway, points[inside & (labels == PEDESTRIAN)]).mean() > 0.8
-
-
-def test_same_seed_same_bytes_whatever_ran_before(site, snapshots):
     list(simulate(site, BODIES, frames=2, seed=99))
     again = list(simulate(site, BODIES, frames=10, seed=7))
     assert all(same(a, b) for a, b in zip(snapshots, again, strict=False))
@@ -333,7 +327,7 @@ def draw(seed, most=20, solids=()):
     return Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(seed), count(), most=most)
 
 
-def test_vehicles_stand_in_free_bays_of_their_own():
+def test_parked_vehicles_stand_free_and_change_with_time():
     for seed in range(10):
         parked = draw(seed)
         assert 0 < len(parked.places) <= 20
@@ -345,9 +339,6 @@ def test_vehicles_stand_in_free_bays_of_their_own():
     site = Site("none", np.array([-5.0, -5, 5, 5]))
     parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), most=6)
     assert len(parked.ids) == len(parked.later(TYPES, np.random.default_rng(0), count()).ids) == 0
-
-
-def test_each_stays_about_so_many_frames_and_another_comes():
     parked, rng, ids = draw(1), np.random.default_rng(2), count(100)
     number, gone = len(parked.ids), 0
     for _ in range(400):

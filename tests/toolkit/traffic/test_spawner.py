@@ -130,7 +130,7 @@ FOOTWAY = lane("foot_0", (-60, 4), (60, 4), forbidden=("passenger",))
 ROADS = Roads({each.name: each for each in (TOWARDS, AWAY, FOOTWAY)})
 
 
-def test_cars_and_pedestrians_start_on_their_lanes():
+def test_routes_begin_on_lanes_and_go_on_by_links():
     longer = lane("in_0", (0, 0), (10, 0), length=20.0)
     assert longer.at(np.array([0.0, 10.0, 20.0])).tolist() == [[0, 0], [5, 0], [10, 0]]
     places = ROADS.places(AREA, 20.0, "passenger")
@@ -143,9 +143,6 @@ def test_cars_and_pedestrians_start_on_their_lanes():
     assert set(places.lanes) == {"foot_0"}
     assert places.points[:, 0].min() < -25
     assert places.points[:, 0].max() > 25
-
-
-def test_routes_go_on_until_long_enough_by_neighbours_links():
     rng = np.random.default_rng(0)
     assert ROADS.route("in_0", "passenger", 1.0, rng) == ["in", "out"]
     assert ROADS.route("in_0", "passenger", 1e6, rng) == ["in", "out"]

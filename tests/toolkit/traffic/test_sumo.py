@@ -12,7 +12,7 @@ pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic ne
 BODIES = catalogue()
 
 
-def test_one_simulation_at_a_time(site):
+def test_one_simulation_at_a_time_of_sound_networks(site):
     first = simulate(site, BODIES, frames=3, seed=1)
     next(first)
     with pytest.raises(RuntimeError, match="one is open"):
@@ -22,19 +22,16 @@ def test_one_simulation_at_a_time(site):
     next(abandoned)
     abandoned.close()
     assert len(list(simulate(site, BODIES, frames=1, seed=1))) == 1
-
-
-def test_silent(site, capfd):
-    list(simulate(site, BODIES, frames=3, seed=1))
-    assert capfd.readouterr() == ("", "")
-
-
-def test_says_why_sumo_refuses_a_network(site):
     broken = site.network.replace('from="junction"', 'from="nowhere"', 1)
     assert broken != site.network
     with pytest.raises(ValueError, match=r"SUMO refuses .*nowhere"):
         next(simulate(replace(site, network=broken), BODIES, frames=1, seed=0))
     assert next(simulate(site, BODIES, frames=1, seed=0)), "and SUMO runs again afterwards"
+
+
+def test_silent(site, capfd):
+    list(simulate(site, BODIES, frames=3, seed=1))
+    assert capfd.readouterr() == ("", "")
 
 
 def test_missing_sumo_is_named(site, monkeypatch):

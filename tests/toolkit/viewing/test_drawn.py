@@ -91,7 +91,7 @@ def test_points_boxes_and_places_are_where_they_were(samples, finds_the_car):
     assert Drawing().draw_all(samples)[0].describe() == "first: 400 points, 3 labelled, 0 detected"
 
 
-def test_what_became_of_labels_and_detections(touched, finds_the_car):
+def test_labels_detections_and_outcomes_stand_on_level_ground(touched, finds_the_car):
     (drawn,) = Drawing(finds_the_car).draw_all([touched])
     np.testing.assert_array_equal(drawn.outcomes["hits"]["vehicle"], drawn.detections["vehicle"])
     np.testing.assert_array_equal(drawn.outcomes["missed"]["pedestrian"], drawn.truth["pedestrian"])
@@ -99,9 +99,12 @@ def test_what_became_of_labels_and_detections(touched, finds_the_car):
     assert drawn.describe() == "first: 408 points, 3 labelled, 1 detected, 1 hit, 1 missed, 0 false alarms"
     (far,) = Drawing(finds_the_car, Place("none", area=(95.0, -5.0, 105.0, 5.0))).draw_all([touched])
     assert far.outcomes == {"hits": {}, "missed": {}, "false alarms": {}}
+    drawing = Drawing(finds_the_car, Place("plane"))
+    (drawn,) = drawing.draw_all([moved(touched, [3.0, 0.0, -7.3])])
+    assert drawn.outcomes["hits"]["vehicle"][0, 2] == pytest.approx(0.75, abs=0.05)
 
 
-def test_some_classes_scores_and_sensors_are_drawn(samples, finds_the_car):
+def test_classes_sensors_and_areas_are_drawn_as_asked(samples, finds_the_car):
     (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).draw_all(samples[1:] * 2)
     assert ([cloud.name for cloud in second.clouds], second.truth, second.detections) == (["south"], {}, {})
     (first,) = Drawing(finds_the_car, classes=["pedestrian"]).draw_all(samples[:1])
@@ -110,12 +113,12 @@ def test_some_classes_scores_and_sensors_are_drawn(samples, finds_the_car):
     assert len(Drawing(finds_the_car, least_score=0.9).draw_all(samples)[0].detections) == 1
     with pytest.raises(ValueError, match="no sensor 'west'"):
         Drawing(sensors=["west"]).draw_all(samples)
-
-
-def test_outcomes_are_put_on_level_ground_with_all_else(touched, finds_the_car):
-    drawing = Drawing(finds_the_car, Place("plane"))
-    (drawn,) = drawing.draw_all([moved(touched, [3.0, 0.0, -7.3])])
-    assert drawn.outcomes["hits"]["vehicle"][0, 2] == pytest.approx(0.75, abs=0.05)
+    # The detector is shown points counted from the middle, and its boxes are brought back.
+    drawing = Drawing(finds_the_car, Place("none", area=(-40.0, -52.0, 60.0, 48.0)))
+    assert drawing.origin(samples[0]).tolist() == [10, -2, 0]
+    (drawn,) = drawing.draw_all(samples[:1])
+    np.testing.assert_allclose(drawn.detections["vehicle"][0, :3], [12, 3, 0.75])
+    np.testing.assert_allclose(drawn.truth["vehicle"][0, :3], [2, 5, 0.75])
 
 
 def test_map_coordinates_are_counted_from_an_origin_near_by(samples):
@@ -143,20 +146,29 @@ def test_ground_far_below_is_put_on_zero_or_warned_of(samples, finds_the_car):
     assert "level the points first" in str(drawn.warning)
 
 
-def test_detections_are_of_the_area_that_is_asked_for(samples, finds_the_car):
-    """The detector is shown points counted from the middle, and its boxes are brought back."""
-    drawing = Drawing(finds_the_car, Place("none", area=(-40.0, -52.0, 60.0, 48.0)))
-    assert drawing.origin(samples[0]).tolist() == [10, -2, 0]
-    (drawn,) = drawing.draw_all(samples[:1])
-    np.testing.assert_allclose(drawn.detections["vehicle"][0, :3], [12, 3, 0.75])
-    np.testing.assert_allclose(drawn.truth["vehicle"][0, :3], [2, 5, 0.75])
-
-
-def test_an_empty_sample_can_be_drawn():
+def test_colours_scales_and_empty_samples():
     empty = Frame.of_clouds("nothing", (), Objects.empty())
     for levelling in ("none", "map"):
         (drawn,) = Drawing(place=Place(levelling)).draw_all([empty])
         assert (drawn.clouds, drawn.truth, drawn.detections) == ((), {}, {})
+    assert {bytes(row).hex() for row in shades(CLOUD, "sensor", SCALES, index=2, newest=0.1)} == {sensor_colour(2)[1:]}
+    height = brightness(CLOUD, "height")
+    assert height[0] < height[1] < height[2] == height[3]  # beyond the scale
+    assert (np.diff(brightness(CLOUD, "intensity")) < 0).all()
+    assert np.argsort(brightness(CLOUD, "age")).tolist() == [1, 2, 3, 0]
+    assert shades(CLOUD, "height", SCALES, index=0, newest=0.0)[0].tolist() == [68, 1, 84]
+    sample = DrawnSample("s", 0.0, (CLOUD, BARE), {}, {})
+    assert find_newest(sample) == 0.1
+    scales = Scales.of(sample)
+    assert scales.height == pytest.approx(tuple(np.percentile([0, 1, 2, 9] * 2, (2, 98))))
+    assert scales.intensity == pytest.approx((1.06, 3.94))
+    assert scales.age == pytest.approx(tuple(np.percentile([0.1, 0, 0.05, 0.08], (2, 98))))
+    assert Scales.of(DrawnSample("none", 0.0, (), {}, {})) == Scales()
+    assert find_newest(DrawnSample("bare", 0.0, (BARE,), {}, {})) == 0.0
+    flat = Scales(height=(1.0, 1.0))
+    assert shades(CLOUD, "height", flat, index=0, newest=0.0).shape == (4, 3)
+    said = [SCALES.describe(colouring) for colouring in ("sensor", "height", "intensity", "age")]
+    assert said == ["sensor", "height, 0 to 2 m", "intensity, 1 to 4", "age, 0 to 0.1 s"]
 
 
 def test_samples_have_their_colourings_thinned_with_their_columns(samples):
@@ -186,30 +198,6 @@ def brightness(cloud, colouring):
     return shades(cloud, colouring, SCALES, index=2, newest=0.1).astype(int).sum(axis=1)
 
 
-def test_colours_are_those_of_all_pictures_lighter_where_higher():
-    assert {bytes(row).hex() for row in shades(CLOUD, "sensor", SCALES, index=2, newest=0.1)} == {sensor_colour(2)[1:]}
-    height = brightness(CLOUD, "height")
-    assert height[0] < height[1] < height[2] == height[3]  # beyond the scale
-    assert (np.diff(brightness(CLOUD, "intensity")) < 0).all()
-    assert np.argsort(brightness(CLOUD, "age")).tolist() == [1, 2, 3, 0]
-    assert shades(CLOUD, "height", SCALES, index=0, newest=0.0)[0].tolist() == [68, 1, 84]
-
-
 @pytest.mark.parametrize("colouring", ["intensity", "age"])
 def test_points_without_what_is_asked_are_grey(colouring):
     assert shades(BARE, colouring, SCALES, index=0, newest=0.0).tolist() == [list(UNKNOWN_SHADE)] * 4
-
-
-def test_scales_span_nearly_all_points_and_say_of_what():
-    sample = DrawnSample("s", 0.0, (CLOUD, BARE), {}, {})
-    assert find_newest(sample) == 0.1
-    scales = Scales.of(sample)
-    assert scales.height == pytest.approx(tuple(np.percentile([0, 1, 2, 9] * 2, (2, 98))))
-    assert scales.intensity == pytest.approx((1.06, 3.94))
-    assert scales.age == pytest.approx(tuple(np.percentile([0.1, 0, 0.05, 0.08], (2, 98))))
-    assert Scales.of(DrawnSample("none", 0.0, (), {}, {})) == Scales()
-    assert find_newest(DrawnSample("bare", 0.0, (BARE,), {}, {})) == 0.0
-    flat = Scales(height=(1.0, 1.0))
-    assert shades(CLOUD, "height", flat, index=0, newest=0.0).shape == (4, 3)
-    said = [SCALES.describe(colouring) for colouring in ("sensor", "height", "intensity", "age")]
-    assert said == ["sensor", "height, 0 to 2 m", "intensity, 1 to 4", "age, 0 to 0.1 s"]

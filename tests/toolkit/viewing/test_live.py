@@ -52,16 +52,13 @@ def test_it_opens_with_the_first_sample_and_shows_another(view):
     assert shown(view) == FIRST
 
 
-def test_a_sample_that_cannot_be_read_is_said_and_the_next_is_shown(view):
+def test_samples_and_colourings_take_each_others_place(view):
     view.show(2)
     assert view.said == "sample 2 cannot be shown: labels.json is *damaged*"
     assert view._line.content.endswith(r"labels\.json is \*damaged\*")
     assert shown(view) == set()
     view.show(0)
     assert shown(view) == FIRST
-
-
-def test_points_are_drawn_in_one_colouring_at_a_time(view):
     view.colour_by("height")
     assert "/sensors/0/height/0" in shown(view)
     assert "/sensors/0/sensor/0" not in shown(view)

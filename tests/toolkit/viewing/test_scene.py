@@ -6,7 +6,7 @@ from toolkit.viewing import scene
 from toolkit.viewing import scene as viser_scene
 
 
-def test_colours_camera_and_thinned_points():
+def test_colours_camera_thinned_points_and_scripts():
     assert scene.rgb("#0a10ff") == (10, 16, 255)
     position, look_at = scene.overview((0.0, 0.0, 40.0, 20.0), height=2.0)
     assert look_at == (20.0, 10.0, 2.0)
@@ -14,6 +14,13 @@ def test_colours_camera_and_thinned_points():
     points = np.arange(30, dtype=np.float32).reshape(10, 3)
     assert scene.thin_evenly(points, 10) is points
     np.testing.assert_array_equal(scene.thin_evenly(points, 5)[:, 0], [0, 6, 12, 18, 24])
+    assert scene.POLICY.startswith("default-src 'none';")
+    assert "http" not in scene.POLICY
+    data = scene.script_data({"a": "</script><!--\u2028"})
+    assert data == '{"a": "\\u003c/script>\\u003c!--\\u2028"}'
+    script = scene.scene_script()
+    assert script.startswith('"use strict";')
+    assert "</script" not in script
 
 
 def test_the_server_is_for_this_machine_alone_and_ends(capsys):
@@ -61,13 +68,3 @@ def test_boxes_and_headings_have_their_edges_and_dashes():
     assert scene.dashes(np.zeros((0, 2, 3)), dash=1.0, gap=1.0).shape == (0, 2, 3)
     made = scene.dashes(np.array([[[0.0, 0, 0], [0, 10, 0]]]), dash=1.0, gap=1.5)
     np.testing.assert_allclose(made[:, :, 1], [[0, 1], [2.5, 3.5], [5, 6], [7.5, 8.5]])
-
-
-def test_scripts_and_data_stay_in_the_page_and_ask_nobody():
-    assert scene.POLICY.startswith("default-src 'none';")
-    assert "http" not in scene.POLICY
-    data = scene.script_data({"a": "</script><!--\u2028"})
-    assert data == '{"a": "\\u003c/script>\\u003c!--\\u2028"}'
-    script = scene.scene_script()
-    assert script.startswith('"use strict";')
-    assert "</script" not in script

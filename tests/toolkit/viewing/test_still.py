@@ -40,12 +40,20 @@ def test_a_picture_has_sensors_points_and_outcomes(judged, tmp_path):
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def test_detections_that_nobody_can_judge_are_drawn_as_such(drawn, tmp_path):
+def test_colourings_and_outcomes_that_nobody_judges_are_drawn(drawn, tmp_path):
     plain = replace(drawn, outcomes={}, truth={})
     write_still(plain, tmp_path / "a.png")
     picture = image.imread(tmp_path / "a.png")
     assert [has(picture, sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
     assert not any(has(picture, OUTCOME[outcome].colour) for outcome in ("hit", "false alarm"))
+    pictures = set()
+    for colouring in COLOURINGS:
+        write_still(drawn, tmp_path / "a.png", colouring=colouring)
+        pictures.add((tmp_path / "a.png").read_bytes())
+    assert len(pictures) == len(COLOURINGS)
+    write_still(drawn, tmp_path / "a.png", half=(20.0, 10.0))
+    rows, columns, _ = image.imread(tmp_path / "a.png").shape
+    assert 1.3 < columns / rows < 1.8
 
 
 @pytest.mark.parametrize("colouring", COLOURINGS)
@@ -53,20 +61,6 @@ def test_points_are_coloured_as_asked(drawn, tmp_path, colouring):
     write_still(drawn, tmp_path / "a.svg", colouring=colouring, sensors=("north", "south"))
     written = (tmp_path / "a.svg").read_text()
     assert written.startswith("<?xml")
-
-
-def test_colourings_differ(drawn, tmp_path):
-    pictures = set()
-    for colouring in COLOURINGS:
-        write_still(drawn, tmp_path / "a.png", colouring=colouring)
-        pictures.add((tmp_path / "a.png").read_bytes())
-    assert len(pictures) == len(COLOURINGS)
-
-
-def test_a_part_is_drawn_as_large(drawn, tmp_path):
-    write_still(drawn, tmp_path / "a.png", half=(20.0, 10.0))
-    rows, columns, _ = image.imread(tmp_path / "a.png").shape
-    assert 1.3 < columns / rows < 1.8
 
 
 def test_nothing_can_be_drawn_and_other_endings_are_refused(tmp_path):

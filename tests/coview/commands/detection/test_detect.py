@@ -54,6 +54,10 @@ def test_what_is_refused(clouds, tmp_path, refused):
     assert "needs a site" in refused("detect", clouds, "--detector", "voxelnet", "--out", out)
     assert "--frames must be at least 1" in refused("detect", clouds, "--frames", 0, "--out", out)
     assert not out.exists()
+    evaluate = ("evaluate", clouds, "--out", tmp_path / "e")
+    assert "--site does not go with layout folder" in refused(*evaluate, "--site", "tjunction")
+    assert "recorded clouds have errors of their own" in refused(*evaluate, "--errors", "poor", "--detector", "general")
+    assert "no sensor 'x'" in refused(*evaluate, "--sensors", "x")
 
 
 def test_evaluate_takes_the_same_folder(clouds, tmp_path, run):
@@ -69,10 +73,3 @@ def test_evaluate_takes_the_same_folder(clouds, tmp_path, run):
         if (row["label"], row["measure"], row["among"]) == ("vehicle", "BEV 0.5", "all")
     ]
     assert bev[0] > 0.5
-
-
-def test_what_evaluate_refuses_of_clouds(clouds, tmp_path, refused):
-    evaluate = ("evaluate", clouds, "--out", tmp_path / "e")
-    assert "--site does not go with layout folder" in refused(*evaluate, "--site", "tjunction")
-    assert "recorded clouds have errors of their own" in refused(*evaluate, "--errors", "poor", "--detector", "general")
-    assert "no sensor 'x'" in refused(*evaluate, "--sensors", "x")

@@ -61,12 +61,21 @@ def test_it_prints_rows_and_leaves_table_and_curves(recording, tmp_path, run):
     assert (tmp_path / "pr_0.5.png").stat().st_size > 1000
 
 
-def test_a_table_is_replaced_only_when_told(recording, tmp_path, run, refused):
+def test_what_is_there_is_replaced_when_told_and_errors_are_written_down(recording, tmp_path, run, refused):
     (tmp_path / "table.json").write_text("of another run")
     arguments = ("evaluate", recording, "--frames", 1, "--schemes", "late", "--iou", 0.7, "--out", tmp_path)
     assert "--overwrite" in refused(*arguments)
     assert (tmp_path / "table.json").read_text() == "of another run"
     assert run(*arguments, "--overwrite")[0] == 0
+    kbit = {}
+    for errors in ("paper", "poor"):
+        arguments = ("--frames", 1, "--schemes", "early", "--iou", 0.5, "--errors", errors, "--out", tmp_path / errors)
+        assert run("evaluate", recording, *arguments)[0] == 0
+        written = json.loads((tmp_path / errors / "table.json").read_text())
+        assert written["provenance"]["errors"]["profile"] == errors
+        kbit[errors] = written["rows"][0]["kbit_per_sensor"]
+    assert abs(kbit["poor"] / kbit["paper"] - 1) > 0.02
+    assert "unknown error profile 'bad'" in refused("evaluate", recording, "--errors", "bad")
 
 
 @pytest.mark.parametrize("name", ["detect", "make", "Everything"])
@@ -113,23 +122,15 @@ def test_wrong_arguments(arguments, message, recording, refused, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_missing_recordings_and_impossible_folders_are_refused(recording, refused, tmp_path):
+def test_missing_recordings_folders_and_unknown_classes_are_refused(recording, refused, tmp_path):
     (tmp_path / "file").write_text("")
     assert "give another path" in refused("evaluate", recording, "--frames", 1, "--out", tmp_path / "file" / "out")
     assert "is what is read" in refused("evaluate", recording, "--frames", 1, "--out", recording)
     assert "nowhere.hdf5" in refused("evaluate", "nowhere.hdf5")
-
-
-def test_errors_by_name_are_written_down(recording, tmp_path, run, refused):
-    kbit = {}
-    for errors in ("paper", "poor"):
-        arguments = ("--frames", 1, "--schemes", "early", "--iou", 0.5, "--errors", errors, "--out", tmp_path / errors)
-        assert run("evaluate", recording, *arguments)[0] == 0
-        written = json.loads((tmp_path / errors / "table.json").read_text())
-        assert written["provenance"]["errors"]["profile"] == errors
-        kbit[errors] = written["rows"][0]["kbit_per_sensor"]
-    assert abs(kbit["poor"] / kbit["paper"] - 1) > 0.02
-    assert "unknown error profile 'bad'" in refused("evaluate", recording, "--errors", "bad")
+    arguments = ("--detector", "vehicles/tjunction", "--classes", "vehicle", "cyclist", "--out", tmp_path / "out")
+    assert "the detector knows vehicle only, not cyclist: take one trained" in refused(
+        "evaluate", recording, *arguments
+    )
 
 
 def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
@@ -156,7 +157,7 @@ def test_differences_are_taken_as_asked(recording, tmp_path, run, refused):
     assert "1 to 255" in refused(*arguments, "--key-every", 300, "--overwrite")
 
 
-def test_classes_restrict_the_rows(recording, tmp_path, run):
+def test_classes_restrict_the_rows_and_a_network_has_all_by_default(recording, tmp_path, run):
     arguments = (
         *("evaluate", recording, "--frames", 1, "--schemes", "early", "--classes", "pedestrian", "--out", tmp_path),
     )
@@ -168,16 +169,6 @@ def test_classes_restrict_the_rows(recording, tmp_path, run):
     code, out, _ = run(*arguments, "--overwrite", "--classes", "vehicle", "pedestrian")
     assert "vehicle, " in out
     assert "above the detector's threshold:" in out
-
-
-def test_a_network_of_vehicles_alone_refuses_other_classes(recording, tmp_path, refused):
-    arguments = ("--detector", "vehicles/tjunction", "--classes", "vehicle", "cyclist", "--out", tmp_path / "out")
-    assert "the detector knows vehicle only, not cyclist: take one trained" in refused(
-        "evaluate", recording, *arguments
-    )
-
-
-def test_a_network_of_four_classes_has_them_all_by_default(recording, tmp_path, run):
     arguments = ("--detector", "tjunction", "--frames", 1, "--schemes", "early", "--iou", 0.5, "--json")
     code, out, err = run("evaluate", recording, *arguments, "--out", tmp_path)
     assert code == 0, err

@@ -190,7 +190,7 @@ def test_poles_of_ones_own_from_search_to_recording(run, tmp_path):
     assert row.startswith("'=" if used.startswith("=") else used)
 
 
-def test_an_answer_without_sensors_is_one_line_and_no_folder(run, tmp_path):
+def test_answers_without_sensors_and_small_links_are_one_line(run, tmp_path):
     out = tmp_path / "answer"
     arguments = (*FEW, "--cache", tmp_path / "c", "--out", out)
     code, printed, _ = run("search", "tjunction", *arguments, "--comm", 9)
@@ -200,6 +200,15 @@ def test_an_answer_without_sensors_is_one_line_and_no_folder(run, tmp_path):
     assert not out.exists()
     code, printed, _ = run("search", "tjunction", *arguments, "--comm", 9, "--json")
     assert (code, json.loads(printed)["sensors"]) == (1, [])
+    site = load_site("tjunction")
+    poor = tmp_path / "poor.geojson"
+    save_site(replace(site, mounts=tuple(replace(mount, capacity=50.0) for mount in site.mounts)), poor)
+    arguments = ("--method", "exhaustive", "--candidates", "paper", "--frames", 1, "--cache", "None")
+    code, out, _ = run("search", poor, *arguments)
+    assert code == 1
+    assert out.startswith("none may be built: The links exclude 6 of 6 candidates: the least that any of these sends")
+    code, out, _ = run("search", poor, *arguments, "--json")
+    assert json.loads(out)["sensors"] == []
 
 
 def test_it_refuses_other_files_sites_and_projections(refused, tmp_path):
@@ -216,18 +225,6 @@ def test_it_refuses_other_files_sites_and_projections(refused, tmp_path):
     line = refused("search", tmp_path / "lost.json", *FEW, "--out", tmp_path / "o", "--cache", tmp_path / "c")
     assert "names no projection that PROJ knows" in line
     assert not (tmp_path / "c").exists()
-
-
-def test_links_too_small_for_every_candidate_are_named(tmp_path, run):
-    site = load_site("tjunction")
-    poor = tmp_path / "poor.geojson"
-    save_site(replace(site, mounts=tuple(replace(mount, capacity=50.0) for mount in site.mounts)), poor)
-    arguments = ("--method", "exhaustive", "--candidates", "paper", "--frames", 1, "--cache", "None")
-    code, out, _ = run("search", poor, *arguments)
-    assert code == 1
-    assert out.startswith("none may be built: The links exclude 6 of 6 candidates: the least that any of these sends")
-    code, out, _ = run("search", poor, *arguments, "--json")
-    assert json.loads(out)["sensors"] == []
 
 
 def test_classes_are_weighed(run, tmp_path):

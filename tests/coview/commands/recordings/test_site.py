@@ -32,7 +32,7 @@ def test_wrong_arguments(arguments, message, refused):
     assert message in refused("site", *arguments)
 
 
-def test_a_site_is_replaced_only_when_told(run, refused, tmp_path):
+def test_a_site_is_replaced_only_when_told_and_an_import_has_no_sensors(run, refused, tmp_path):
     mine = tmp_path / "mine.json"
     assert run("site", "random", "--seed", 1, "--out", mine)[0] == 0
     before = mine.read_bytes()
@@ -41,13 +41,6 @@ def test_a_site_is_replaced_only_when_told(run, refused, tmp_path):
     assert mine.read_bytes() == before
     assert run("site", "random", "--seed", 2, "--out", mine, "--overwrite")[0] == 0
     assert mine.read_bytes() != before
-
-
-DOCS = Path(__file__).parents[4] / "docs"
-OWN = ("--osm", DOCS / "own-junction.osm", "--centre", 8.0, 49.5, "--size", 70, 50)
-
-
-def test_an_import_has_no_sensors_and_says_so(run, refused, tmp_path):
     site = tmp_path / "own.json"
     code, out, _ = run("site", "import", *OWN, "--out", site)
     assert code == 0
@@ -58,6 +51,10 @@ def test_an_import_has_no_sensors_and_says_so(run, refused, tmp_path):
     assert "site 'own-junction' has no sensors: coview plan or coview search --out says which to build" in line
     assert list(tmp_path.iterdir()) == [site]
     assert "has no sensors of its own" in refused("search", site, "--candidates", "paper", "--frames", 1)
+
+
+DOCS = Path(__file__).parents[4] / "docs"
+OWN = ("--osm", DOCS / "own-junction.osm", "--centre", 8.0, 49.5, "--size", 70, 50)
 
 
 def test_what_is_drawn_is_said_and_can_be_left_out(run, tmp_path):

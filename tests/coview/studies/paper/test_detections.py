@@ -164,14 +164,11 @@ def test_all_that_is_kept_is_not_detected_again(tmp_path, whole):
     assert (fewer.frames, list(fewer.runs)) == (2, RUNS[:1])
 
 
-def test_a_run_more_costs_itself_alone(tmp_path):
+def test_runs_cost_themselves_alone_and_others_share_nothing(tmp_path):
     memo, more = tmp_path / "memo", Guess()
     detect_runs(Street(), Guess(), RUNS[:1], memo=Cache(memo), frames=3)
     detect_runs(Street(), more, [RUNS[0], RUNS[3]], memo=Cache(memo), frames=3)
     assert more.calls == 3
-
-
-def test_another_detector_or_recording_shares_nothing(tmp_path):
     memo = tmp_path / "memo"
     detect_runs(Street(), Guess(), RUNS[3:], memo=Cache(memo), frames=2)
     other = Guess()
@@ -180,6 +177,8 @@ def test_another_detector_or_recording_shares_nothing(tmp_path):
     elsewhere = Guess()
     detect_runs(Street(digest="elsewhere"), elsewhere, RUNS[3:], memo=Cache(memo), frames=2)
     assert (other.calls, elsewhere.calls) == (2, 2)
+    with pytest.raises(ValueError, match="has none: add one"):
+        detect_runs(Street(), lambda points: Detections.empty(), RUNS, memo=Cache(), frames=1)
 
 
 def test_a_damaged_memo_is_begun_anew(tmp_path, whole):
@@ -218,11 +217,6 @@ def test_a_flipped_byte_costs_one_frame(tmp_path, whole):
 def test_refuses_frames(frames):
     with pytest.raises(ValueError, match=f"frames must be from 1 to the 5 recorded, got {frames}"):
         detect_runs(Street(), Guess(), RUNS, memo=Cache(), frames=frames)
-
-
-def test_refuses_a_detector_without_digest():
-    with pytest.raises(ValueError, match="has none: add one"):
-        detect_runs(Street(), lambda points: Detections.empty(), RUNS, memo=Cache(), frames=1)
 
 
 def test_two_processes_give_the_same(tmp_path, whole):

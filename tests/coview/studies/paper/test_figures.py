@@ -27,12 +27,22 @@ CURVE = Curve(np.array([1.0, 0.9, 0.95]), np.array([0.2, 0.5, 0.96]), np.array([
 NOTHING = Curve(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
-def test_precision_and_recall_by_their_points():
+def test_precision_recall_and_needed_density_by_their_points():
     assert (max_recall(CURVE), max_recall(NOTHING)) == (0.96, 0.0)
     assert [interpolate_precision(CURVE, at) for at in (0.0, 0.5, 0.95, 0.97)] == [1.0, 0.95, 0.95, 0.0]
     curve = Curve(np.ones(4), np.array([0.0001, 0.0002, 0.5, 0.5002]), np.ones(4))
     assert steps(curve).tolist() == [False, True, False, True]
     assert steps(NOTHING).tolist() == []
+    rng = np.random.default_rng(0)
+    density = rng.integers(0, 60, 400).astype(float)
+    iou = np.clip(density / 60 + rng.normal(0, 0.2, 400), 0, 1)
+    at = np.unique(density)
+    means = np.array([iou[density == each].mean() for each in at])
+    fit = isotonic_regression(means, weights=np.array([(density == each).sum() for each in at])).x
+    for wanted in (0.0, 0.2, 0.5, 0.8):
+        assert density_needed(density, iou, wanted) == at[(fit >= wanted).argmax()]
+    assert density_needed(density, iou, 1.01) is None
+    assert density_needed(np.zeros(0), np.zeros(0), 0.5) is None
 
 
 def test_curves_have_their_rows_and_files(stored):
@@ -112,7 +122,7 @@ def test_log_curves_are_fitted_by_the_weight_of_bins():
     assert heavy == pytest.approx(alone, abs=1e-6)
 
 
-def test_every_vehicle_falls_into_a_bin(stored):
+def test_every_vehicle_falls_into_a_bin_of_blocks_of_frames(stored):
     density, iou = densities_and_ious(stored, "tjunction")
     assert len(density) == len(iou) == 6 * stored.vehicles
     bins = bin_iou(density, iou)
@@ -120,19 +130,16 @@ def test_every_vehicle_falls_into_a_bin(stored):
     assert bins.iou @ bins.vehicles == pytest.approx(iou.sum())
     assert len(bin_iou(np.zeros(3), np.ones(3)).iou) == 1
     assert len(bin_iou(np.zeros(0), np.zeros(0)).iou) == 0
-
-
-def test_needed_density_is_that_of_isotonic_regression():
-    rng = np.random.default_rng(0)
-    density = rng.integers(0, 60, 400).astype(float)
-    iou = np.clip(density / 60 + rng.normal(0, 0.2, 400), 0, 1)
-    at = np.unique(density)
-    means = np.array([iou[density == each].mean() for each in at])
-    fit = isotonic_regression(means, weights=np.array([(density == each).sum() for each in at])).x
-    for wanted in (0.0, 0.2, 0.5, 0.8):
-        assert density_needed(density, iou, wanted) == at[(fit >= wanted).argmax()]
-    assert density_needed(density, iou, 1.01) is None
-    assert density_needed(np.zeros(0), np.zeros(0), 0.5) is None
+    row = iou_experiment(stored, "tjunction", "").rows[0]
+    sums, counts = np.zeros(stored.frames), np.zeros(stored.frames)
+    for run, found in stored.runs.items():
+        sets = ((0, 1, 2, 3, 4, 5), (0, 1, 3, 4, 5), (1, 3, 4, 5), (0, 2, 5), (3, 4), (4,))
+        if run.scheme == "early" and run.sensors in sets:
+            for k, (truth, each) in enumerate(zip(stored.truths, found, strict=True)):
+                few = truth.points[:, list(run.sensors)].sum(axis=1) < 70
+                sums[k] += each.best[few].sum()
+                counts[k] += few.sum()
+    assert row.interval == pytest.approx(ratio_interval(sums, counts))
 
 
 def test_iou_rows(stored):
@@ -153,19 +160,6 @@ def test_iou_rows(stored):
     assert f"200 bins up to {density.max():.0f} points" in made.basis
     low, high = rows["mean, above 100 points"].interval or (1.0, 0.0)
     assert low < iou[density > 100].mean() < high
-
-
-def test_interval_is_over_blocks_of_frames(stored):
-    row = iou_experiment(stored, "tjunction", "").rows[0]
-    sums, counts = np.zeros(stored.frames), np.zeros(stored.frames)
-    for run, found in stored.runs.items():
-        sets = ((0, 1, 2, 3, 4, 5), (0, 1, 3, 4, 5), (1, 3, 4, 5), (0, 2, 5), (3, 4), (4,))
-        if run.scheme == "early" and run.sensors in sets:
-            for k, (truth, each) in enumerate(zip(stored.truths, found, strict=True)):
-                few = truth.points[:, list(run.sensors)].sum(axis=1) < 70
-                sums[k] += each.best[few].sum()
-                counts[k] += few.sum()
-    assert row.interval == pytest.approx(ratio_interval(sums, counts))
 
 
 def test_bins_in_file_and_picture(stored_roundabout, tmp_path):

@@ -212,7 +212,7 @@ def test_the_same_points_are_detected_once_with_their_labels():
     assert same(KeptDetections.of(detector)(POINTS), kept(POINTS))
 
 
-def test_detections_on_disk_belong_to_their_detector(tmp_path):
+def test_detections_on_disk_belong_to_a_detector_with_a_digest(tmp_path):
     first = KeptDetections(Counting(), Cache(tmp_path / "kept"))(POINTS)
     later = Counting(at=99.0)
     assert same(KeptDetections(later, Cache(tmp_path / "kept"))(POINTS), first)
@@ -222,8 +222,6 @@ def test_detections_on_disk_belong_to_their_detector(tmp_path):
     KeptDetections(other, Cache(tmp_path / "kept"))(POINTS)
     assert other.calls == 1
 
-
-def test_a_detector_without_digest_is_not_kept_on_disk(tmp_path):
     def detect(points):
         return Detections.empty()
 

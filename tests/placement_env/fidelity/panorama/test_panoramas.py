@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity import seeing
-from placement_env.fidelity.seeing import choose_quick, look_round
+from placement_env.fidelity.panorama import panoramas
+from placement_env.fidelity.panorama.panoramas import choose_quick, look_round
 from toolkit.geometry import look
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import SuccessiveStrips
@@ -29,7 +29,7 @@ def seen(small_traffic):
     return look_round(small_traffic, SENSORS, (VEHICLE,))
 
 
-def test_they_are_worthwhile_where_four_share_a_place(small_traffic):
+def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_traffic):
     elsewhere = Sensor("e", CAMERA, look((0.0, 0.0, 5.0), 0.0))
     for sensors, quick in (
         (SENSORS, True),
@@ -39,9 +39,6 @@ def test_they_are_worthwhile_where_four_share_a_place(small_traffic):
     ):
         assert choose_quick(sensors, small_traffic, "auto").tolist() == [quick] * len(sensors)
     assert not choose_quick(SENSORS, small_traffic, "full").any()
-
-
-def test_a_sensor_is_far_sighted_that_measures_the_whole_area(small_traffic):
     ranges = [30.0, 50.0, 56.0, 120.0]
     lidars = [Sensor(f"{r}", SpinningLidar(max_range=r), look(AT, 0.0)) for r in ranges]
     assert choose_quick(lidars, small_traffic, "panorama").tolist() == [
@@ -50,28 +47,25 @@ def test_a_sensor_is_far_sighted_that_measures_the_whole_area(small_traffic):
         True,
         True,
     ]  # 42 by 30 m, and height
+    first, second, *_ = small_traffic.snapshots
+    traffic = replace(small_traffic, snapshots=(first, first, second, first))
+    job = panoramas._Look(traffic, tuple(SENSORS), (VEHICLE,))
+    for block in ((0, 4), (2, 4), (1, 2)):
+        assert same(job(block), panoramas._Look(traffic, tuple(SENSORS), (VEHICLE,))(block))
 
 
 def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatch):
-    monkeypatch.setattr(seeing, "FRAMES_AT_ONCE", 2)
+    monkeypatch.setattr(panoramas, "FRAMES_AT_ONCE", 2)
     told: list[int] = []
     assert same(
         look_round(small_traffic, SENSORS, (VEHICLE,), Run(progress=lambda *stage: told.append(stage[1]))), seen
     )
     assert told == [1, 3, 4]
-    job = seeing._RoundLook(small_traffic, tuple(SENSORS), (VEHICLE,))
-    job.look((0, 1))
+    job = panoramas._Look(small_traffic, tuple(SENSORS), (VEHICLE,))
+    job((0, 1))
     again = pickle.loads(pickle.dumps(job))
     assert "_stills" not in vars(again)
-    assert same(again.look((0, 2)), job.look((0, 2)))
-
-
-def test_frames_looked_at_before_make_no_difference(small_traffic):
-    first, second, *_ = small_traffic.snapshots
-    traffic = replace(small_traffic, snapshots=(first, first, second, first))
-    job = seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,))
-    for block in ((0, 4), (2, 4), (1, 2)):
-        assert same(job.look(block), seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,)).look(block))
+    assert same(again((0, 2)), job((0, 2)))
 
 
 def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
@@ -82,7 +76,7 @@ def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
 
 def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_path):
     run = Run(cache=tmp_path)
-    monkeypatch.setattr(seeing, "FRAMES_AT_ONCE", 4)
+    monkeypatch.setattr(panoramas, "FRAMES_AT_ONCE", 4)
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
     assert len(run.memo) == 2
 
@@ -100,6 +94,6 @@ def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_pa
     ):
         with pytest.raises(AssertionError, match="made again"):
             look_round(traffic, sensors, labels, run)
-    monkeypatch.setattr(seeing, "code_digest", lambda *modules: "other")
+    monkeypatch.setattr(panoramas, "code_digest", lambda *modules: "other")
     with pytest.raises(AssertionError, match="made again"):
         look_round(small_traffic, SENSORS, (VEHICLE,), run)

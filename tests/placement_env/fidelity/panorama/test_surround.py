@@ -37,7 +37,7 @@ def still(sent, far):
     return Still(np.full(shape, sent, np.uint8), np.full(shape, far, np.uint8))
 
 
-def test_strips_are_sorted_by_azimuth(strips, scored):
+def test_strips_are_sorted_and_only_what_is_scored_counts(strips, scored):
     around = Surround.of(strips, scored, {LIDAR: still(0, 0)})
     left = around.rectangles.left
     assert (np.diff(left) >= 0).all()
@@ -46,6 +46,12 @@ def test_strips_are_sorted_by_azimuth(strips, scored):
     np.testing.assert_allclose(left, np.sort((strips.left + np.pi) % (2 * np.pi)) * PER_TURN, atol=2e-3)
     width = np.sort(around.rectangles.right - left)
     np.testing.assert_allclose(width, np.sort(strips.right - strips.left) * PER_TURN, atol=2e-3)
+    around = Surround.of(strips, scored, {LIDAR: still(0, 0)})
+    order = sort_by_azimuth(strips)
+    nobody = (strips.shows[order] == OUTSIDE) | (strips.item[order] >= 30)
+    np.testing.assert_array_equal(around.item == 30, nobody)
+    np.testing.assert_array_equal(around.frame, strips.item[order] % 3)
+    assert around.widest == pytest.approx(0.1 * PER_TURN, rel=0.02)
 
 
 @pytest.mark.parametrize("model", [CAMERA, LIDAR], ids=["camera", "lidar"])
@@ -72,12 +78,3 @@ def test_what_is_ahead_is_all_that_is_seen(strips, scored, model, more):
         if model is CAMERA:
             assert sum(each.stop - each.start for each in pieces) < 400
     assert seen_any == 5
-
-
-def test_what_is_outside_or_not_scored_counts_for_nobody(strips, scored):
-    around = Surround.of(strips, scored, {LIDAR: still(0, 0)})
-    order = sort_by_azimuth(strips)
-    nobody = (strips.shows[order] == OUTSIDE) | (strips.item[order] >= 30)
-    np.testing.assert_array_equal(around.item == 30, nobody)
-    np.testing.assert_array_equal(around.frame, strips.item[order] % 3)
-    assert around.widest == pytest.approx(0.1 * PER_TURN, rel=0.02)

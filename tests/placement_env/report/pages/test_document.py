@@ -24,13 +24,23 @@ from placement_env.report.pages.scene import Layer, Scene
 from toolkit.viewing.scene import POLICY, script_data
 
 
-def test_headings_say_units_of_tables_with_full_rows():
+def test_headings_and_names_are_text_with_units():
     assert [Column("price", "EUR").heading, Column("AP").heading] == ["price (EUR)", "AP"]
     with pytest.raises(ValueError, match="shorter"):
         table("Links", [Column("a"), Column("b")], [["x"]])
     assert table("Links", [Column("Pole")], []) == ()
     (only,) = table("Links", [Column("Pole"), Column("kbit", digits=2)], [["p", 3]])
     assert only.rows == ((Cell("p"), Cell("3.00", 3.0)),)
+    rows = ((Cell(HOSTILE), Cell(HOSTILE, 1.0)),)
+    blocks = (
+        *(Paragraph(HOSTILE), Bullets((HOSTILE,)), Drawing("<svg/>", HOSTILE, HOSTILE)),
+        TableBlock(HOSTILE, (Column(HOSTILE, digits=None), Column(HOSTILE)), rows),
+    )
+    document = Document(HOSTILE, HOSTILE, (Section("requirement", HOSTILE, HOSTILE, blocks),))
+    outline = Outline(to_html(document, SCENE))
+    assert [each.get("type") for each in outline.all("script")] == ["application/json", None]
+    assert not [tag for tag, attributes in outline.elements if "onload" in attributes]
+    assert "".join(outline.words).count(HOSTILE) == 14
 
 
 HOSTILE = "<script>alert('x')</script>\" onload=\"y"
@@ -85,19 +95,6 @@ def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
     cells = [each for each in outline.all("td") if each.get("class") == "number"]
     assert {"data-value"} <= {name for each in cells for name in each}
     assert any(float(each["data-value"]) == 0.962 for each in cells if "data-value" in each)
-
-
-def test_names_on_the_page_are_text():
-    rows = ((Cell(HOSTILE), Cell(HOSTILE, 1.0)),)
-    blocks = (
-        *(Paragraph(HOSTILE), Bullets((HOSTILE,)), Drawing("<svg/>", HOSTILE, HOSTILE)),
-        TableBlock(HOSTILE, (Column(HOSTILE, digits=None), Column(HOSTILE)), rows),
-    )
-    document = Document(HOSTILE, HOSTILE, (Section("requirement", HOSTILE, HOSTILE, blocks),))
-    outline = Outline(to_html(document, SCENE))
-    assert [each.get("type") for each in outline.all("script")] == ["application/json", None]
-    assert not [tag for tag, attributes in outline.elements if "onload" in attributes]
-    assert "".join(outline.words).count(HOSTILE) == 14
 
 
 def test_documents_keep_their_data_and_bytes(document):

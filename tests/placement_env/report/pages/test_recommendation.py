@@ -81,7 +81,7 @@ def test_the_chosen_set_stands_beside_front_and_alternatives(example):
     assert read(recommendation.alternatives_section, replace(example.plan, near_optimal=())).blocks == ()
 
 
-def test_two_figures_of_the_chosen_set_are_explained(example):
+def test_figures_of_sets_and_what_they_are_compared_by_are_explained(example):
     """Sets are compared on one part of the traffic, and the chosen one is judged on another."""
     lucky = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 103, 12)
     front = (*example.plan.front[:-1], replace(example.plan.chosen, judged=lucky))
@@ -94,9 +94,6 @@ def test_two_figures_of_the_chosen_set_are_explained(example):
         )
         chosen = next(row for row in section.blocks[-1].rows if "(chosen)" in row[0].text)
         assert chosen[2].text == "1.000"
-
-
-def test_what_sets_are_compared_by_is_said(example):
     chosen = example.plan.chosen
     plain = read(recommendation.chosen_section, example.plan, example.site, example.ground)
     assert "as the question asks" not in plain.conclusion

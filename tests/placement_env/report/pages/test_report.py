@@ -58,9 +58,18 @@ def test_neither_file_is_written_where_one_fails(nothing_chosen, tmp_path, monke
     assert not (tmp_path / "out").exists()
 
 
-def test_a_plan_without_sensors_has_a_report(nothing_chosen, tmp_path):
+def test_plans_without_sensors_have_reports_in_sentences(nothing_chosen, tmp_path):
     write_report(nothing_chosen, tmp_path)
     assert "<iframe" not in (tmp_path / "report.html").read_text()
+    document = build_document(nothing_chosen.plan, nothing_chosen.site, nothing_chosen.ground)
+    assert tuple(section.key for section in document.sections) == ORDER
+    assert document.subtitle == "VoxelNet; AP at IoU 0.7; late fusion"
+    assert [section.key for section in document.sections if section.blocks] == ["requirement"]
+    assert all(section.conclusion.endswith(".") for section in document.sections)
+    plan = replace(nothing_chosen.plan, detector="", verdict=Verdict(False, "No set can be planned."))
+    document = build_document(plan, nothing_chosen.site, None)
+    assert document.subtitle == "No set was judged"
+    assert document.sections[0].conclusion == "No set can be planned."
 
 
 def test_names_that_are_code_stay_names(browser, hostile_example, tmp_path):
@@ -196,18 +205,6 @@ def test_sections_stand_in_order_and_open_with_a_sentence(document):
                 titles = [column.title for column in block.columns]
                 assert titles[titles.index("AP") + 1] == "95% interval"
                 assert "vehicles" in titles
-
-
-def test_plans_without_sensors_or_judgement_are_sentences(nothing_chosen):
-    document = build_document(nothing_chosen.plan, nothing_chosen.site, nothing_chosen.ground)
-    assert tuple(section.key for section in document.sections) == ORDER
-    assert document.subtitle == "VoxelNet; AP at IoU 0.7; late fusion"
-    assert [section.key for section in document.sections if section.blocks] == ["requirement"]
-    assert all(section.conclusion.endswith(".") for section in document.sections)
-    plan = replace(nothing_chosen.plan, detector="", verdict=Verdict(False, "No set can be planned."))
-    document = build_document(plan, nothing_chosen.site, None)
-    assert document.subtitle == "No set was judged"
-    assert document.sections[0].conclusion == "No set can be planned."
 
 
 def test_one_sensor_and_nothing_more_is_known_of_it(example):

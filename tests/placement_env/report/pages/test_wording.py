@@ -20,18 +20,12 @@ def test_a_share_is_never_rounded_to_all_or_nothing(share, text):
     assert wording.percent(share) == text
 
 
-def test_undefined_figures_are_dashes_that_sort_last():
+def test_figures_prices_and_names_in_words():
     assert number(None) == number(float("nan")) == number(float("inf")) == "–"
     assert Column("AP").cell(None) == Column("AP").cell(float("nan")) == Cell("–", None)
     assert wording.in_percent(None) is None
-
-
-def test_prices():
     assert [wording.price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
     assert [wording.price_text(p, "") for p in (1.0, 2.5, 4.0)] == ["1 unit", "2.5 units", "4 units"]
-
-
-def test_ap_stands_with_interval_and_vehicles():
     assert wording.ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
     assert wording.interval_text(JUDGED) == "0.910–0.980"
     (judged,) = table("", wording.JUDGED_COLUMNS, [wording.judged_cells(JUDGED), wording.judged_cells(None)])
@@ -39,13 +33,10 @@ def test_ap_stands_with_interval_and_vehicles():
         ["0.950", "0.910–0.980", "96.5", "1,412", "60"],
         ["–", "no vehicle", "–", "0", "–"],
     ]
+    assert [wording.join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]
 
 
 @pytest.mark.parametrize(("low", "high", "expected"), [(0.5, 0.91, True), (0.5, 0.90, False), (0.981, 1.0, False)])
 def test_intervals_overlap_where_they_touch(low, high, expected):
     other = Judgement(0.7, low, high, 0.7, None, 9, 9)
     assert overlap(JUDGED, other) is overlap(other, JUDGED) is expected
-
-
-def test_names_in_a_row():
-    assert [wording.join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]

@@ -47,7 +47,7 @@ def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
     assert (row.judged, row.mean_points) == (None, None)
 
 
-def test_zones_ranges_and_approaches(street, scored):
+def test_zones_ranges_approaches_and_levels(street, scored):
     rows = by_zone(scored, street.site, 0)
     assert [row.name for row in rows] == [
         "centre (within 10 m)", "north-east", "north-west", "south-east", "south-west"
@@ -60,15 +60,36 @@ def test_zones_ranges_and_approaches(street, scored):
     assert [row.judged and row.judged.vehicles for row in rows] == [None, 24, 8, None, None]
     assert rows[2].judged.recall == 1.0  # the car in the middle, 21 m from both
     assert [(row.name, row.judged.vehicles) for row in by_approach(scored, street.site, 0)] == [("junction", 32)]
+    assert by_level(scored, street.judge, (0, 2)) == ()
+    levels = (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7]))
+    judge = Judge((street.detected,), Cases(levels=2), levels=levels)
+    thin, dense = by_level(scored, judge, (0, 2))
+    assert (thin.name, thin.judged.vehicles, thin.judged.frames) == ("thin traffic", 8, 2)
+    assert (dense.name, dense.judged.vehicles, dense.judged.frames) == ("dense traffic", 24, 6)
+    assert thin.mean_points == dense.mean_points == 75 / 4
+    (whole,) = street.judge.judge(np.array([[1, 0, 1, 0]], bool))
+    assert [thin.judged.ap, dense.judged.ap] == pytest.approx([whole.ap] * 2)
 
 
-def test_classes_are_seen_or_not_also_in_no_cloud(street):
+def test_classes_and_moments_are_seen_or_not(street):
     vehicle, walker, heavy = by_class(street.judge, (0, 2), ("vehicle", "pedestrian", "heavy"))
     assert (vehicle.label, vehicle.objects, vehicle.least_points, vehicle.share) == ("vehicle", 32, 20, 0.75)
     assert (walker.objects, walker.share) == (8, 0.0)
     assert (heavy.objects, heavy.share) == (0, None)
     assert fuse_clouds(street.detected, (), 0).shape == (0, 3)
     assert fuse_clouds(street.detected, (0, 2), 0).shape == (100, 3)
+    shots = pick_moments(street.detected, (0, 2), count=3, points=10)
+    assert len(shots) == 3
+    shot = shots[0]
+    assert shot.truth_hit.tolist() == [True, True, False, True, False]
+    assert shot.truth_ignored.tolist() == [False, False, False, False, True]  # a walker
+    places = shot.detections.boxes[:, :2].tolist()
+    assert len(places) == 4
+    assert dict(zip(map(tuple, places), shot.detection_hit.tolist(), strict=True))[(-14.0, -14.0)] is False
+    assert shot.detection_hit.sum() == 3
+    assert not shot.detection_ignored.any()
+    assert [len(cloud) for cloud in shot.clouds] == [10, 10]
+    assert len(pick_moments(street.detected, (0,), count=50)) == 8
 
 
 def test_groups_of_classes_and_thresholds_are_combined(street):
@@ -95,18 +116,6 @@ def test_groups_of_classes_and_thresholds_are_combined(street):
     assert half.judged.ap == pytest.approx(whole.judged.ap / 2)
 
 
-def test_levels_of_traffic(street, scored):
-    assert by_level(scored, street.judge, (0, 2)) == ()
-    levels = (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7]))
-    judge = Judge((street.detected,), Cases(levels=2), levels=levels)
-    thin, dense = by_level(scored, judge, (0, 2))
-    assert (thin.name, thin.judged.vehicles, thin.judged.frames) == ("thin traffic", 8, 2)
-    assert (dense.name, dense.judged.vehicles, dense.judged.frames) == ("dense traffic", 24, 6)
-    assert thin.mean_points == dense.mean_points == 75 / 4
-    (whole,) = street.judge.judge(np.array([[1, 0, 1, 0]], bool))
-    assert [thin.judged.ap, dense.judged.ap] == pytest.approx([whole.ap] * 2)
-
-
 def test_error_profiles(street, scored):
     class Thin(type(street.detected.renders)):  # type: ignore[misc]
         def clouds(self, k, c):
@@ -123,21 +132,6 @@ def test_error_profiles(street, scored):
     assert exact.mean_points == scored.points.mean() == 75 / 4
     assert 0 < (other.mean_points or 0) < 75 / 4
     assert by_errors(street.judge, (0, 2)) == ()
-
-
-def test_moments_are_those_there_are(street):
-    shots = pick_moments(street.detected, (0, 2), count=3, points=10)
-    assert len(shots) == 3
-    shot = shots[0]
-    assert shot.truth_hit.tolist() == [True, True, False, True, False]
-    assert shot.truth_ignored.tolist() == [False, False, False, False, True]  # a walker
-    places = shot.detections.boxes[:, :2].tolist()
-    assert len(places) == 4
-    assert dict(zip(map(tuple, places), shot.detection_hit.tolist(), strict=True))[(-14.0, -14.0)] is False
-    assert shot.detection_hit.sum() == 3
-    assert not shot.detection_ignored.any()
-    assert [len(cloud) for cloud in shot.clouds] == [10, 10]
-    assert len(pick_moments(street.detected, (0,), count=50)) == 8
 
 
 def test_the_busiest_frames_are_taken(street, monkeypatch):

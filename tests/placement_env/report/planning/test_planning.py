@@ -100,7 +100,7 @@ def test_other_detector_other_figures(asked):
     assert len(made.chosen.sensors) == 1  # of equal sets the cheapest
 
 
-def test_requirements_and_limits_decide(planned, asked):
+def test_requirements_and_limits_decide_by_the_ap_of_an_evaluation(planned, asked):
     one = min((o for o in planned.plan.considered if o.judged and len(o.sensors) == 1), key=lambda o: -o.judged.ap)
     made = plan(asked(min_ap=one.judged.ap / 2)).plan
     assert len(made.chosen.sensors) == 1
@@ -109,6 +109,15 @@ def test_requirements_and_limits_decide(planned, asked):
     made = plan(asked(max_kbit=most.kbit - 60.0, sensors=1)).plan
     assert made.sensors[0].name != most.name
     assert made.sensors[0].kbit < most.kbit
+    # As the detector gives it on the traffic of the third seed.
+    run = replace(asked().run, seed=2)
+    candidates = paper_candidates(SITE)
+    detected = Preparation(Setting(SITE, candidates=candidates, fidelity="detector"), run).fidelity()
+    names = [sensor.name for sensor in candidates.sensors]
+    row = np.isin(names, planned.plan.chosen.sensors)
+    estimate = detected(row[None])
+    assert estimate.ap[0] == planned.plan.chosen.judged.ap
+    assert estimate.kbit[0] == pytest.approx(planned.plan.chosen.kbit)
 
 
 @pytest.mark.parametrize(
@@ -134,18 +143,6 @@ def test_a_site_without_vehicles(asked, monkeypatch):
         monkeypatch.setattr(f"placement_env.fidelity.{module}.scored", lambda objects, *_: np.zeros(len(objects), bool))
     made = plan(asked(seed=77, cache=None))
     assert "No vehicle enters the detection area of site 'tjunction' in 5 frames" in made.plan.verdict.reasons[0]
-
-
-def test_the_ap_is_that_of_an_evaluation(planned, asked):
-    """As the detector gives it on the traffic of the third seed."""
-    run = replace(asked().run, seed=2)
-    candidates = paper_candidates(SITE)
-    detected = Preparation(Setting(SITE, candidates=candidates, fidelity="detector"), run).fidelity()
-    names = [sensor.name for sensor in candidates.sensors]
-    row = np.isin(names, planned.plan.chosen.sensors)
-    estimate = detected(row[None])
-    assert estimate.ap[0] == planned.plan.chosen.judged.ap
-    assert estimate.kbit[0] == pytest.approx(planned.plan.chosen.kbit)
 
 
 def test_the_search_knows_no_errors_and_the_judges_do(ask):
@@ -233,7 +230,7 @@ PLAN = Plan(
 )  # fmt: skip
 
 
-def test_json_of_a_plan():
+def test_plans_in_json_and_files_that_are_written_whole(tmp_path):
     text = format_json(PLAN)
     read = json.loads(text, parse_constant=pytest.fail)
     assert (read["question"], read["chosen"]["predicted"]) == ({"site": "Straße", "money": None}, None)
@@ -241,10 +238,8 @@ def test_json_of_a_plan():
     assert read["chosen"]["judged"]["low"] == 0.25
     assert "Straße" in text
     assert text.endswith("}\n")
-
-
-def test_files_are_written_whole_and_those_of_an_earlier_plan_go(tmp_path):
-    """Without ground there is nothing to hand over, so the schedule of another plan must not stay beside this one."""
+    # Without ground there is nothing to hand over, so the schedule of another plan must not stay beside this
+    # one.
     planned = Planned(replace(PLAN, chosen=None), Site("s", np.array([0.0, 0, 1, 1])))
     out = tmp_path / "new" / "plan"
     out.mkdir(parents=True)

@@ -28,7 +28,7 @@ def test_equals_trying_one_by_one(make, mounts, poses, budget):
     assert {s.subset for s in found.front} == {s.subset for s, b in zip(scores, beaten, strict=True) if not b}
 
 
-def test_nothing_pays_fits_or_is_proven_early(make):
+def test_nothing_pays_or_fits_and_numbers_have_limits(make):
     found = exhaustive.search(make(3, 1, weights=Weights(price=100.0)))
     assert found.best.subset == ()
     assert found.best.reward == 0
@@ -39,9 +39,6 @@ def test_nothing_pays_fits_or_is_proven_early(make):
     found = exhaustive.search(make(6, 1), evaluations=10)
     assert found.certificate.kind == "none"
     assert found.evaluations == 10
-
-
-def test_budgets_and_numbers_of_candidates_have_limits(make):
     assert exhaustive.search(make(16, 1)).evaluations == 2**16 - 1
     with pytest.raises(ValueError, match="at most 16 candidates, got 17"):
         exhaustive.search(make(17, 1))

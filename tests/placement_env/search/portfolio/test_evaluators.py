@@ -98,7 +98,7 @@ def test_what_is_seen_of_some_frames(small_traffic):
     assert np.array_equal(part.sent, seen.sent[:, [1, 4]])
 
 
-def test_several_classes_are_combined(street):
+def test_classes_thresholds_and_failures_are_combined(street):
     both = Classes(("vehicle", "pedestrian"), combine="worst")
 
     class Knowing:
@@ -111,20 +111,6 @@ def test_several_classes_are_combined(street):
     detected = Detected(street.detected.renders, Knowing(), "early", classes=both)
     found = CasesEvaluator((DetectorEvaluator(detected),)).evaluate(SETS, EVERY)
     assert found.ap.tolist() == [0.0, 0.0, 0.0]  # nobody detects the walker
-
-
-@pytest.mark.parametrize("frames", [1, 7, 96])
-def test_a_race_begins_with_a_frame_of_every_block(frames):
-    order = race_order(frames, seed=5)
-    assert sorted(order.tolist()) == list(range(frames))
-    blocks = -(-frames // 4)
-    if not frames % 4:
-        assert sorted((order[:blocks] // 4).tolist()) == list(range(blocks))
-        assert len({*(order[:blocks] % 4)}) == 1
-    assert order.tolist() == race_order(frames, seed=5).tolist()
-
-
-def test_means_over_thresholds_and_what_failures_leave(street):
     both = CasesEvaluator((DetectorEvaluator(street.detected, (0.7, 1.0)),), Cases(iou=(0.7, 1.0)))
     found = both.evaluate(SETS, EVERY)
     each = [CasesEvaluator((DetectorEvaluator(street.detected, (iou,)),)).evaluate(SETS, EVERY) for iou in (0.7, 1.0)]
@@ -137,6 +123,17 @@ def test_means_over_thresholds_and_what_failures_leave(street):
     assert left.ap[2] == pytest.approx(intact.ap.min(), abs=1e-5)
     assert left.resamples[2] == pytest.approx(intact.resamples.min(axis=0), abs=1e-5)
     assert left.kbit == pytest.approx(whole.evaluate(SETS, EVERY).kbit)
+
+
+@pytest.mark.parametrize("frames", [1, 7, 96])
+def test_a_race_begins_with_a_frame_of_every_block(frames):
+    order = race_order(frames, seed=5)
+    assert sorted(order.tolist()) == list(range(frames))
+    blocks = -(-frames // 4)
+    if not frames % 4:
+        assert sorted((order[:blocks] // 4).tolist()) == list(range(blocks))
+        assert len({*(order[:blocks] % 4)}) == 1
+    assert order.tolist() == race_order(frames, seed=5).tolist()
 
 
 @pytest.mark.parametrize("combine", ["worst", "mean"])

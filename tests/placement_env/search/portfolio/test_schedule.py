@@ -53,7 +53,7 @@ def test_an_evaluator_goes_on_until_time_is_up_and_does_one_part_at_least():
     assert TimedEvaluator(Slow(), time.monotonic() - 1, least=7).evaluate(SETS, np.arange(10)).frames == 7
 
 
-def test_less_time_is_fewer_frames_and_none_done_twice():
+def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     slow = Slow()
     timed = TimedEvaluator(slow, time.monotonic() + 60, at_once=3)
     assert timed.evaluate(SETS, np.arange(4)).frames is None
@@ -68,9 +68,6 @@ def test_less_time_is_fewer_frames_and_none_done_twice():
     cluster = SimpleNamespace(ray="local", alone=False, count=1)
     runs = (Run(), Run(workers=4), cluster)
     assert [Schedule.of(9.0, run).at_once for run in runs] == [1, 8, 16]
-
-
-def test_searches_races_and_judgement_share_the_time():
     whole, slow = Schedule(100.0), Slow()
     assert whole.searching(5) == pytest.approx(6.0)
     now, least = time.monotonic(), []

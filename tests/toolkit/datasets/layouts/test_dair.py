@@ -36,11 +36,23 @@ def test_one_side_has_numbers_as_strings(tmp_path):
     assert sample.problems == {"labels of other kinds than ours": 2}
 
 
-def test_a_missing_rotation_is_named(tmp_path):
+def test_rotations_are_named_made_one_or_refused(tmp_path):
     cloud(tmp_path / "velodyne/000123.pcd")
     put(tmp_path / "label/virtuallidar/000123.json", [{k: v for k, v in CAR.items() if k != "rotation"}])
     with pytest.raises(ValueError, match=r"000123.json .*no entry rotation"):
         list(dair(tmp_path))
+    put(tmp_path / "a.json", {"rotation": [[1, 0, 0.002], [0, 1, 0], [0, 0, 1]], "translation": [1, 2, 3]})
+    matrix = read_transform(tmp_path / "a.json")
+    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+    put(tmp_path / "b.json", {"rotation": [[1.5, 0, 0], [0, 1, 0], [0, 0, 1]], "translation": [1, 2, 3]})
+    with pytest.raises(ValueError, match=r"b.json .*stretches"):
+        read_transform(tmp_path / "b.json")
+    put(
+        tmp_path / "a.json",
+        {"rotation": LEVEL, "translation": [1, 2, 3], "relative_error": {"delta_x": "1", "delta_y": 2}},
+    )
+    assert read_transform(tmp_path / "a.json")[:3, 3].tolist() == [2, 4, 3]
+    assert read_transform(tmp_path / "a.json", (10.0, 0.0))[:3, 3].tolist() == [11, 2, 3]
 
 
 @pytest.fixture
@@ -88,21 +100,3 @@ def test_pairs_by_hand_with_or_without_an_offset(pair):
     put(info, [pairs[0] | {"system_error_offset": ""}])
     (sample,) = dair(pair)
     np.testing.assert_allclose(sample.map_SE3_world[:3, 3], [1000.0, 2000.0, 20.0])
-
-
-def test_a_rotation_is_made_one_and_a_stretch_is_refused(tmp_path):
-    put(tmp_path / "a.json", {"rotation": [[1, 0, 0.002], [0, 1, 0], [0, 0, 1]], "translation": [1, 2, 3]})
-    matrix = read_transform(tmp_path / "a.json")
-    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
-    put(tmp_path / "b.json", {"rotation": [[1.5, 0, 0], [0, 1, 0], [0, 0, 1]], "translation": [1, 2, 3]})
-    with pytest.raises(ValueError, match=r"b.json .*stretches"):
-        read_transform(tmp_path / "b.json")
-
-
-def test_relative_error_of_the_calibration_itself(tmp_path):
-    put(
-        tmp_path / "a.json",
-        {"rotation": LEVEL, "translation": [1, 2, 3], "relative_error": {"delta_x": "1", "delta_y": 2}},
-    )
-    assert read_transform(tmp_path / "a.json")[:3, 3].tolist() == [2, 4, 3]
-    assert read_transform(tmp_path / "a.json", (10.0, 0.0))[:3, 3].tolist() == [11, 2, 3]

@@ -12,26 +12,23 @@ def put(path, points=((1.0, 0, 0),)):
     np.save(path, np.array(points))
 
 
-def test_clouds_in_the_folder_itself_are_one_sensors(tmp_path):
+def test_sensors_share_names_or_go_by_order(tmp_path):
     put(tmp_path / "b.npy")
     put(tmp_path / "a.npy")
     samples = list(folder(tmp_path))
     assert [sample.name for sample in samples] == ["a", "b"]
     assert [[cloud.name for cloud in sample.clouds] for sample in samples] == [["lidar"], ["lidar"]]
     assert len(samples[0].objects) == 0
-
-
-def test_sensors_share_names_of_files(tmp_path):
     for name in ("north/0.npy", "south/0.npy", "south/1.npy"):
         put(tmp_path / name)
     samples = list(folder(tmp_path))
     assert [[cloud.name for cloud in sample.clouds] for sample in samples] == [["north", "south"], ["south"]]
-
-
-def test_sensors_with_other_times_go_by_their_order(tmp_path):
     for name in ("north/100.npy", "north/200.npy", "south/101.npy", "south/201.npy"):
         put(tmp_path / name)
     assert [(sample.name, len(sample.clouds)) for sample in folder(tmp_path)] == [("100", 2), ("200", 2)]
+    put(tmp_path / "one.npy")
+    put(tmp_path / "two.npy")
+    assert [sample.name for sample in folder(tmp_path / "one.npy")] == ["one"]
 
 
 def test_poses_of_sensors_and_of_moving_ones(tmp_path):
@@ -48,7 +45,7 @@ def test_poses_of_sensors_and_of_moving_ones(tmp_path):
     assert second.points()[:, 0].tolist() == [31]
 
 
-def test_another_pose_file_and_one_that_is_inverted(tmp_path):
+def test_pose_files_may_be_others_inverted_or_missing(tmp_path):
     put(tmp_path / "clouds/0.npy")
     (tmp_path / "p.json").write_text(json.dumps({"lidar": pose(10.0).ravel().tolist()}))
     (sample,) = folder(tmp_path / "clouds", poses=tmp_path / "p.json")
@@ -58,9 +55,6 @@ def test_another_pose_file_and_one_that_is_inverted(tmp_path):
     (tmp_path / "q.json").write_text(json.dumps({"other": pose(10.0).ravel().tolist()}))
     with pytest.raises(ValueError, match="has poses other, but the sensors are lidar"):
         folder(tmp_path / "clouds", poses=tmp_path / "q.json")
-
-
-def test_a_sensor_without_a_pose_is_named(tmp_path):
     put(tmp_path / "north/0.npy")
     put(tmp_path / "south/0.npy")
     (tmp_path / "poses.json").write_text(json.dumps({"north": pose(1.0).ravel().tolist()}))
@@ -87,12 +81,6 @@ def test_labels_beside_the_clouds(tmp_path):
     np.testing.assert_allclose(sample.objects.boxes, [[1, 2, 3, 2, 1, 1.5, np.pi / 2]])
     assert sample.objects.labels.tolist() == [1]
     assert sample.counts.tolist() == [4]
-
-
-def test_one_file_is_a_recording_too(tmp_path):
-    put(tmp_path / "one.npy")
-    put(tmp_path / "two.npy")
-    assert [sample.name for sample in folder(tmp_path / "one.npy")] == ["one"]
 
 
 @pytest.mark.parametrize(

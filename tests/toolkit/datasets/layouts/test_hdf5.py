@@ -128,8 +128,6 @@ def test_files_are_written_whole_without_loss_or_not_at_all(tmp_path):
     with pytest.raises(ValueError, match=r"recorded clouds, not images: give --layout hdf5"):
         CoopDataset(tmp_path / "r.hdf5")
 
-
-def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     def breaks():
         yield sample()
         raise OSError("the bag ends here")
@@ -140,6 +138,10 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
         write_hdf5([sample(), sample()], tmp_path / "r.hdf5")
     assert list(tmp_path.iterdir()) == []
     assert write_hdf5([], tmp_path / "r.hdf5") == len(hdf5_clouds(tmp_path / "r.hdf5")) == 0
+    write_hdf5([sample()], tmp_path / "r.hdf5")
+    assert len(hdf5(tmp_path / "r.hdf5")) == 1
+    with pytest.raises(ValueError, match="have errors of their own"):
+        ReadRecording(hdf5(tmp_path / "r.hdf5"), Reads("typical"))[0]
 
 
 def changed(file, name, value):
@@ -175,10 +177,3 @@ def test_damage_is_named_in_one_line(tmp_path, damage, says):
         list(hdf5_clouds(path))
     assert str(path) in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def test_recorded_clouds_take_no_errors(tmp_path):
-    write_hdf5([sample()], tmp_path / "r.hdf5")
-    assert len(hdf5(tmp_path / "r.hdf5")) == 1
-    with pytest.raises(ValueError, match="have errors of their own"):
-        ReadRecording(hdf5(tmp_path / "r.hdf5"), Reads("typical"))[0]

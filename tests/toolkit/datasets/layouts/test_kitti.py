@@ -32,21 +32,12 @@ def only(tmp_path, labels, calib=CALIB):
     return sample
 
 
-def test_a_label_by_hand(tmp_path):
+def test_labels_by_hand_and_what_cannot_be_is_counted(tmp_path):
     """The floor's centre in the camera's frame, h w l, and ry = 0 faces right, which is yaw -90 degrees."""
     sample = only(tmp_path, CAR + "\n")
     np.testing.assert_allclose(sample.objects.boxes[0], [20.27, 2.0, -0.08 - 1.65 + 0.75, 4.0, 1.6, 1.5, -np.pi / 2])
     assert sample.name == "000007"
     assert sample.categories == ("Car",)
-
-
-@pytest.mark.parametrize(("ry", "yaw"), [(-np.pi / 2, 0.0), (np.pi / 2, np.pi), (0.3, -np.pi / 2 - 0.3)])
-def test_ry_turns_the_other_way_from_the_cameras_x(tmp_path, ry, yaw):
-    sample = only(tmp_path, CAR.rsplit(" ", 1)[0] + f" {ry}")
-    assert np.cos(sample.objects.boxes[0, 6] - yaw) == pytest.approx(1.0)
-
-
-def test_points_and_labels_that_cannot_be_are_counted(tmp_path):
     sample = only(tmp_path, CAR)
     assert sample.points().tolist() == [[20, 2, -1]]
     assert sample.clouds[0].intensity.tolist() == [0.5]
@@ -59,6 +50,12 @@ def test_points_and_labels_that_cannot_be_are_counted(tmp_path):
         "doubled labels": 1, "boxes of no size": 1, "labels with NaN or infinite numbers": 1,
         "labels of other kinds than ours": 1,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("ry", "yaw"), [(-np.pi / 2, 0.0), (np.pi / 2, np.pi), (0.3, -np.pi / 2 - 0.3)])
+def test_ry_turns_the_other_way_from_the_cameras_x(tmp_path, ry, yaw):
+    sample = only(tmp_path, CAR.rsplit(" ", 1)[0] + f" {ry}")
+    assert np.cos(sample.objects.boxes[0, 6] - yaw) == pytest.approx(1.0)
 
 
 def test_labels_are_complete_in_the_image_as_wide_as_it_is(tmp_path):
@@ -92,16 +89,13 @@ def test_damage_is_named(tmp_path, labels, calib, names):
         only(tmp_path, labels, calib)
 
 
-def test_what_is_written_has_the_camera_and_its_ignored_regions(tmp_path):
+def test_what_is_written_is_kittis_with_camera_and_ignored_regions(tmp_path):
     sample = only(tmp_path, f"{CAR}\n{DONT_CARE}\n")
     write_kitti([sample], tmp_path / "again")
     (again,) = kitti(tmp_path / "again")
     assert isinstance(again.complete, ImageWedge)
     assert again.complete.ignored == ((500.0, 150.0, 700.0, 200.0),)
     np.testing.assert_allclose(again.complete.projection, sample.complete.projection, atol=1e-6)
-
-
-def test_a_line_of_text_is_kittis():
     box = np.array([[20.0, 2, -1, 4, 1.6, 1.5, -np.pi / 2]])
     sample = Frame.of_clouds("a", (), Objects(box, np.array([3])))
     words = kitti_text(sample).split()

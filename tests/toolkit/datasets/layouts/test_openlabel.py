@@ -51,7 +51,7 @@ def test_labels_by_hand_in_the_standards_own_forms(tmp_path):
     assert sample.counts is None
 
 
-def test_where_a_sensor_stands(tmp_path):
+def test_sensors_stand_somewhere_and_detections_have_scores(tmp_path):
     document = content()
     moved = [1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 1, 7, 0, 0, 0, 1]
     document["openlabel"]["coordinate_systems"] = {
@@ -59,6 +59,12 @@ def test_where_a_sensor_stands(tmp_path):
     }
     (sample,) = openlabel(folder(tmp_path, document))
     assert sample.points()[0].tolist() == [6, 7, 8]
+    found = Detections(np.array([[1, 2, 3, 4, 2, 1, 0.0]]), np.array([0.75]), np.array([1]))
+    document = openlabel_content(Frame.of_clouds("a", (), Objects.empty()), found)
+    (each,) = document["openlabel"]["frames"]["0"]["objects"].values()
+    assert each["object_data"]["type"] == "BICYCLE"
+    assert each["object_data"]["cuboid"]["val"] == [1, 2, 3, 0, 0, 0, 1, 4, 2, 1]
+    assert each["object_data"]["cuboid"]["attributes"]["num"] == [{"name": "score", "val": 0.75}]
 
 
 @pytest.mark.parametrize(
@@ -75,12 +81,3 @@ def test_damage_names_the_file(tmp_path, change, names):
     change(document)
     with pytest.raises(ValueError, match=f"1646667310_044.json .*({names})"):
         list(openlabel(folder(tmp_path, document)))
-
-
-def test_detections_carry_their_scores():
-    found = Detections(np.array([[1, 2, 3, 4, 2, 1, 0.0]]), np.array([0.75]), np.array([1]))
-    document = openlabel_content(Frame.of_clouds("a", (), Objects.empty()), found)
-    (each,) = document["openlabel"]["frames"]["0"]["objects"].values()
-    assert each["object_data"]["type"] == "BICYCLE"
-    assert each["object_data"]["cuboid"]["val"] == [1, 2, 3, 0, 0, 0, 1, 4, 2, 1]
-    assert each["object_data"]["cuboid"]["attributes"]["num"] == [{"name": "score", "val": 0.75}]

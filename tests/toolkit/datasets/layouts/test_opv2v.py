@@ -36,10 +36,19 @@ def test_a_left_handed_frame_by_hand(tmp_path):
     assert sample.objects.ids.tolist() == [7, 9]
 
 
-def test_measured_recordings_are_right_handed(tmp_path):
+def test_frames_are_left_or_right_handed_with_unreal_angles(tmp_path):
     (sample,) = v2xreal(agent(tmp_path, "1", AGENT, [[10.0, 3.0, -1.0]]))
     np.testing.assert_allclose(sample.points(), [[10.0, 3.0, -1.0]])
     np.testing.assert_allclose(sample.objects.boxes[1, :2], [10, 3], atol=1e-9)
+    # Pitch lifts x, roll lifts y to the right of it, in axes where y is right.
+    np.testing.assert_allclose(unreal_pose(0.0, 0.0, 30.0)[:3, 0], [np.cos(np.pi / 6), 0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(unreal_pose(30.0, 0.0, 0.0)[:3, 1], [0, np.cos(np.pi / 6), -0.5], atol=1e-12)
+    leaning = AGENT | {"lidar_pose": [100.0, 50.0, 2.0, 0.0, 90.0, 10.0]}
+    (sample,) = opv2v(agent(tmp_path, "1", leaning, [[10.0, 0.0, 0.0]]))
+    np.testing.assert_allclose(
+        sample.points()[0], [10 * np.cos(np.deg2rad(10)), 0, 10 * np.sin(np.deg2rad(10))], atol=1e-5
+    )
+    np.testing.assert_allclose(sample.objects.boxes[0, :3], [10, 0, -1.25], atol=1e-9)
 
 
 def test_agents_lists_are_put_together_by_id(tmp_path):
@@ -49,21 +58,6 @@ def test_agents_lists_are_put_together_by_id(tmp_path):
     assert [cloud.name for cloud in sample.clouds] == ["1732", "-1"]  # vehicles first: their frame is the world's
     assert len(sample.objects) == 2
     np.testing.assert_allclose(sample.points()[1], [20, 0, 1], atol=1e-6)
-
-
-def test_unreal_angles():
-    """Pitch lifts x, roll lifts y to the right of it, in axes where y is right."""
-    np.testing.assert_allclose(unreal_pose(0.0, 0.0, 30.0)[:3, 0], [np.cos(np.pi / 6), 0, 0.5], atol=1e-12)
-    np.testing.assert_allclose(unreal_pose(30.0, 0.0, 0.0)[:3, 1], [0, np.cos(np.pi / 6), -0.5], atol=1e-12)
-
-
-def test_a_lidar_that_leans_leaves_the_world_level(tmp_path):
-    leaning = AGENT | {"lidar_pose": [100.0, 50.0, 2.0, 0.0, 90.0, 10.0]}
-    (sample,) = opv2v(agent(tmp_path, "1", leaning, [[10.0, 0.0, 0.0]]))
-    np.testing.assert_allclose(
-        sample.points()[0], [10 * np.cos(np.deg2rad(10)), 0, 10 * np.sin(np.deg2rad(10))], atol=1e-5
-    )
-    np.testing.assert_allclose(sample.objects.boxes[0, :3], [10, 0, -1.25], atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def scene(tmp_path):
     return tmp_path
 
 
-def test_agents_stand_in_one_world_and_their_labels_are_one_list(scene):
+def test_agents_stand_in_one_world_by_their_calibration(scene):
     (sample,) = rcooper(scene)
     assert sample.name == "106-105/seq-1/00000"
     assert sample.time == 1692685344.4
@@ -46,6 +46,9 @@ def test_agents_stand_in_one_world_and_their_labels_are_one_list(scene):
     # the second agent's 9.8 m is 10.2 m in the world, and its -30 m is 50 m: both are cars of the first one too
     np.testing.assert_allclose(sample.objects.boxes[:, 0], [10, 50])
     assert sample.objects.boxes[:, 2].tolist() == [1, 1]
+    (scene / "calib/lidar2world/105.json").unlink()
+    with pytest.raises(FileNotFoundError, match=r"105\.json"):
+        list(rcooper(scene))
 
 
 def test_boxes_of_two_classes_or_of_one_agent_stay():
@@ -54,9 +57,3 @@ def test_boxes_of_two_classes_or_of_one_agent_stay():
     assert merged([cars, bikes])[1].tolist() == [0, 1]
     assert merged([cars, cars])[1].tolist() == [0]
     assert merged([Objects(np.repeat(box, 2, axis=0))])[1].tolist() == [0, 1]
-
-
-def test_a_missing_calibration_is_named(scene):
-    (scene / "calib/lidar2world/105.json").unlink()
-    with pytest.raises(FileNotFoundError, match=r"105\.json"):
-        list(rcooper(scene))

@@ -111,21 +111,21 @@ def test_a_bag_of_ros1(tmp_path):
     np.testing.assert_allclose(sample.points(), [[2, 1, 0]], atol=1e-6)
 
 
-def test_a_frame_that_no_tf_mentions_is_counted(tmp_path):
+def test_bags_without_tf_or_clouds(tmp_path):
     first, _ = rosbag(write_ros2(tmp_path / "bag", recording(frame="elsewhere")))
     assert first.problems == {"clouds in a frame that no tf mentions": 1}
     assert first.clouds[0].world_SE3_sensor.tolist() == np.eye(4).tolist()
-
-
-def test_what_is_no_bag_or_has_no_clouds(tmp_path):
     with pytest.raises(ValueError, match="no messages of sensor_msgs"):
         rosbag(write_ros2(tmp_path / "bag", recording()[:2]))
     (tmp_path / "text.bag").write_text("no bag")
     with pytest.raises(ValueError, match=r"text.bag is no bag that can be read"):
         rosbag(tmp_path / "text.bag")
+    cloud = SensorCloud("lidar", np.ones((1, 3), np.float32), np.eye(4))
+    with pytest.warns(UserWarning, match="no place for labels, 1 are not in it"):
+        write_rosbag([Frame.of_clouds("0", (cloud,), Objects(np.array([[0, 0, 0, 1, 1, 1, 0.0]])))], tmp_path)
 
 
-def test_tf_in_a_circle(tmp_path):
+def test_transforms_in_a_circle_and_between_two_times(tmp_path):
     links = [("a", "b", 1.0, 0.0), ("b", "a", 1.0, 0.0)]
     messages = [
         ("/tf", TF, NS, lambda s: transforms(s, NS, links)),
@@ -134,9 +134,6 @@ def test_tf_in_a_circle(tmp_path):
     samples = rosbag(write_ros2(tmp_path / "bag", messages))
     with pytest.raises(ValueError, match="circle"):
         list(samples)
-
-
-def test_a_pose_between_two():
     a, b = pose(1.0, yaw=3.0), pose(3.0, yaw=-3.0)
     half = between(a, b, 0.5)  # the short way, through pi
     np.testing.assert_allclose(transform(half, np.array([[1.0, 0, 0]])), [[1.0, 0, 0]], atol=1e-9)
@@ -156,9 +153,3 @@ def test_clouds_in_the_world_are_written_in_their_sensors_frame(tmp_path):
     np.testing.assert_allclose(back.clouds[0].world_SE3_sensor, placed, atol=1e-12)
     np.testing.assert_allclose(back.points(), [[7, 1, 0]], atol=1e-6)
     assert back.time == 3.5
-
-
-def test_labels_have_no_place_in_a_bag(tmp_path):
-    cloud = SensorCloud("lidar", np.ones((1, 3), np.float32), np.eye(4))
-    with pytest.warns(UserWarning, match="no place for labels, 1 are not in it"):
-        write_rosbag([Frame.of_clouds("0", (cloud,), Objects(np.array([[0, 0, 0, 1, 1, 1, 0.0]])))], tmp_path)

@@ -27,16 +27,13 @@ def scene(tmp_path, content=None):
     return tmp_path
 
 
-def test_a_label_by_hand(tmp_path):
+def test_labels_by_hand_or_of_nobody(tmp_path):
     (sample,) = sustech(scene(tmp_path, json.dumps(LABEL)))
     assert sample.objects.boxes.tolist() == [[5.5, -2, 0.4, 11.0, 2.5, 3.0, 1.25]]
     assert sample.objects.labels.tolist() == [3]
     assert sample.objects.ids.tolist() == [3]
     assert sample.categories == ("Bus",)
     assert len(sample.points()) == 4
-
-
-def test_a_frame_that_nobody_labelled(tmp_path):
     (sample,) = sustech(scene(tmp_path))
     assert len(sample.objects) == 0
 

@@ -79,7 +79,7 @@ def shown(channels, frames=None, **options):
     return [[int(image[0, 0]) - 1 for image in each.frame.images] for each in lagged], lagged
 
 
-def test_each_sensor_has_its_own_channel_and_the_truth_is_of_now():
+def test_channels_are_each_sensors_own_and_what_is_lost_leaves_the_one_before():
     which, lagged = shown(LinkChannel())
     assert which == [[k, k] for k in range(12)]
     assert [each.ages.tolist() for each in lagged] == [[0, 0]] * 12
@@ -90,9 +90,6 @@ def test_each_sensor_has_its_own_channel_and_the_truth_is_of_now():
     assert np.isnan(lagged[1].ages[0])
     assert [each.frame.objects.boxes[0, 0] for each in lagged] == list(range(12))
     assert lagged[7].frame.time == pytest.approx(0.7)
-
-
-def test_what_is_lost_leaves_the_one_before_until_stale_or_anew():
     which, _ = shown([LinkChannel(loss=0.9, burst=200.0), LinkChannel()], recording(40), seed=3)
     first = [row[0] for row in which]
     kept = first.index(-1) if first[0] >= 0 else 0
@@ -105,15 +102,12 @@ def test_what_is_lost_leaves_the_one_before_until_stale_or_anew():
     assert [round(each.since, 1) for each in lagged] == [0, 0.1, 0.2, 0.3, 0.4, 0.5] * 2
 
 
-def test_frozen_sensors_repeat_their_first_image():
+def test_frozen_sensors_repeat_and_far_frames_cannot_be_late():
     which, lagged = shown(LinkChannel(), frozen=(1,))
     assert which == [[k, 0] for k in range(12)]
     assert lagged[9].ages.tolist() == [0, 0]
     lagged = list(delay_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
     assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [[k, 0] for k in range(12)]
-
-
-def test_frames_far_apart_cannot_be_late_but_can_be_as_they_are():
     far = recording(apart=5.0)
     assert shown(LinkChannel(), far)[0] == [[k, k] for k in range(12)]
     with pytest.raises(ValueError, match="to show late or lost messages, got 5 s"):

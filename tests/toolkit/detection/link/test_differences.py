@@ -97,7 +97,7 @@ def test_without_what_a_difference_refers_to_it_is_refused_until_the_next_whole_
         DifferenceReader(SCENE).read(messages[1])
 
 
-def test_of_differences_from_whole_images_each_is_lost_alone():
+def test_messages_are_lost_alone_and_new_senders_not_taken_for_old():
     messages = written(DifferenceSender(SCENE, refers_to="key", key_every=5), 10)
     reader, read = DifferenceReader(SCENE), []
     for k, message in enumerate(messages):
@@ -112,9 +112,6 @@ def test_of_differences_from_whole_images_each_is_lost_alone():
     again = DifferenceReader(SCENE)
     for k in (0, 4, 1, 1, 4):
         restored_alike(again.read(messages[k]), k)
-
-
-def test_a_sender_that_began_anew_is_not_taken_for_the_one_before():
     first, second = DifferenceSender(SCENE), DifferenceSender(SCENE)
     other = [second.write(image(k, seed=1)) for k in range(2)]
     reader = DifferenceReader(SCENE)
@@ -201,7 +198,7 @@ def test_what_no_sender_writes_is_refused():
     restored_alike(reader.read(message), 1)
 
 
-def test_what_a_difference_says_of_what_it_refers_to():
+def test_what_a_reference_knows_is_in_its_checksum():
     first, _, third = written(DifferenceSender(SCENE, refers_to="key"), 3)
     one = image(0)
     steps, sent = to_steps(one.measurement, one.measurement > 0, 0.02), one.measurement > 0
@@ -210,6 +207,14 @@ def test_what_a_difference_says_of_what_it_refers_to():
     second = written(DifferenceSender(SCENE), 2)[1]
     assert read_message(second)[1][:6] == struct.pack("<BBI", 1, 1, reference.checksum)
     assert read_message(first)[0].kind == MessageKind.FOREGROUND
+    known = reference_of([[100, 7]], [[1, 0]])
+    assert known.checksum == reference_of([[100, 9]], [[1, 0]]).checksum
+    assert known.checksum == zlib.crc32(struct.pack("<5q", 3, 20, 0, 1600, 1))
+    others = [
+        reference_of([[101, 7]], [[1, 0]]), reference_of([[100, 100]], [[0, 1]]), replace(known, number=4),
+        replace(known, step_mm=40), replace(known, images=2 * known.images), reference_of([[100, 7]]),
+    ]  # fmt: skip
+    assert len({each.checksum for each in (known, *others)}) == 7
 
 
 @pytest.mark.parametrize(
@@ -278,7 +283,7 @@ def test_eight_centimetres_are_no_motion(step_mm, most):
     assert reference.standing(steps, np.ones((1, 5), bool)).tolist() == [[True, True, False, False, False]]
 
 
-def test_a_square_stands_still_when_more_than_six_tenths_of_it_do():
+def test_squares_and_pixels_that_stand_still_take_few_bits():
     reference = reference_of(np.full((8, 20), 50))
     steps = np.full((8, 20), 50)
     steps[:5, 8:16] = 90  # 24 of 64 stand
@@ -286,9 +291,6 @@ def test_a_square_stands_still_when_more_than_six_tenths_of_it_do():
     steps[0, 16:] = 90  # 28 of 32
     assert still_squares(reference, steps, np.ones((8, 20), bool)).tolist() == [[True, False, True]]
     assert not still_squares(reference, steps, np.zeros((8, 20), bool)).any()
-
-
-def test_what_stands_takes_two_bits_a_pixel_and_what_is_as_known_next_to_none():
     rng = np.random.default_rng(0)
     mask = np.zeros((150, 200), bool)
     mask[60:100, 70:130] = True
@@ -302,17 +304,6 @@ def test_what_stands_takes_two_bits_a_pixel_and_what_is_as_known_next_to_none():
     whole = reference.whole_steps
     same = encode_difference(whole, mask, reference, still_squares(reference, whole, mask))
     assert len(same) < 50
-
-
-def test_the_checksum_is_of_all_that_is_known():
-    known = reference_of([[100, 7]], [[1, 0]])
-    assert known.checksum == reference_of([[100, 9]], [[1, 0]]).checksum
-    assert known.checksum == zlib.crc32(struct.pack("<5q", 3, 20, 0, 1600, 1))
-    others = [
-        reference_of([[101, 7]], [[1, 0]]), reference_of([[100, 100]], [[0, 1]]), replace(known, number=4),
-        replace(known, step_mm=40), replace(known, images=2 * known.images), reference_of([[100, 7]]),
-    ]  # fmt: skip
-    assert len({each.checksum for each in (known, *others)}) == 7
 
 
 def test_what_no_encoder_writes_is_refused():
@@ -400,14 +391,11 @@ def test_the_same_points_arrive_in_fewer_bytes(refers_to):
     assert set(memory) == {(0, scheme.digest), (1, scheme.digest)}
 
 
-def test_views_that_remember_nothing_send_whole_images():
+def test_views_that_remember_nothing_and_parameters():
     scheme = ForegroundDifferences()
     for frame in frames(2):
         view = frame_view(frame, watched()[0], AREA, scene=SCENES.__getitem__)
         assert scheme.fuse(view, [0, 1]).bits.tolist() == Foreground().fuse(view, [0, 1]).bits.tolist()
-
-
-def test_it_is_a_scheme_and_checks_its_parameters():
     scheme = ForegroundDifferences()
     assert isinstance(scheme, Scheme)
     assert scheme.digest == (

@@ -86,7 +86,7 @@ def test_what_was_sent_arrives_and_the_scene_is_drawn_beside_it(model, step):
     assert len(message) < 100
 
 
-def test_another_scene_or_sensor_is_refused():
+def test_scenes_of_others_and_missing_pixels_that_cannot_be_are_refused():
     sensor = stand(MODELS[0])
     scene, other = learnt(sensor), learnt(sensor, seed=1)
     image = RangeImage(sensor, with_a_car(sensor))
@@ -97,6 +97,18 @@ def test_another_scene_or_sensor_is_refused():
         decode_foreground(message, scene.with_name("t"))
     with pytest.raises(ValueError, match="the empty scene is of 't'"):
         encode_foreground(image, scene.with_name("t"))
+    sensor = stand(MODELS[0])
+    scene, image = learnt(sensor), with_a_car(sensor)
+    with pytest.raises(ValueError, match="that return nothing"):
+        encode_foreground(RangeImage(sensor, image), scene, image > 0)
+    with pytest.raises(ValueError, match="that return nothing"):
+        encode_foreground(RangeImage(sensor, image), scene, np.zeros((2, 2), bool))
+    sent = image > 0
+    for masks in ([~sent, ~sent], [sent], [np.zeros_like(sent)]):
+        content = b"".join(encode_mask(mask) for mask in masks)
+        with pytest.raises(ValueError, match="missing pixels must not be sent"):
+            decode_missing(content, 0, sent)
+    assert not decode_missing(b"", 0, sent).any()
 
 
 def test_two_thousand_damaged_messages():
@@ -174,13 +186,22 @@ def test_where_the_ground_slopes_the_scene_is_cropped_as_the_points_are():
     assert 0 < len(calls[0]) < len(frame_points(seen, area=AREA)[0]) + len(frame_points(seen, area=AREA)[1]) - 20
 
 
-def test_nothing_but_the_scene_costs_forty_bytes():
+def test_it_is_a_scheme_that_needs_a_scene_and_checks_its_parameters():
     sensor = stand(MODELS[0])
     seen = Frame((sensor,), (ground(sensor),), Objects.empty())
     scene, (detector, calls) = learnt(sensor), watched()
     got = Foreground(sigmas=6.0).fuse(frame_view(seen, detector, AREA, scene=lambda k: scene), [0])
     assert got.bits.tolist() == [8 * 43]
     assert len(calls[0]) > 100
+    seen, (detector, _) = frame(), watched()
+    with pytest.raises(ValueError, match="knows no empty scenes"):
+        Foreground().fuse(frame_view(seen, detector, AREA), [0])
+    assert isinstance(Foreground(), Scheme)
+    assert Foreground().digest == "Foreground(step=0.02, sigmas=4.0, name='foreground')"
+    with pytest.raises(ValueError, match="step must be"):
+        Foreground(step=-1.0)
+    with pytest.raises(ValueError, match="sigmas must be above 0"):
+        Foreground(sigmas=0.0)
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.kind)
@@ -202,21 +223,6 @@ def test_missing_pixels_arrive_as_nothing(model):
     assert not decode_foreground(without, scene).missing.any()
 
 
-def test_missing_pixels_that_cannot_be_are_refused():
-    sensor = stand(MODELS[0])
-    scene, image = learnt(sensor), with_a_car(sensor)
-    with pytest.raises(ValueError, match="that return nothing"):
-        encode_foreground(RangeImage(sensor, image), scene, image > 0)
-    with pytest.raises(ValueError, match="that return nothing"):
-        encode_foreground(RangeImage(sensor, image), scene, np.zeros((2, 2), bool))
-    sent = image > 0
-    for masks in ([~sent, ~sent], [sent], [np.zeros_like(sent)]):
-        content = b"".join(encode_mask(mask) for mask in masks)
-        with pytest.raises(ValueError, match="missing pixels must not be sent"):
-            decode_missing(content, 0, sent)
-    assert not decode_missing(b"", 0, sent).any()
-
-
 def test_a_blinded_sensor_empties_its_view_and_a_partly_blinded_one_that_part():
     seen = frame()
     scenes = [learnt(sensor, seed=k) for k, sensor in enumerate(seen.sensors)]
@@ -232,21 +238,6 @@ def test_a_blinded_sensor_empties_its_view_and_a_partly_blinded_one_that_part():
         assert got.bits[0] < 100 * 8
         assert len(calls[3]) == pytest.approx(len(calls[2]), abs=2)
         assert len(calls[2]) == 0 if blinded is not half else len(calls[2]) > 100
-
-
-def test_without_a_scene_or_images_it_says_so():
-    seen, (detector, _) = frame(), watched()
-    with pytest.raises(ValueError, match="knows no empty scenes"):
-        Foreground().fuse(frame_view(seen, detector, AREA), [0])
-
-
-def test_it_is_a_scheme_and_checks_its_parameters():
-    assert isinstance(Foreground(), Scheme)
-    assert Foreground().digest == "Foreground(step=0.02, sigmas=4.0, name='foreground')"
-    with pytest.raises(ValueError, match="step must be"):
-        Foreground(step=-1.0)
-    with pytest.raises(ValueError, match="sigmas must be above 0"):
-        Foreground(sigmas=0.0)
 
 
 WIDE = (-30.0, -30.0, 30.0, 30.0)
@@ -274,7 +265,7 @@ def test_the_scene_itself_sends_nothing_and_a_blinded_sensor_misses_all_that_wou
     assert not out_of(blind[0][1])[0].missing[:3].any()  # the sky is not missed
 
 
-def test_a_partly_blinded_sensor_misses_that_part_and_sends_what_stands_in_the_other():
+def test_partly_blinded_sensors_and_drop_outs():
     image = wide_ground(CAMERA)
     image[:, :20] = 0
     image[15:20, 30:35] = 4.0
@@ -282,9 +273,6 @@ def test_a_partly_blinded_sensor_misses_that_part_and_sends_what_stands_in_the_o
     expected = drawn[drawn % 40 < 20]
     np.testing.assert_array_equal(np.flatnonzero(out.missing), expected)
     np.testing.assert_array_equal(out.pixels, np.flatnonzero(image.ravel() == 4.0))
-
-
-def test_drop_outs_here_and_there_are_drawn():
     image = wide_ground(CAMERA)
     for share, low, high in ((0.05, 0.0, 0.01), (0.9, 0.85, 1.0)):
         dropped = (np.random.default_rng(0).random(image.shape) < share) & (image > 0)
@@ -292,10 +280,7 @@ def test_drop_outs_here_and_there_are_drawn():
         among = np.isin(np.flatnonzero(dropped), drawn).sum()
         assert (out.missing & ~dropped).sum() == 0
         assert low * among <= out.missing.sum() <= high * among
-
-
-def test_half_of_the_pixels_about_must_be_missing():
-    """Of 25 about the middle of 4 x 4 they are 16, about its corners 9; of 3 x 4 they are 12 of 25 at most."""
+    # Of 25 about the middle of 4 x 4 they are 16, about its corners 9; of 3 x 4 they are 12 of 25 at most.
     for rows, columns, missing in ((1, 1, 0), (1, 2, 0), (2, 2, 0), (3, 4, 0), (4, 4, 4)):
         image = wide_ground(CAMERA)
         image[20 : 20 + rows, 15 : 15 + columns] = 0

@@ -22,7 +22,7 @@ from toolkit.detection.link.message import (
 HEADER = MessageHeader(MessageKind.FOREGROUND, 0x01020304, 5, 6_000_007, 20, 150, 200, 0xA0B0C0D0)
 
 
-def test_the_bytes_are_those_of_the_table():
+def test_bytes_are_those_of_the_table_in_whole_steps():
     message = write_message(HEADER, b"content")
     assert message[:12] == b"cv\x01\x02\x04\x03\x02\x01\x05\x00\x00\x00"
     assert struct.unpack("<Q", message[12:20]) == (6_000_007,)
@@ -32,6 +32,15 @@ def test_the_bytes_are_those_of_the_table():
     assert len(message) == OVERHEAD + 7 == 41
     assert read_message(message) == (HEADER, b"content")
     assert (HEADER.time, HEADER.step) == (6.000007, 0.02)
+    assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [1, 20, 40, 80, 65535]
+    assert time_in_us(1.25) == 1_250_000
+    for step in (0.0, -0.02, 0.0205, 65.536, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="step must be"):
+            step_in_mm(step)
+    for time in (-0.1, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="time of a message"):
+            time_in_us(time)
+    assert sensor_number("a") != sensor_number("b")
 
 
 def resealed(message, at, byte):
@@ -68,18 +77,6 @@ def test_numbers_that_do_not_fit_are_refused(field):
             MessageHeader(MessageKind.BOXES, **{field: value})
 
 
-def test_steps_are_whole_millimetres_and_times_microseconds():
-    assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [1, 20, 40, 80, 65535]
-    assert time_in_us(1.25) == 1_250_000
-    for step in (0.0, -0.02, 0.0205, 65.536, float("nan"), float("inf")):
-        with pytest.raises(ValueError, match="step must be"):
-            step_in_mm(step)
-    for time in (-0.1, float("nan"), float("inf")):
-        with pytest.raises(ValueError, match="time of a message"):
-            time_in_us(time)
-    assert sensor_number("a") != sensor_number("b")
-
-
 TAKEN, DUPLICATE, LATE = Arrival.TAKEN, Arrival.DUPLICATE, Arrival.LATE
 
 
@@ -89,7 +86,7 @@ def message(number, sensor=7, time=None):
     )
 
 
-def test_messages_are_taken_in_order_and_late_or_lost_ones_told_apart():
+def test_messages_are_taken_in_order_and_damage_changes_nothing():
     inbox = Inbox(7)
     assert inbox.age(3.0) == float("inf")
     assert [inbox.receive(message(k)) for k in range(5)] == [TAKEN] * 5
@@ -101,9 +98,6 @@ def test_messages_are_taken_in_order_and_late_or_lost_ones_told_apart():
     assert arrived == [TAKEN, TAKEN, DUPLICATE, TAKEN, LATE, DUPLICATE, DUPLICATE, LATE, TAKEN]
     assert (inbox.taken, inbox.duplicates, inbox.late, inbox.lost) == (4, 3, 2, 1)
     assert inbox.latest.number == 8
-
-
-def test_what_is_damaged_or_anothers_changes_nothing():
     inbox = Inbox(7)
     inbox.receive(message(1))
     for wrong, said in (

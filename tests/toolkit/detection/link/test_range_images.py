@@ -41,14 +41,11 @@ def test_boxes_come_back_to_a_centimetre_and_a_quarter_of_a_degree(n, seed):
     assert got.labels.tolist() == sent.labels.tolist()
 
 
-def test_what_arrives_is_sent_again_in_a_third_of_the_papers_bits():
+def test_boxes_are_sent_again_within_their_scores():
     once = decode_boxes(encode_boxes(some(20)))
     assert encode_boxes(once) == encode_boxes(decode_boxes(encode_boxes(once)))
     assert 8 * len(encode_boxes(some(100))) < 100 * 90
     assert encode_boxes(Detections.empty()) == b"\x00\x00"
-
-
-def test_scores_are_cut_and_stay_apart_or_are_refused():
     boxes = np.array([[0, 0, 0, 4, 2, 1, np.deg2rad(359.0)], [0, 0, 0, 4, 2, 1, np.deg2rad(-180)]])
     got = decode_boxes(encode_boxes(Detections(boxes, np.array([1.5, -0.2]))))
     assert got.scores.tolist() == [1.0, 0.0]
@@ -116,14 +113,11 @@ def test_every_pixel_arrives_within_half_a_step(model, step):
     assert message.bits == 8 * len(message.content)
 
 
-def test_steps_below_half_of_one_are_still_a_return():
+def test_codecs_of_images_refuse_others_and_go_by_name():
     mask = np.array([[True, True, True, False]])
     got = from_steps(np.array([[0, 1, 10**9, 5]]), mask, 0.08, DepthCamera(max_range=50.0))
     np.testing.assert_allclose(got, [[0.02, 0.08, 50.0, 0.0]])
     assert got[0, 2] < 50
-
-
-def test_another_sensor_refuses_the_message():
     codec, sent = RangeImages(), image(MODELS[0])
     message = codec.encode_image(sent)
     for other in (Sensor("t", MODELS[0], np.eye(4)), Sensor("s", MODELS[2], np.eye(4))):
@@ -133,9 +127,6 @@ def test_another_sensor_refuses_the_message():
         codec.decode_boxes(message)
     with pytest.raises(ValueError, match="checksum"):
         codec.decode_image(Message(message.content[:-1] + b"x", message.bits), sent.sensor)
-
-
-def test_codecs_go_by_their_name_and_boxes_as_bytes():
     boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
     message = RangeImages().encode_boxes(Detections(boxes, np.array([0.5])))
     np.testing.assert_allclose(RangeImages().decode_boxes(message).boxes, boxes, atol=0.01)
