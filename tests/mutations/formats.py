@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sqlite3
 import warnings
@@ -29,8 +30,15 @@ class Format:
     owns: bool = False
 
 
+def calls(name: str) -> Callable[[Path], object]:
+    """Call a function, `module:name`, with the path."""
+    module, _, function = name.partition(":")
+    return lambda path: getattr(importlib.import_module(module), function)(path)
+
+
 def formats() -> dict[str, Format]:
     """All formats, by the name of the file that is made of each."""
+    read_weights = calls("models.weight_files:load_weights")
     clouds = {
         "binary.ply": points.ply,
         "text.ply": points.ply_text,
@@ -52,8 +60,8 @@ def formats() -> dict[str, Format]:
         "recording.hdf5": Format(_recording, _read_recording, HDF5, 4),
         "published.hdf5": Format(_published, _read_recording, HDF5, 3),
         "frames.packed": Format(_packed, _read_packed, HDF5, 3),
-        "network.safetensors": Format(networks.weights, networks.read_weights, SAFETENSORS, 2),
-        "classes.safetensors": Format(networks.class_weights, networks.read_weights, SAFETENSORS, 2),
+        "network.safetensors": Format(networks.weights, read_weights, SAFETENSORS, 2),
+        "classes.safetensors": Format(networks.class_weights, read_weights, SAFETENSORS, 2),
         "published.pth": Format(networks.published_checkpoint, networks.read_published_checkpoint, BYTES, 0.5),
         "checkpoint.pt": Format(networks.checkpoint, networks.read_checkpoint, BYTES, 1),
         **{
@@ -64,18 +72,20 @@ def formats() -> dict[str, Format]:
             name: Format(make, points.read_poses, JSON if name.endswith("json") else TEXT)
             for name, make in poses.items()
         },
-        "site.json": Format(_site, _read_site, JSON, 2),
+        "site.json": Format(_site, calls("toolkit.sites.files:load_site"), JSON, 2),
         "poles.geojson": Format(_poles, _read_poles, JSON, 2),
         "map.osm": Format(_osm, _read_osm, TEXT, 2),
         "map.xodr": Format(_opendrive, _read_opendrive, TEXT),
-        "table.npz": Format(_table, _read_table, (*BYTES, _another_table, _another_table), 1),
-        "surrogate.json": Format(_surrogate, _read_surrogate, JSON),
+        "table.npz": Format(
+            _table, calls("placement_env.fidelity.table:load_table"), (*BYTES, _another_table, _another_table), 1
+        ),
+        "surrogate.json": Format(_surrogate, calls("placement_env.fidelity.hit_model:load_models"), JSON),
         "answers.sqlite": Format(_cache, _read_cache, BYTES, 1, owns=True),
         **{
-            name: Format(make, points.read_mesh, TEXT if name.endswith(texts) else BYTES, 0.7)
+            name: Format(make, calls("toolkit.bodies.meshes:load_mesh"), TEXT if name.endswith(texts) else BYTES, 0.7)
             for name, make in meshes.items()
         },
-        "mesh.gltf": Format(points.text_mesh, points.read_mesh, JSON, 0.7),
+        "mesh.gltf": Format(points.text_mesh, calls("toolkit.bodies.meshes:load_mesh"), JSON, 0.7),
         **{
             name: Format(layouts.maker(name), layouts.reader(name), mutations, 0.4)
             for name, (_, _, mutations) in layouts.FILES.items()
@@ -98,7 +108,7 @@ def _frames(shared: bool) -> tuple[Any, list[Any]]:
         Sensor("south", camera, look((14.0, 3.0, 6.0), 3.1, 0.5)),
     )
     if not shared:
-        sensors = (*sensors, Sensor("lidar", SpinningLidar(channels=8, azimuth_step=0.2), pose(0.0, -14.0, 4.0)))
+        sensors += (Sensor("lidar", SpinningLidar(channels=8, azimuth_step=0.2), pose(0.0, -14.0, 4.0)),)
     wall = Solid(np.array([[15.0, -5], [16, -5], [16, 5], [15, 5]]), 0.0, 3.0, "wall")
     site = Site("yard", np.array([-12.8, -12.8, 12.8, 12.8]), solids=(wall,), sensors=sensors)
     rng = np.random.default_rng(4)
@@ -176,12 +186,6 @@ def _site(path: Path) -> None:
     from toolkit.sites.files import save_site
 
     save_site(_frames(shared=False)[0], path)
-
-
-def _read_site(path: Path) -> None:
-    from toolkit.sites.files import load_site
-
-    load_site(path)
 
 
 def _poles(path: Path) -> None:
@@ -313,22 +317,10 @@ def _another_table(content: bytes, rng: np.random.Generator) -> tuple[str, bytes
         return f"{name} is {what}", Path(folder, "table.npz").read_bytes()
 
 
-def _read_table(path: Path) -> None:
-    from placement_env.fidelity.table import load_table
-
-    load_table(path)
-
-
 def _surrogate(path: Path) -> None:
     from placement_env.fidelity.hit_model import FOLDER
 
     path.write_text(json.dumps(json.loads((FOLDER / "general.json").read_text())[:2]))
-
-
-def _read_surrogate(path: Path) -> None:
-    from placement_env.fidelity.hit_model import load_models
-
-    load_models(path)
 
 
 def _cache(path: Path) -> None:

@@ -185,29 +185,20 @@ def _change_node(file: h5py.File, name: str, rng: np.random.Generator) -> str:
     """It is gone, of the other kind, of a type of no use, or a link that leads nowhere."""
     was_group = isinstance(file[name], h5py.Group)
     del file[name]
-    what = int(rng.integers(7))
-    if what == 1:
-        if was_group:
-            file[name] = np.arange(3.0)
-        else:
-            file.create_group(name)
-        return "is of the other kind"
-    if what == 2:
-        file[name] = h5py.SoftLink("/nowhere/at/all")
-        return "is a link to nowhere"
-    if what == 3:
-        file[name] = h5py.ExternalLink("missing.hdf5", "/there")
-        return "is a link to a missing file"
-    if what == 4:
-        file[name] = np.dtype("f8")
-        return "is a named type"
-    if what == 5:
-        file[name] = h5py.SoftLink("/")
-        return "is the root itself"
-    if what == 6:
-        file[name] = h5py.Empty("f4")
-        return "is empty"
-    return "is gone"
+    what, node = (
+        ("is gone", None),
+        ("is of the other kind", np.arange(3.0) if was_group else None),
+        ("is a link to nowhere", h5py.SoftLink("/nowhere/at/all")),
+        ("is a link to a missing file", h5py.ExternalLink("missing.hdf5", "/there")),
+        ("is a named type", np.dtype("f8")),
+        ("is the root itself", h5py.SoftLink("/")),
+        ("is empty", h5py.Empty("f4")),
+    )[int(rng.integers(7))]
+    if node is not None:
+        file[name] = node
+    elif what == "is of the other kind":
+        file.create_group(name)
+    return what
 
 
 def _change_dataset(file: h5py.File, name: str, rng: np.random.Generator) -> str:

@@ -93,20 +93,13 @@ def _rows(column: int, value: float) -> Spoil:
     return _put("objects/1", change)
 
 
-def _site(change: Callable[[Any], Any]) -> Spoil:
+def _site(layer: str, part: str, **values: Any) -> Spoil:
     def spoil(path: Path) -> None:
         site = json.loads(path.read_text())
-        change({feature["properties"]["layer"]: feature for feature in site["features"]})
+        {feature["properties"]["layer"]: feature for feature in site["features"]}[layer][part].update(values)
         path.write_text(json.dumps(site))
 
     return spoil
-
-
-def _set(holder: Any, *path: Any) -> None:
-    *keys, last, value = path
-    for key in keys:
-        holder = holder[key]
-    holder[last] = value
 
 
 CASES: dict[str, dict[str, Spoil]] = {
@@ -143,14 +136,10 @@ CASES: dict[str, dict[str, Spoil]] = {
     },
     "site.json": {
         "cut in half": _cut,
-        "NaN in a sensor's position": _site(
-            lambda layers: _set(layers, "sensor", "geometry", "coordinates", [float("nan"), 0, 5])
-        ),
-        "a sensor's heading is text": _site(
-            lambda layers: _set(layers, "sensor", "properties", "heading_deg", "north")
-        ),
+        "NaN in a sensor's position": _site("sensor", "geometry", coordinates=[float("nan"), 0, 5]),
+        "a sensor's heading is text": _site("sensor", "properties", heading_deg="north"),
         "a wall whose outline crosses itself": _site(
-            lambda layers: _set(layers, "solid", "geometry", "coordinates", [[[0, 0], [4, 4], [4, 0], [0, 4], [0, 0]]])
+            "solid", "geometry", coordinates=[[[0, 0], [4, 4], [4, 0], [0, 4], [0, 0]]]
         ),
     },
     "poles.geojson": {"100,000 brackets": _text("[" * 100_000), "a height that is text": _replaced("6", '"high"')},

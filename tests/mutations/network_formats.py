@@ -44,12 +44,6 @@ def class_weights(path: Path) -> None:
     save_weights(path, made, Header("yard", 3, "abc", {"AP@0.7": 0.5}))
 
 
-def read_weights(path: Path) -> None:
-    from models.weight_files import load_weights
-
-    load_weights(path)
-
-
 def published_checkpoint(path: Path) -> None:
     import torch
 

@@ -133,9 +133,3 @@ def text_mesh(path: Path) -> None:
 
     files = trimesh.creation.box((4.4, 1.8, 1.5)).export(file_type="gltf", embed_buffers=True)
     path.write_bytes(files["model.gltf"])
-
-
-def read_mesh(path: Path) -> None:
-    from toolkit.bodies.meshes import load_mesh
-
-    load_mesh(path)

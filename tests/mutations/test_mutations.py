@@ -51,12 +51,9 @@ def test_very_many_mutants_of_every_format(wanted):
     run(3200, wanted)
 
 
-def test_every_layout_has_damaged_files():
+def test_every_layout_has_damaged_files_and_the_halves_are_all_formats():
     text = printed("from layout_formats import FILES, NAMED; print(*{NAMED.get(f[0], f[0]) for f in FILES.values()})")
     assert set(text.split()) == set(LAYOUT_NAMES)
-
-
-def test_the_halves_are_all_formats():
     for name in printed("from formats import formats; print(*formats())").split():
         assert sum(any(part in name for part in half) for half in (*HALVES, LAYOUTS)) == 1, name
 

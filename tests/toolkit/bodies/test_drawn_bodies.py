@@ -3,24 +3,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from toolkit.bodies import drawn_bodies
 from toolkit.bodies.body import include_mirrors
-from toolkit.bodies.drawn_bodies import (
-    BUSES,
-    PEOPLE,
-    RIDERLESS,
-    SUPERSTRUCTURES,
-    TWO_WHEELERS,
-    draw_body,
-    draw_heavy,
-    draw_person,
-    draw_pose,
-    draw_two_wheeler,
-)
 from toolkit.bodies.people import standing
 from toolkit.mesh import Mesh, box, volume
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
-BUILT = [draw_heavy(np.random.default_rng([1, k])) for k in range(250)]
+BUILT = [drawn_bodies.draw_heavy(np.random.default_rng([1, k])) for k in range(250)]
 
 
 def of(*ends: str) -> list:
@@ -28,17 +17,19 @@ def of(*ends: str) -> list:
 
 
 def test_shares_mirrors_and_lengths_of_drawn_bodies():
-    assert sum(SUPERSTRUCTURES.values()) == pytest.approx(1)
+    assert sum(drawn_bodies.SUPERSTRUCTURES.values()) == pytest.approx(1)
     kinds = {kind for kind, _, _ in BUILT}
-    assert set(BUSES) <= kinds
-    assert {f"{load}_truck" for load in SUPERSTRUCTURES} <= kinds
+    assert set(drawn_bodies.BUSES) <= kinds
+    assert {f"{load}_truck" for load in drawn_bodies.SUPERSTRUCTURES} <= kinds
     for kind, mesh, mirrors in BUILT:
         body, out = np.abs(mesh.vertices[:, 1]).max(), mirrors.vertices
         assert 0.05 < np.abs(out[:, 1]).max() - body < 0.3, kind
         assert np.allclose(np.sort(out[:, 1]), np.sort(-out[:, 1]))
         assert out[:, 0].min() > 0.25 * np.ptp(mesh.vertices[:, 0])
         assert out[:, 0].max() < mesh.vertices[:, 0].max() + 0.01
-    length, width, height = np.array([draw_body(VEHICLE, np.random.default_rng([9, k])).size for k in range(400)]).T
+    length, width, height = np.array(
+        [drawn_bodies.draw_body(VEHICLE, np.random.default_rng([9, k])).size for k in range(400)]
+    ).T
     for other, least in ((width, 0.08), (height, 0.16)):
         fit = np.polyfit(length, other, 1)
         assert np.std(other - np.polyval(fit, length)) > least
@@ -69,7 +60,7 @@ def test_sizes_are_those_of_the_kind(kinds, lengths, heights):
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
 
 
-DRAWN = [draw_person(np.random.default_rng([1, k])) for k in range(400)]
+DRAWN = [drawn_bodies.draw_person(np.random.default_rng([1, k])) for k in range(400)]
 
 
 def heights(kind: str) -> np.ndarray:
@@ -78,7 +69,7 @@ def heights(kind: str) -> np.ndarray:
 
 def test_people_have_their_shares_heights_and_strides():
     counts = Counter(kind for kind, _ in DRAWN)
-    assert set(counts) == set(PEOPLE)
+    assert set(counts) == set(drawn_bodies.PEOPLE)
     for kind, share in {"adult": 0.73, "child": 0.165, "pram": 0.05, "walker": 0.02, "wheelchair": 0.035}.items():
         assert counts[kind] / len(DRAWN) == pytest.approx(share, abs=0.05)
     assert np.percentile(heights("adult"), 2) > 1.4
@@ -91,12 +82,12 @@ def test_people_have_their_shares_heights_and_strides():
     lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh in DRAWN if kind == "adult"])
     assert lengths.min() < 0.4
     assert lengths.max() > 0.9
-    assert {draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
-    assert draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
+    assert {drawn_bodies.draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
+    assert drawn_bodies.draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
     assert standing(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
 
 
-DRAWN_TWO_WHEELERS = [draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)]
+DRAWN_TWO_WHEELERS = [drawn_bodies.draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)]
 
 
 def sizes(kind: str) -> np.ndarray:
@@ -105,12 +96,12 @@ def sizes(kind: str) -> np.ndarray:
 
 def test_two_wheelers_have_their_shares_and_stand_on_both_wheels():
     counts = Counter(kind.removesuffix("_alone") for kind, _ in DRAWN_TWO_WHEELERS)
-    assert set(counts) == set(TWO_WHEELERS)
+    assert set(counts) == set(drawn_bodies.TWO_WHEELERS)
     shares = {"bicycle": 0.5, "cargo_bicycle": 0.05, "e_scooter": 0.15, "motorcycle": 0.17, "scooter": 0.13}
     for kind, share in shares.items():
         assert counts[kind] / len(DRAWN_TWO_WHEELERS) == pytest.approx(share, abs=0.06)
     alone = np.mean([kind.endswith("_alone") for kind, _ in DRAWN_TWO_WHEELERS])
-    assert alone == pytest.approx(RIDERLESS, abs=0.04)
+    assert alone == pytest.approx(drawn_bodies.RIDERLESS, abs=0.04)
     for kind, mesh in DRAWN_TWO_WHEELERS:
         low = mesh.vertices[mesh.vertices[:, 2] < 0.03]
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
@@ -136,7 +127,7 @@ COUNT = 120
 
 
 def draw_bodies(rng, label, count):
-    return [draw_body(label, rng) for _ in range(count)]
+    return [drawn_bodies.draw_body(label, rng) for _ in range(count)]
 
 
 BODIES = {label: draw_bodies(np.random.default_rng(label), label, COUNT) for label in range(len(LABELS))}
@@ -202,14 +193,14 @@ def test_kinds_of_every_class_follow_the_seed():
     for carried in ("taxi", "roof_box", "rack", "load"):
         assert any(kind.endswith(carried) for kind in kinds[VEHICLE]), carried
     for label in RANGES:
-        first, again, other = (draw_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4))
+        first, again, other = (drawn_bodies.draw_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4))
         assert first.vertices.tobytes() == again.vertices.tobytes()
         assert (first.name, first.truth) == (again.name, again.truth)
         assert first.vertices.tobytes() != other.vertices.tobytes()
     with pytest.raises(ValueError, match="label must be one of"):
-        draw_body("tram", np.random.default_rng(0))
+        drawn_bodies.draw_body("tram", np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("name", LABELS)
 def test_classes_go_by_their_names_too(name):
-    assert draw_body(name, np.random.default_rng(0)).label == LABELS.index(name)
+    assert drawn_bodies.draw_body(name, np.random.default_rng(0)).label == LABELS.index(name)

@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.calibration.empty_scene import (
-    EmptyScene,
-    SceneAdaptation,
-    SceneLearner,
-    learn_empty_scenes,
-    load_empty_scenes,
-    save_empty_scenes,
-)
+from toolkit.calibration import empty_scene
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Objects
@@ -36,7 +29,7 @@ def still(far=20.0):
 
 def learnt(change, sensor=CAMERA, times=TIMES, seed=0):
     """From images that `change(k, image, rng)` changes before noise is drawn."""
-    rng, learner = np.random.default_rng(seed), SceneLearner(sensor)
+    rng, learner = np.random.default_rng(seed), empty_scene.SceneLearner(sensor)
     for k in range(times):
         image = still()
         change(k, image, rng)
@@ -112,7 +105,7 @@ def test_leaves_drop_outs_and_feet_of_cars_are_modes_or_none():
     assert scene.shows(both).all()
     # The ground of the pixel below lies where the car stands.
     ground = (5 / (0.1 + 0.1 * np.arange(10, dtype=np.float32)))[:, None] + np.zeros(SHAPE, np.float32)
-    rng, learner = np.random.default_rng(0), SceneLearner(CAMERA)
+    rng, learner = np.random.default_rng(0), empty_scene.SceneLearner(CAMERA)
     for _ in range(TIMES):
         image = ground.copy()
         if rng.random() < 0.4:
@@ -146,7 +139,7 @@ def test_spreads_are_those_of_noise_and_not_of_who_stands_close():
     assert np.isnan(scene.second).all()
     assert 0.4 < scene.share[4:8, 2:9].mean() < 0.65
     far = np.linspace(10, 60, 10, dtype=np.float32)[:, None] + np.zeros(SHAPE, np.float32)
-    rng, learner = np.random.default_rng(1), SceneLearner(CAMERA)
+    rng, learner = np.random.default_rng(1), empty_scene.SceneLearner(CAMERA)
     for _ in range(TIMES):
         learner.add((far + rng.normal(0, 1, SHAPE) * far**2 * 1e-4).astype(np.float32))
     scene = learner.scene()
@@ -165,18 +158,18 @@ def test_spreads_are_those_of_noise_and_not_of_who_stands_close():
 
 
 def test_a_learner_keeps_a_sample_spread_over_all_frames_and_refuses_nonsense():
-    learner = SceneLearner(CAMERA, sample=8)
+    learner = empty_scene.SceneLearner(CAMERA, sample=8)
     for k in range(100):
         learner.add(np.full(SHAPE, 1.0 + k, np.float32))
         assert len(learner._kept) <= 8
     assert [int(image[0, 0]) - 1 for image in learner._kept] == [0, 16, 32, 48, 64, 80, 96]
     assert learner.scene().frames == 100
     with pytest.raises(ValueError, match="add one before"):
-        SceneLearner(CAMERA).scene()
+        empty_scene.SceneLearner(CAMERA).scene()
     with pytest.raises(ValueError, match="measures \\(10, 12\\) pixels, got \\(3, 3\\)"):
-        SceneLearner(CAMERA).add(np.ones((3, 3), np.float32))
+        empty_scene.SceneLearner(CAMERA).add(np.ones((3, 3), np.float32))
     with pytest.raises(ValueError, match="at least 2"):
-        SceneLearner(CAMERA, sample=1)
+        empty_scene.SceneLearner(CAMERA, sample=1)
 
 
 def test_one_image_or_a_known_scene_has_the_models_spread():
@@ -184,7 +177,7 @@ def test_one_image_or_a_known_scene_has_the_models_spread():
     np.testing.assert_allclose(scene.first[2:], 20, atol=0.1)
     np.testing.assert_allclose(scene.spread[2:], 0.015)
     lidar = Sensor("s", MODELS[2], look((0.0, 0.0, 5.0), 0.0))
-    scene = EmptyScene.of(lidar, still())
+    scene = empty_scene.EmptyScene.of(lidar, still())
     np.testing.assert_array_equal(scene.first, still())
     np.testing.assert_allclose(scene.spread[2:], 0.02 + 0.0003 * 20)
     assert (scene.spread[:2] == 0).all()
@@ -201,48 +194,48 @@ def recording(frames=30):
 
 def test_of_a_recording_come_back_as_they_were_saved(tmp_path):
     frames = recording()
-    scenes = learn_empty_scenes(frames, sample=10)
+    scenes = empty_scene.learn_empty_scenes(frames, sample=10)
     assert [scene.name for scene in scenes] == ["camera", "lidar", "solidstate"]
     assert [scene.frames for scene in scenes] == [10] * 3
-    save_empty_scenes(tmp_path / "scenes.npz", scenes)
-    loaded = load_empty_scenes(tmp_path / "scenes.npz")
+    empty_scene.save_empty_scenes(tmp_path / "scenes.npz", scenes)
+    loaded = empty_scene.load_empty_scenes(tmp_path / "scenes.npz")
     assert [scene.digest for scene in loaded] == [scene.digest for scene in scenes]
     assert [scene.model for scene in loaded] == MODELS
     assert len({scene.digest for scene in scenes} | {scenes[0].with_name("other").digest}) == 4
     with pytest.raises(ValueError, match="got 0 of 30"):
-        learn_empty_scenes(frames, frames=0)
+        empty_scene.learn_empty_scenes(frames, frames=0)
 
 
 def test_files_and_scenes_that_are_damaged_or_none_are_refused(tmp_path):
     path = tmp_path / "scenes.npz"
-    save_empty_scenes(path, [learnt(nothing, times=3)])
+    empty_scene.save_empty_scenes(path, [learnt(nothing, times=3)])
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
     with pytest.raises(ValueError, match="checksum"):
-        load_empty_scenes(path)
+        empty_scene.load_empty_scenes(path)
     from toolkit.runtime.files import write_arrays
 
     write_arrays(path, {"scenes": np.array('[{"name": "a", "model": {"class": "DepthCamera"}, "frames": 3}]')})
     with pytest.raises(ValueError, match="has no empty scenes"):
-        load_empty_scenes(path)
+        empty_scene.load_empty_scenes(path)
     scene = learnt(nothing, times=3)
     images = {name: getattr(scene, name) for name in ("first", "spread", "share", "second", "second_spread")}
     images |= {"name": "a", "model": scene.model, "second_share": scene.second_share, "frames": 3}
-    assert EmptyScene(**images).digest == scene.with_name("a").digest
+    assert empty_scene.EmptyScene(**images).digest == scene.with_name("a").digest
     cut = {name: image[:3] for name, image in images.items() if isinstance(image, np.ndarray)}
     for wrong in ({"first": -scene.first}, cut, {"share": scene.share * np.float32(np.inf)}):
         with pytest.raises(ValueError, match="must be"):
-            EmptyScene(**images | wrong)
+            empty_scene.EmptyScene(**images | wrong)
     with pytest.raises(ValueError, match="at least one frame"):
-        EmptyScene(**images | {"frames": 0})
+        empty_scene.EmptyScene(**images | {"frames": 0})
 
 
 SMALL_CAMERA = Sensor("cam", DepthCamera(width=8, height=6), np.eye(4))
 
 
 def wall_scene():
-    learner = SceneLearner(SMALL_CAMERA)
+    learner = empty_scene.SceneLearner(SMALL_CAMERA)
     for _ in range(3):
         learner.add(wall_image())
     return learner.scene()
@@ -258,7 +251,7 @@ def wall_image(row=20.0, spot=None):
 
 def after(images, **times):
     """The scene after images at these times."""
-    adapting = SceneAdaptation(wall_scene(), **times)
+    adapting = empty_scene.SceneAdaptation(wall_scene(), **times)
     for time, each in images:
         adapting.update(each, time)
     return adapting.scene
@@ -278,7 +271,7 @@ def test_adapted_scenes_follow_time_and_noise_and_refuse_nonsense():
     ]
     np.testing.assert_allclose(after(noisy).spread[1:], 0.03, rtol=0.25)
     assert after([(10.0 * k, wall_image()) for k in range(400)]).spread[1:].min() == pytest.approx(0.015)
-    adapting = SceneAdaptation(wall_scene())
+    adapting = empty_scene.SceneAdaptation(wall_scene())
     adapting.update(wall_image(), 5.0)
     with pytest.raises(ValueError, match=r"got 4\.0 s after 5\.0 s"):
         adapting.update(wall_image(), 4.0)
@@ -286,7 +279,7 @@ def test_adapted_scenes_follow_time_and_noise_and_refuse_nonsense():
         adapting.update(np.ones((2, 2), np.float32), 6.0)
     for name in ("seconds", "settle", "reveal"):
         with pytest.raises(ValueError, match=f"{name} must be above 0"):
-            SceneAdaptation(wall_scene(), **{name: 0.0})
+            empty_scene.SceneAdaptation(wall_scene(), **{name: 0.0})
 
 
 def test_who_parks_freezes_it_until_a_day_later_or_another_comes():

@@ -6,17 +6,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from toolkit.calibration import poses
 from toolkit.calibration import poses as sample_poses
 from toolkit.calibration.empty_scene import SceneLearner
-from toolkit.calibration.poses import (
-    Corrected,
-    FoundPose,
-    check_drift,
-    describe_motion,
-    drift_findings,
-    find_pose,
-    find_poses,
-)
 from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
 from toolkit.datasets.readings import ReadRecording, Reads
 from toolkit.frame import Frame, SensorCloud, unproject
@@ -71,7 +63,7 @@ def recording(sensors, count=6):
 def test_every_sensor_of_a_recording_is_put_right():
     believed = [crooked(sensor, seed=k) for k, sensor in enumerate(TRUE)]
     done = []
-    found = find_poses(recording(believed), surface(), progress=done.append)
+    found = poses.find_poses(recording(believed), surface(), progress=done.append)
     assert done == [1, 2]
     for each, true, wrong in zip(found, TRUE, believed, strict=True):
         assert each.sensor is wrong
@@ -83,11 +75,11 @@ def test_every_sensor_of_a_recording_is_put_right():
 
 
 def test_sensors_where_they_should_be_have_not_drifted_and_errors_of_a_profile_turn_them():
-    for each in find_poses(recording(TRUE), surface()):
+    for each in poses.find_poses(recording(TRUE), surface()):
         assert not each.drifted
         assert each.distance < 0.01
     for each, true in zip(
-        find_poses(ReadRecording(recording(TRUE), Reads("typical", 3)), surface()), TRUE, strict=True
+        poses.find_poses(ReadRecording(recording(TRUE), Reads("typical", 3)), surface()), TRUE, strict=True
     ):
         assert np.linalg.norm(each.sensor.pose[:3, 3] - true.pose[:3, 3]) > 0.005
         assert np.linalg.norm(each.pose[:3, 3] - true.pose[:3, 3]) < 0.02
@@ -95,9 +87,9 @@ def test_sensors_where_they_should_be_have_not_drifted_and_errors_of_a_profile_t
 
 def test_too_few_frames_and_other_places_are_refused():
     with pytest.raises(ValueError, match="4 frames are too few"):
-        find_poses(recording(TRUE), surface(), frames=4)
+        poses.find_poses(recording(TRUE), surface(), frames=4)
     elsewhere = Surface(surface().points + 500.0, surface().normals, surface().roughness)
-    refused = find_poses(recording(TRUE[:1] + TRUE[1:]), elsewhere)[0]
+    refused = poses.find_poses(recording(TRUE[:1] + TRUE[1:]), elsewhere)[0]
     assert refused.registration is None
     assert "points lie within 3 m of the reference" in refused.refusal
     assert refused.pose is TRUE[0].pose
@@ -108,28 +100,28 @@ def test_too_few_frames_and_other_places_are_refused():
         learner.add(images()[0])
     near = np.hypot(*(surface().points[:, :2] - TRUE[0].position[:2]).T) < 6.0
     patch = Surface(surface().points[near], surface().normals[near], surface().roughness[near])
-    found = find_pose(scene_points(learner.scene())[0], TRUE[0], patch)
+    found = poses.find_pose(scene_points(learner.scene())[0], TRUE[0], patch)
     assert "% are needed: is it of the same place" in found.refusal
     with pytest.raises(ValueError, match="3 frames are too few"):
-        find_poses(recording_together(TRUE_TOGETHER[:2]), frames=3)
+        poses.find_poses(recording_together(TRUE_TOGETHER[:2]), frames=3)
     with pytest.raises(ValueError, match="no sensor 'c'"):
-        find_poses(recording_together(TRUE_TOGETHER[:2]), held=["c"])
+        poses.find_poses(recording_together(TRUE_TOGETHER[:2]), held=["c"])
     with pytest.raises(ValueError, match="got 1 surfaces"):
-        find_poses(recording_together(TRUE_TOGETHER[:1]))
+        poses.find_poses(recording_together(TRUE_TOGETHER[:1]))
     nobody = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     with pytest.raises(ValueError, match="no frame has a point"):
-        find_poses([nobody])
+        poses.find_poses([nobody])
     samples = recording_sample_poses(1)
     with pytest.raises(ValueError, match="no sensor 'c'"):
-        find_poses(samples, held=["c"])
+        poses.find_poses(samples, held=["c"])
     with pytest.raises(ValueError, match="1 surfaces"):
-        find_poses([each.seen_by(["a"]) for each in samples])
+        poses.find_poses([each.seen_by(["a"]) for each in samples])
 
 
 def found_at(pose, deviation=1e-4, unobserved=()):
     sensor = Sensor("c", MODEL, np.eye(4))
     rows = np.array(unobserved, float).reshape(-1, 6)
-    return FoundPose(sensor, Registration(pose, np.eye(6) * deviation**2, rows, 0.8, 0.01))
+    return poses.FoundPose(sensor, Registration(pose, np.eye(6) * deviation**2, rows, 0.8, 0.01))
 
 
 def test_drifts_are_clear_and_said_in_degrees():
@@ -149,11 +141,11 @@ def test_drifts_are_clear_and_said_in_degrees():
     assert said["unobserved"] == ["move along x 1.00"]
     assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
     assert said["standard_deviation"]["turn_deg"] == [pytest.approx(0.573, abs=1e-3)] * 3
-    assert describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"
-    findings = drift_findings([found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction")
+    assert poses.describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"
+    findings = poses.drift_findings([found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction")
     assert [(each.severity, each.where) for each in findings] == [("warning", "sensor north")]
     assert "turned by 1.50° and moved by 50.0 cm against tjunction, to within 0.10° and 0.2 cm" in findings[0].evidence
-    findings = drift_findings([FoundPose(SENSOR, None, "only 4% of its points")], "tjunction")
+    findings = poses.drift_findings([poses.FoundPose(SENSOR, None, "only 4% of its points")], "tjunction")
     assert findings[0].suspected == "its pose cannot be checked against tjunction"
     assert findings[0].evidence == "only 4% of its points"
 
@@ -184,13 +176,13 @@ def recording_together(sensors, count=6):
 
 def test_sensors_are_put_right_by_each_other():
     crooked = Sensor("b", MODEL, TRUE_TOGETHER[1].pose @ ERROR)
-    found = find_poses(recording_together([TRUE_TOGETHER[0], crooked, TRUE_TOGETHER[2]]), held=["a"])
+    found = poses.find_poses(recording_together([TRUE_TOGETHER[0], crooked, TRUE_TOGETHER[2]]), held=["a"])
     assert [each.sensor.name for each in found] == ["a", "b", "away"]
     assert found[0].pose.tobytes() == TRUE_TOGETHER[0].pose.tobytes()
     assert np.linalg.norm(found[1].pose[:3, 3] - TRUE_TOGETHER[1].position) < 0.02
     assert [each.drifted for each in found[:2]] == [False, True]
     assert "it shares 0 points with the other sensors, 50 are needed" in found[2].refusal
-    a, b = find_poses(recording_together([TRUE_TOGETHER[0], crooked]))  # with none held both move half way
+    a, b = poses.find_poses(recording_together([TRUE_TOGETHER[0], crooked]))  # with none held both move half way
     assert a.distance == pytest.approx(b.distance, abs=0.03)
     assert 0.0 < a.distance < 0.06
 
@@ -233,7 +225,7 @@ def apart(one, other):
 @pytest.mark.parametrize(("count", "driving"), [(5, 0.0), (2, 0.0), (6, 3.0)])
 def test_by_each_other(count, driving):
     samples = recording_sample_poses(count, driving=driving)
-    found = find_poses(samples, held=["a"])
+    found = poses.find_poses(samples, held=["a"])
     assert [each.sensor.name for each in found] == ["a", "b"]
     np.testing.assert_array_equal(found[0].pose, TRUE_CLOUDS[0].pose)
     assert apart(ERROR @ TRUE_CLOUDS[1].pose, TRUE_CLOUDS[1].pose)[0] == pytest.approx(0.78, abs=0.01)
@@ -259,7 +251,7 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypa
     samples = recording_sample_poses(count, driving=driving)
     moved = tuple(replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor) for cloud in samples[1].clouds)
     samples[1] = samples[1].with_clouds(moved)
-    assert find_poses(samples) == ()
+    assert poses.find_poses(samples) == ()
     ((points, sensors),) = fitted
     assert learnt == [count] * learns
     assert [sensor.name for sensor in sensors] == ([] if learns else ["a", "b"])
@@ -272,15 +264,15 @@ def test_poses_found_are_of_the_first_sample_in_the_sensors_frame():
     samples = recording_sample_poses(2)
     own = samples[1].clouds[1]
     samples[1] = samples[1].with_clouds((replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),))
-    found = find_poses(samples, held=["a"])
+    found = poses.find_poses(samples, held=["a"])
     np.testing.assert_array_equal(found[1].sensor.pose, ERROR @ TRUE_CLOUDS[1].pose)
     samples = recording_sample_poses(5)
-    found = find_poses(samples, held=["a"])
-    made = Corrected.of(samples, found).corrections
+    found = poses.find_poses(samples, held=["a"])
+    made = poses.Corrected.of(samples, found).corrections
     np.testing.assert_allclose(made["a"], np.eye(4), atol=1e-12)
     np.testing.assert_allclose(ERROR @ TRUE_CLOUDS[1].pose @ made["b"], found[1].pose, atol=1e-9)
     samples = recording_sample_poses(5)
-    found = find_poses(samples, site_surface(PLACE_TOGETHER))
+    found = poses.find_poses(samples, site_surface(PLACE_TOGETHER))
     for each, true in zip(found, TRUE_CLOUDS, strict=True):
         turn, move = apart(each.pose, true.pose)
         assert turn < 0.05
@@ -291,7 +283,7 @@ def test_poses_found_are_of_the_first_sample_in_the_sensors_frame():
 def test_samples_are_put_where_their_sensors_are(frame):
     samples = recording_sample_poses(1, frame=frame)
     corrected = {"b": invert(ERROR @ TRUE_CLOUDS[1].pose) @ TRUE_CLOUDS[1].pose}
-    (after,) = Corrected(samples, corrected)
+    (after,) = poses.Corrected(samples, corrected)
     assert after.clouds[0] is samples[0].clouds[0]
     np.testing.assert_allclose(after.clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9)
     np.testing.assert_allclose(after.clouds[1].in_world(), transform(TRUE_CLOUDS[1].pose, clouds()[1]), atol=1e-4)
@@ -301,7 +293,7 @@ SENSOR = Sensor("north", DepthCamera(width=40, height=30), np.eye(4))
 
 
 def found(moved, deviation=0.001):
-    return FoundPose(SENSOR, Registration(moved, np.eye(6) * deviation**2, np.zeros((0, 6)), 0.8, 0.01))
+    return poses.FoundPose(SENSOR, Registration(moved, np.eye(6) * deviation**2, np.zeros((0, 6)), 0.8, 0.01))
 
 
 def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an_error(tmp_path):
@@ -309,7 +301,7 @@ def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an
     save_site(Site("place", np.array([-4.0, -4, 4, 4])), place)
     broken = tmp_path / "broken.hdf5"
     broken.write_bytes(b"nothing")
-    finding = check_drift(broken, place)[0]
+    finding = poses.check_drift(broken, place)[0]
     assert finding.suspected == "its sensors' poses cannot be checked"
     with pytest.raises(FileNotFoundError, match="no site"):
-        check_drift(broken, tmp_path / "missing.json")
+        poses.check_drift(broken, tmp_path / "missing.json")

@@ -69,122 +69,67 @@ def drop(key):
     return lambda d: d.pop(key)
 
 
-def assign(layer, part, key, value):
-    return lambda d: first(d, layer)[part].update({key: value})
+def put(**values):
+    return lambda d: d.update(values)
 
 
-DAMAGE = {
-    "crossing polygon": (
-        assign("lane", "geometry", "coordinates", [BOW_TIE]),
-        r"features\[1\]\.geometry\.coordinates: polygon crosses itself near \(2, 2\)",
-    ),
-    "open ring": (
-        assign("lane", "geometry", "coordinates", [SQUARE.tolist()]),
-        r"features\[1\]\.geometry\.coordinates must be a closed ring",
-    ),
-    "flat polygon": (
-        assign("lane", "geometry", "coordinates", [[[0, 0], [1, 1], [2, 2], [0, 0]]]),
-        r"features\[1\]\.geometry\.coordinates: polygon",
-    ),
-    "text for numbers": (
-        assign("lane", "geometry", "coordinates", [[["x", 0], [1, 1], [2, 0], ["x", 0]]]),
-        r"features\[1\]\.geometry\.coordinates must be a list of \[x, y\]",
-    ),
-    "hole": (
-        assign("lane", "geometry", "coordinates", [BOW_TIE, BOW_TIE]),
-        r"features\[1\]\.geometry\.coordinates must hold one ring, got 2",
-    ),
-    "wrong geometry": (
-        assign("lane", "geometry", "type", "Point"),
-        r"features\[1\]\.geometry\.type .* must be 'Polygon'",
-    ),
-    "unknown layer": (
-        assign("lane", "properties", "layer", "lain"),
-        r"features\[1\]\.properties\.layer must be one of",
-    ),
-    "unknown kind": (
-        assign("solid", "properties", "kind", "castle"),
-        r"properties: solid\.kind must be one of .*'castle'",
-    ),
-    "unknown property": (assign("mount", "properties", "hight", 3), r"properties\.hight is unknown to layer 'mount'"),
-    "top below base": (assign("solid", "properties", "top", -5), r"properties: solid\.top must lie above its base"),
-    "NaN top": (
-        assign("solid", "properties", "top", float("nan")),
-        r"properties\.top must be a finite number, got nan",
-    ),
-    "empty area": (
-        assign("area", "geometry", "coordinates", [[[0, 0], [0, 0], [0, 0], [0, 0], [0, 0]]]),
-        r"features\[0\]\.geometry\.coordinates: polygon",
-    ),
-    "area askew": (
-        assign("area", "geometry", "coordinates", [[[0, 0], [4, 1], [4, 4], [0, 4], [0, 0]]]),
-        r"features\[0\]\.geometry\.coordinates: the area must be a rectangle",
-    ),
-    "no area": (lambda d: d["features"].pop(0), r"exactly one of layer 'area', got 0"),
-    "same mount twice": (
-        lambda d: d["features"].append(first(d, "mount")),
-        r"mounts\[2\]\.name 'a' is taken by mounts\[0\]",
-    ),
-    "same sensor twice": (
-        lambda d: d["features"].append(first(d, "sensor")),
-        r"sensors\[3\]\.name 'd0' is taken by sensors\[0\]",
-    ),
-    "nameless mount": (assign("mount", "properties", "name", ""), r"mounts\[0\]\.name must be a text"),
-    "NaN heading": (
-        assign("sensor", "properties", "heading_deg", float("nan")),
-        r"properties\.heading_deg must be a finite number, got nan",
-    ),
-    "NaN position": (
-        assign("sensor", "geometry", "coordinates", [0, float("nan"), 5]),
-        r"geometry\.coordinates\.1 must be a finite number",
-    ),
-    "flat position": (
-        assign("sensor", "geometry", "coordinates", [0, 0]),
-        r"geometry\.coordinates must be 3 numbers, got 2",
-    ),
-    "unknown model": (
-        assign("sensor", "properties", "model", {"type": "Radar"}),
-        r"model\.type must be one of DepthCamera, SpinningLidar, SolidStateLidar.*, got 'Radar'",
-    ),
-    "unknown model field": (
-        assign("sensor", "properties", "model", {"type": "DepthCamera", "fov": 1}),
-        r"model\.fov is unknown to DepthCamera: it has .*fov_deg",
-    ),
-    "absurd model": (
-        assign("sensor", "properties", "model", {"type": "DepthCamera", "fov_deg": 200}),
-        r"model: fov must lie between",
-    ),
-    "singular frame": (
-        lambda d: d.update(map_SE3_site=np.zeros((4, 4)).tolist()),
-        r"map_SE3_site must end with the row",
-    ),
-    "mirrored frame": (
-        lambda d: d.update(map_SE3_site=np.diag([1.0, -1, 1, 1]).tolist()),
-        r"map_SE3_site must be a rotation .* it mirrors",
-    ),
-    "ragged frame": (lambda d: d.update(map_SE3_site=[[1, 0], [1]]), r"map_SE3_site must be four rows"),
-    "no network": (drop("network"), r"network is missing"),
-    "empty network": (lambda d: d.update(network=[]), r"network must be the lines of a SUMO net\.xml"),
-    "damaged network": (lambda d: d.update(network=["<net>"]), r"network is damaged XML"),
-    "another XML": (lambda d: d.update(network=["<routes/>"]), r"network must be a SUMO <net>"),
-    "no height": (drop("height"), r"height must be a finite number, got None"),
-    "height without end": (lambda d: d.update(height=10**400), r"height must be a finite number, got 10{58}"),
-    "relief of another kind": (lambda d: d.update(relief=3), r"relief must be an object \{\.\.\.\}, got '3'"),
-    "negative height": (lambda d: d.update(height=-4), r"height must be positive, got -4"),
-    "hybrid radius no number": (lambda d: d.update(hybrid_radius=[]), r"hybrid_radius must be a finite number"),
-    "negative hybrid radius": (lambda d: d.update(hybrid_radius=-3), r"hybrid_radius must be finite and at least 0"),
-    "negative relief": (lambda d: d.update(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
-    "newer version": (lambda d: d.update(coview_site=99), r"coview_site is version 99"),
-    "other GeoJSON": (drop("coview_site"), r"coview_site is missing"),
-    "not a collection": (lambda d: d.update(type="Feature"), r"type must be 'FeatureCollection'"),
-    "features no list": (lambda d: d.update(features={}), r"features must be a list"),
-    "feature no object": (lambda d: d["features"].insert(0, 3), r"features\[0\] must be an object"),
-}
+def shape(layer, coordinates):
+    return lambda d: first(d, layer)["geometry"].update(coordinates=coordinates)
 
 
-@pytest.mark.parametrize("what", DAMAGE)
-def test_a_damaged_file_is_refused_in_one_line_that_names_the_field(tmp_path, what, saved):
-    change, message = DAMAGE[what]
+def says(layer, **values):
+    return lambda d: first(d, layer)["properties"].update(values)
+
+
+AREA, LANE = (rf"features\[{k}\]\.geometry\.coordinates" for k in (0, 1))
+
+
+DAMAGE = [
+    (shape("lane", [BOW_TIE]), rf"{LANE}: polygon crosses itself near \(2, 2\)"),
+    (shape("lane", [SQUARE.tolist()]), rf"{LANE} must be a closed ring"),
+    (shape("lane", [[[0, 0], [1, 1], [2, 2], [0, 0]]]), rf"{LANE}: polygon"),
+    (shape("lane", [[["x", 0], [1, 1], [2, 0], ["x", 0]]]), rf"{LANE} must be a list of \[x, y\]"),
+    (shape("lane", [BOW_TIE, BOW_TIE]), rf"{LANE} must hold one ring, got 2"),
+    (lambda d: first(d, "lane")["geometry"].update(type="Point"), r"\[1\]\.geometry\.type .* must be 'Polygon'"),
+    (says("lane", layer="lain"), r"features\[1\]\.properties\.layer must be one of"),
+    (says("solid", kind="castle"), r"properties: solid\.kind must be one of .*'castle'"),
+    (says("mount", hight=3), r"properties\.hight is unknown to layer 'mount'"),
+    (says("solid", top=-5), r"properties: solid\.top must lie above its base"),
+    (says("solid", top=float("nan")), r"properties\.top must be a finite number, got nan"),
+    (shape("area", [[[0, 0], [0, 0], [0, 0], [0, 0], [0, 0]]]), rf"{AREA}: polygon"),
+    (shape("area", [[[0, 0], [4, 1], [4, 4], [0, 4], [0, 0]]]), rf"{AREA}: the area must be a rectangle"),
+    (lambda d: d["features"].pop(0), r"exactly one of layer 'area', got 0"),
+    (lambda d: d["features"].append(first(d, "mount")), r"mounts\[2\]\.name 'a' is taken by mounts\[0\]"),
+    (lambda d: d["features"].append(first(d, "sensor")), r"sensors\[3\]\.name 'd0' is taken by sensors\[0\]"),
+    (says("mount", name=""), r"mounts\[0\]\.name must be a text"),
+    (says("sensor", heading_deg=float("nan")), r"properties\.heading_deg must be a finite number, got nan"),
+    (shape("sensor", [0, float("nan"), 5]), r"geometry\.coordinates\.1 must be a finite number"),
+    (shape("sensor", [0, 0]), r"geometry\.coordinates must be 3 numbers, got 2"),
+    (says("sensor", model={"type": "Radar"}), r"type must be one of DepthCamera, SpinningLidar, .*, got 'Radar'"),
+    (says("sensor", model={"type": "DepthCamera", "fov": 1}), r"fov is unknown to DepthCamera: it has .*fov_deg"),
+    (says("sensor", model={"type": "DepthCamera", "fov_deg": 200}), r"model: fov must lie between"),
+    (put(map_SE3_site=np.zeros((4, 4)).tolist()), r"map_SE3_site must end with the row"),
+    (put(map_SE3_site=np.diag([1.0, -1, 1, 1]).tolist()), r"map_SE3_site must be a rotation .* it mirrors"),
+    (put(map_SE3_site=[[1, 0], [1]]), r"map_SE3_site must be four rows"),
+    *((drop("network"), r"network is missing"), (put(network=[]), r"network must be the lines of a SUMO net\.xml")),
+    (put(network=["<net>"]), r"network is damaged XML"),
+    (put(network=["<routes/>"]), r"network must be a SUMO <net>"),
+    (drop("height"), r"height must be a finite number, got None"),
+    (put(height=10**400), r"height must be a finite number, got 10{58}"),
+    (put(relief=3), r"relief must be an object \{\.\.\.\}, got '3'"),
+    (put(height=-4), r"height must be positive, got -4"),
+    (put(hybrid_radius=[]), r"hybrid_radius must be a finite number"),
+    (put(hybrid_radius=-3), r"hybrid_radius must be finite and at least 0"),
+    (put(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
+    *((put(coview_site=99), r"coview_site is version 99"), (drop("coview_site"), r"coview_site is missing")),
+    (put(type="Feature"), r"type must be 'FeatureCollection'"),
+    (put(features={}), r"features must be a list"),
+    (lambda d: d["features"].insert(0, 3), r"features\[0\] must be an object"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), DAMAGE)
+def test_a_damaged_file_is_refused_in_one_line_that_names_the_field(tmp_path, change, message, saved):
     path, _ = saved(tmp_path, change)
     with pytest.raises(ValueError, match=message) as refusal:
         load_site(path)

@@ -8,20 +8,7 @@ import shapely
 
 from placement_env.handover.ground import Ground, GroundShares
 from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
-from placement_env.report.content import (
-    BreakdownRow,
-    BuildStep,
-    ClassSeen,
-    FailureCase,
-    Judgement,
-    Moment,
-    Plan,
-    Planned,
-    PlanOption,
-    SchemeFigures,
-    SensorWorth,
-    Verdict,
-)
+from placement_env.report import content
 from placement_env.report.pages.report import build_document
 from toolkit.objects import Detections, Objects
 from toolkit.sensors.sensor import Sensor
@@ -32,7 +19,7 @@ HOSTILE = '<script>document.title="owned"</script>#eval("1") $x^2$ `raw` \\ @ref
 
 
 def judged(ap, half=0.03, vehicles=412):
-    return Judgement(ap, max(ap - half, 0.0), min(ap + half, 1.0), min(ap + 0.01, 1.0), 0.97, vehicles, 60)
+    return content.Judgement(ap, max(ap - half, 0.0), min(ap + half, 1.0), min(ap + 0.01, 1.0), 0.97, vehicles, 60)
 
 
 def example_plan(site, ground):
@@ -59,7 +46,7 @@ def example_plan(site, ground):
     )
 
     def option(names, price, kbit, ap):
-        return PlanOption(names, price, kbit, kbit * len(names), ap, judged(ap), ("greedy", "cpsat"))
+        return content.PlanOption(names, price, kbit, kbit * len(names), ap, judged(ap), ("greedy", "cpsat"))
 
     options = (
         option(("d3",), 1.5, 300.0, 0.71),
@@ -69,22 +56,22 @@ def example_plan(site, ground):
     )
     near = option(("d0", "d2", "d3", "d5"), 6.0, 309.0, 0.951)
     worth = tuple(
-        SensorWorth(name, value, {other: round(0.02 - 0.01 * i, 3) for other in CHOSEN if other != name})
+        content.SensorWorth(name, value, {other: round(0.02 - 0.01 * i, 3) for other in CHOSEN if other != name})
         for i, (name, value) in enumerate(zip(CHOSEN, (0.18, 0.21, 0.41, 0.16), strict=True))
     )
     left = {("d0",): 0.91, ("d1",): 0.93, ("d3",): 0.78, ("d5",): 0.934, ("d0", "d3"): 0.52, ("d1", "d5"): 0.88}
-    failures = tuple(FailureCase(failed, judged(ap)) for failed, ap in left.items())
+    failures = tuple(content.FailureCase(failed, judged(ap)) for failed, ap in left.items())
     open_cells = ground.open_ground
     count = ground.seen.sum(0)[open_cells]
     shares = tuple(float((count >= k).mean()) for k in (1, 2, 3))
-    return Plan(
+    return content.Plan(
         question={"site": site.name, "budget": 6.0, "min_ap": 0.95, "max_kbit": None, "scheme": "late", "seed": 0},
         site=site.name,
         detector="VoxelNet, trained at tjunction",
         iou=0.7,
         scheme="late",
         currency="EUR",
-        verdict=Verdict(True, "Yes: 4 sensors for 6 EUR reach AP 0.962, and 0.95 was asked for."),
+        verdict=content.Verdict(True, "Yes: 4 sensors for 6 EUR reach AP 0.962, and 0.95 was asked for."),
         chosen=options[-1],
         why=("No set within 6 EUR has a higher AP.", "It is the cheapest that reaches 0.95."),
         sensors=sensors,
@@ -92,20 +79,26 @@ def example_plan(site, ground):
         near_optimal=(near,),
         front=options,
         schemes=tuple(
-            SchemeFigures(scheme, 0.7, judged(ap), kbit)
+            content.SchemeFigures(scheme, 0.7, judged(ap), kbit)
             for scheme, ap, kbit in (("early", 0.97, 1480.0), ("late", 0.962, 312.0), ("hybrid", 0.968, 610.0))
         ),
-        by_zone=(BreakdownRow("middle of the junction", judged(0.99), 812.0), BreakdownRow("west arm", judged(0.91))),
-        by_range=(
-            BreakdownRow("0–15 m", judged(0.98)),
-            BreakdownRow("15–30 m", judged(0.95)),
-            BreakdownRow(">30 m", None),
+        by_zone=(
+            content.BreakdownRow("middle of the junction", judged(0.99), 812.0),
+            content.BreakdownRow("west arm", judged(0.91)),
         ),
-        by_approach=(BreakdownRow("from the west", judged(0.95)), BreakdownRow("from the east", judged(0.97))),
+        by_range=(
+            content.BreakdownRow("0–15 m", judged(0.98)),
+            content.BreakdownRow("15–30 m", judged(0.95)),
+            content.BreakdownRow(">30 m", None),
+        ),
+        by_approach=(
+            content.BreakdownRow("from the west", judged(0.95)),
+            content.BreakdownRow("from the east", judged(0.97)),
+        ),
         by_class=(
-            ClassSeen("vehicle", 412, 10, 0.98),
-            ClassSeen("cyclist", 61, 10, 0.83),
-            ClassSeen("heavy", 0, 10, None),
+            content.ClassSeen("vehicle", 412, 10, 0.98),
+            content.ClassSeen("cyclist", 61, 10, 0.83),
+            content.ClassSeen("heavy", 0, 10, None),
         ),
         worth=worth,
         failures=failures,
@@ -115,7 +108,7 @@ def example_plan(site, ground):
         ),
         materials=(MaterialItem("depth camera", 4, 0.5, 2.0), MaterialItem("pole with power and link", 4, 1.0, 4.0)),
         order=tuple(
-            BuildStep(name, 1.5 * (i + 1), judged(ap))
+            content.BuildStep(name, 1.5 * (i + 1), judged(ap))
             for i, (name, ap) in enumerate(zip(("d3", "d0", "d1", "d5"), (0.71, 0.88, 0.934, 0.962), strict=True))
         ),
         ground=GroundShares(
@@ -150,7 +143,7 @@ def hostile(example):
     sensors = tuple(replace(sensor, name=sensor.name + HOSTILE) for sensor in example.plan.sensors)
     mounted = tuple(Sensor(sensor.name + HOSTILE, sensor.model, sensor.pose) for sensor in example.site.sensors)
     chosen = replace(example.plan.chosen, sensors=tuple(sensor.name for sensor in sensors))
-    verdict = Verdict(True, HOSTILE, (HOSTILE,))
+    verdict = content.Verdict(True, HOSTILE, (HOSTILE,))
     plan = replace(
         example.plan, sensors=sensors, chosen=chosen, verdict=verdict, site=HOSTILE, question={HOSTILE: HOSTILE}
     )
@@ -168,7 +161,7 @@ def example_moment(ground, frame, count=900):
     boxes = np.array([[-20 + 4 * frame, 1.5, 0.8, 4.4, 1.8, 1.6, 0], [12 - 4 * frame, -2, 0.8, 4.6, 1.9, 1.6, np.pi]])
     boxes = np.concatenate([boxes, [[0, -14 + 3 * frame, 0.8, 4.5, 1.8, 1.6, np.pi / 2]]])
     found = np.concatenate([boxes[:2] + np.array([0.1, 0, 0, 0, 0, 0, 0.02]), [[25.0, 8, 0.8, 4, 1.8, 1.5, 0.4]]])
-    return Moment(
+    return content.Moment(
         tuple(clouds),
         Objects(boxes),
         Detections(found, np.array([0.9, 0.8, 0.4])),
@@ -185,7 +178,7 @@ def example():
     ground = example_ground(site, CHOSEN)
     moments = tuple(example_moment(ground, frame) for frame in range(3))
     chosen = tuple(sensor for sensor in site.sensors if sensor.name in CHOSEN)
-    return Planned(example_plan(site, ground), replace(site, sensors=chosen), ground=ground, moments=moments)
+    return content.Planned(example_plan(site, ground), replace(site, sensors=chosen), ground=ground, moments=moments)
 
 
 @pytest.fixture(scope="session")
@@ -201,14 +194,14 @@ def hostile_example(example):
 @pytest.fixture(scope="session")
 def nothing_chosen(example):
     """The plan where nothing can be built."""
-    plan = Plan(
+    plan = content.Plan(
         question={"site": "tjunction", "max_kbit": 0.001},
         site="tjunction",
         detector="VoxelNet",
         iou=0.7,
         scheme="late",
         currency="",
-        verdict=Verdict(False, "No set meets the requirement.", ("No link carries 0.001 kbit per frame.",)),
+        verdict=content.Verdict(False, "No set meets the requirement.", ("No link carries 0.001 kbit per frame.",)),
         chosen=None,
     )
-    return Planned(plan, example.site)
+    return content.Planned(plan, example.site)

@@ -7,16 +7,7 @@ import pytest
 
 from placement_env.classes import Classes
 from placement_env.report.content import FailureCase, Judgement, Plan, PlanOption, SchemeFigures, Verdict
-from placement_env.report.planning.sentences import (
-    build_verdict,
-    describe_cases,
-    explain_choice,
-    explain_shortfall,
-    list_assumptions,
-    list_unknowns,
-    refuse_question,
-    refuse_traffic,
-)
+from placement_env.report.planning import sentences
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.sites.site import Site
 
@@ -31,11 +22,11 @@ def explain(question, considered=9, near=(), schemes=(), failures=()):
         {}, "street", "Reader", 0.7, "early", "", Verdict(None, ""), OPTION,
         considered=(OPTION,), near_optimal=near, schemes=schemes, failures=failures,
     )  # fmt: skip
-    return explain_choice(question, plan, OPTION, "best", considered=considered, fidelity="surrogate")
+    return sentences.explain_choice(question, plan, OPTION, "best", considered=considered, fidelity="surrogate")
 
 
 def assume(question, fidelity="surrogate", sampled=False):
-    return " ".join(list_assumptions(question, fidelity, "Reader", sampled=sampled))
+    return " ".join(sentences.list_assumptions(question, fidelity, "Reader", sampled=sampled))
 
 
 @pytest.mark.parametrize(
@@ -51,8 +42,8 @@ def assume(question, fidelity="surrogate", sampled=False):
 )
 def test_cases_of_the_ap(ask, asked, words):
     question = ask(SITE, **asked)
-    assert describe_cases(question) == words
-    assert f"120 frames){words} at IoU 0.7" in build_verdict(question, OPTION, OPTION, ()).sentence
+    assert sentences.describe_cases(question) == words
+    assert f"120 frames){words} at IoU 0.7" in sentences.build_verdict(question, OPTION, OPTION, ()).sentence
     compared = [line for line in explain(question) if line.startswith("The AP by which sets are compared is ")]
     assert len(compared) == bool(words)
     if asked == {"levels": 3}:
@@ -61,7 +52,7 @@ def test_cases_of_the_ap(ask, asked, words):
 
 def test_verdicts_on_cases_and_error_profiles(ask):
     both = ask(SITE, errors=("paper", "poor"))
-    assert describe_cases(both) == ", at the worst of the error profiles paper and poor,"
+    assert sentences.describe_cases(both) == ", at the worst of the error profiles paper and poor,"
     said = assume(both)
     assert "errors of profile paper (OwnNoise) and of profile poor (Glass, Paint, DropOut" in said
     assert "The AP by which they are compared is that at the worst of the error profiles paper and poor; every" in said
@@ -70,15 +61,15 @@ def test_verdicts_on_cases_and_error_profiles(ask):
     assert "Poses are exact" in assume(ask(SITE))
     named = "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
     assert named in assume(ask(SITE, errors=("typical",)))
-    asked = build_verdict(ask(SITE), OPTION, OPTION, ())
+    asked = sentences.build_verdict(ask(SITE), OPTION, OPTION, ())
     assert asked.met is None
     words = "AP 0.910 (95 % interval 0.850 to 0.950, 812 vehicles in 120 frames) at IoU 0.7 with 2 sensors"
     assert words in asked.sentence
-    met = build_verdict(ask(SITE, min_ap=0.9), OPTION, OPTION, ())
+    met = sentences.build_verdict(ask(SITE, min_ap=0.9), OPTION, OPTION, ())
     assert (met.met, "reaches below it" in met.sentence) == (True, True)
-    sure = build_verdict(ask(SITE, min_ap=0.8), OPTION, OPTION, ())
+    sure = sentences.build_verdict(ask(SITE, min_ap=0.8), OPTION, OPTION, ())
     assert "the whole interval lies above it" in sure.sentence
-    missed = build_verdict(ask(SITE, min_ap=0.95), OPTION, OPTION, ("Because.",))
+    missed = sentences.build_verdict(ask(SITE, min_ap=0.95), OPTION, OPTION, ("Because.",))
     assert (missed.met, missed.reasons[-1]) == (False, "Because.")
     assert "is not met" in missed.sentence
 
@@ -108,27 +99,29 @@ def test_choices_and_assumptions_follow_the_question(ask):
     assert "kbit count 96 bits for a point and 256 for a box" in assume(ask(SITE))
     assert "kbit are of messages as RangeImages(step=0.04) writes" in assume(ask(SITE, codec=RangeImages(0.04)))
     assert "kbit are of messages as RangeImages(step=0.02) writes" in assume(ask(SITE, scheme="foreground"))
-    assert len(list_unknowns(FINAL)) == 4
-    assert "How far AP 1.000 may be off" in list_unknowns(Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 3, 4))[-1]
+    assert len(sentences.list_unknowns(FINAL)) == 4
+    assert "How far AP 1.000 may be off" in sentences.list_unknowns(Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 3, 4))[-1]
 
 
 def test_refusals_say_how_short_of_the_requirement(ask, street):
-    assert "budget is 0 sensors" in refuse_question(ask(street.site, sensors=0))[0]
+    assert "budget is 0 sensors" in sentences.refuse_question(ask(street.site, sensors=0))[0]
     question = ask(street.site)
-    assert "has no road network" in refuse_question(question)[0]
-    assert refuse_traffic(question, ["vehicle"], 1, "simulated") == (
+    assert "has no road network" in sentences.refuse_question(question)[0]
+    assert sentences.refuse_traffic(question, ["vehicle"], 1, "simulated") == (
         "No vehicle enters the detection area of site 'street' in 1 frame of simulated traffic: increase --frames, "
         "change --seed, or enlarge the area.",
     )
-    assert refuse_traffic(question, ["cyclist", "heavy"], 3, "judging")[0].startswith("No cyclist and no heavy enters")
+    assert sentences.refuse_traffic(question, ["cyclist", "heavy"], 3, "judging")[0].startswith(
+        "No cyclist and no heavy enters"
+    )
     final = Judgement(0.8, 0.7, 0.9, 0.8, 1.0, 50, 20)
     best = PlanOption(("a", "b"), 5500.0, 1.0, 2.0, 0.9, replace(final, ap=0.85))
     question = ask(street.site, sensors=2, money=6000.0, min_ap=0.95)
-    first, number, left, excluded = explain_shortfall(question, best, final, ("The links exclude all.",))
+    first, number, left, excluded = sentences.explain_shortfall(question, best, final, ("The links exclude all.",))
     assert "2 sensors" in first
     assert "AP 0.800 (0.700 to 0.900) on 50 vehicles in the final traffic and 0.850 in the traffic it was" in first
     assert "0.95 is required" in first
     assert "The budget of 2 sensors is used up" in number
     assert "it leaves the price of 500 ordinary poles" in left
     assert excluded == "The links exclude all."
-    assert len(explain_shortfall(ask(street.site, sensors=9, min_ap=0.95), best, final, ())) == 1
+    assert len(sentences.explain_shortfall(ask(street.site, sensors=9, min_ap=0.95), best, final, ())) == 1
