@@ -1,7 +1,5 @@
 """Every file format that is read: how to make a small sound file of it, how it is damaged, and what reads it."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import sqlite3

@@ -5,8 +5,6 @@ there, reads every sample, lets the doctor look at them and writes them as one f
 `doctor` and `convert` do, and puts the sound file back.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Every mutation takes the content of a sound file and a generator, and gives what was done and the damaged content.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -4,8 +4,6 @@ Some of its lines are in docs/damaged-inputs.md. Each case spoils a sound file o
 command would.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tempfile

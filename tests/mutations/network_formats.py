@@ -1,7 +1,5 @@
 """Sound files of networks: weights of vehicles alone and of several classes, checkpoints, and what reads them."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Sound files of points, poses and meshes, and what reads them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

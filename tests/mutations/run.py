@@ -4,8 +4,6 @@ A reader may read a damaged file or refuse it with a ValueError or OSError of on
 most 20 s, and leave the file as it is. Readers run in a process of their own, so that a crash is counted and named.
 """
 
-from __future__ import annotations
-
 import argparse
 import faulthandler
 import hashlib

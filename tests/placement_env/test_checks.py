@@ -1,7 +1,5 @@
 """The rules for numbers that users give: what passes, and one line for what does not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The objective on a stand-in fidelity: memory, order, terms, feasibility."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -7,8 +7,6 @@ False alarms, precision and calibration error are of the detector's own threshol
 ends where it stops, since whatever is less sure was not reported. Tables are Markdown.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -8,8 +8,6 @@ neither missed nor false alarms. By class everybody in the area counts, unseen o
 alarms are of the weights' own thresholds, at the IoU from which a detection is true (0.5, of pedestrians 0.25).
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -7,8 +7,6 @@ of its own, on two threads. The weights are random, and let 600 anchors pass the
 processor times on one thread.
 """
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

@@ -6,8 +6,6 @@ python tests/benchmarks/placement_env/bench_env.py [FRAMES]
     --pose      of moving four sensors alone: on mounts of the site's own sensors in panoramas, and rendered in full
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from pathlib import Path

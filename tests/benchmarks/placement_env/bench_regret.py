@@ -12,8 +12,6 @@ on where it was; --print says what the rows say so far (`regret_figures.py`). Bu
 rows already stand for all of them.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -6,8 +6,6 @@ is too large by what the best of many noisy figures is too large; `unbiased` is 
 `predicted` is the AP by the surrogate, `expected` and `after` what surrogate and race together make likeliest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 

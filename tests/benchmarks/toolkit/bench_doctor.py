@@ -8,8 +8,6 @@ mistake and nothing else. Recordings made with `coview simulate --every 0.1`; wi
 random one are simulated first.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

@@ -8,8 +8,6 @@ and started again it goes on, `--print` prints what there is. Intervals: bootstr
 traffic is the same. Milliseconds are processor time, on one thread.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -5,8 +5,6 @@ yaw as they stand there, whatever they mean. `MISTAKES` changes these numbers as
 convention for the usual other one.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """An objective of made-up vehicles, scored in no time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every environment at every fidelity: Gymnasium's and Stable-Baselines3's checkers, and sets chosen through it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import gymnasium as gym

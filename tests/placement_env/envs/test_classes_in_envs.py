@@ -1,7 +1,5 @@
 """Environments with several classes of road users; vehicles alone change nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

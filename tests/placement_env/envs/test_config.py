@@ -1,7 +1,5 @@
 """Configurations are checked when an environment is made, before anything is simulated or rendered."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The scalar environment: few files crossed in a step, one clear line for an invalid action."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ seeded episodes, scalar and vector, are held in `golden_v0.npz`.
 python tests/placement_env/envs/test_golden.py    # writes the file anew; only a new version of an environment may
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

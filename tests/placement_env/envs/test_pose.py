@@ -1,7 +1,5 @@
 """Moving sensors: ranges, renders, checkers, agreement of scalar and vector environments."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The environments are known to Gymnasium whichever package is imported first; heavy packages stay unloaded."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

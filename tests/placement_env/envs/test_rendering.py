@@ -1,7 +1,5 @@
 """Pictures and text of the chosen sensors."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

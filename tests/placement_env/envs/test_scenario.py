@@ -1,7 +1,5 @@
 """Scenarios: features of candidates in slots, the places they see, and episodes drawn alike in scalar and vector."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Choosing sensors one by one and at once: checkers, rewards, illegal actions, options, pictures, other processes."""
 
-from __future__ import annotations
-
 import multiprocessing
 import pickle
 from dataclasses import replace

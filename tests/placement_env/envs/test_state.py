@@ -1,7 +1,5 @@
 """State of episodes against plain loops; only its owner writes it."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Vector environments agree with scalar ones step by step."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym
