@@ -181,10 +181,10 @@ def test_references_keep_docstrings_signatures_and_help(extension):
     assert signature(crop).startswith("(cloud: PointCloud, area: Area, height: float | None = None, *, floor")
     assert "vertices: Float32[np.ndarray, 'k 3']" in signature(Body)
     assert signature(Codec) == ""
-    lines = list(extension("commands").section("site"))
-    assert lines[0] == "coview site"
-    assert [line for line in lines if line.startswith("coview site ")] >= ["coview site import", "coview site random"]
-    there = lines.index("``--centre FLOAT FLOAT``")
-    assert lines[there + 1].strip().startswith("Centre of the detection area: metres of an OpenDRIVE map")
-    assert "``SITE``" in lines
+    shown = list(extension("commands").section("site"))
+    assert shown[0] == "coview site"
+    assert [line for line in shown if line.startswith("coview site ")] >= ["coview site import", "coview site random"]
+    there = shown.index("``--centre FLOAT FLOAT``")
+    assert shown[there + 1].strip().startswith("Of the detection area: metres of an OpenDRIVE map")
+    assert "``SITE``" in shown
     assert "``--drop-invalid``" in list(extension("commands").section("evaluate"))

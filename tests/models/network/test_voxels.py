@@ -48,9 +48,9 @@ def test_borders_voxels_and_batches_are_the_published_ones():
     for number, item in enumerate(items):
         rows = batch.cells[:, 0] == number
         torch.testing.assert_close(batch.cells[rows][:, 1:], item.cells[:, 1:])
-        points = rows[batch.voxel]
-        torch.testing.assert_close(batch.points[points], item.points)
-        torch.testing.assert_close(batch.cells[batch.voxel[points], 1:], item.cells[item.voxel, 1:])
+        own = rows[batch.voxel]
+        torch.testing.assert_close(batch.points[own], item.points)
+        torch.testing.assert_close(batch.cells[batch.voxel[own], 1:], item.cells[item.voxel, 1:])
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3), np.float32), np.float32([[9, 0, 1], [0, 0, -1], [np.nan, 0, 1]])])

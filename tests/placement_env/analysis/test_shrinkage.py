@@ -21,15 +21,14 @@ def test_noise_counts_for_nothing_and_it_picks_better():
     found = shrink(figure, figure[:, None] + draws, PREDICTED)
     assert found.figure == pytest.approx(figure)
     assert found.resamples.std(axis=1) == pytest.approx(np.repeat(draws.std(), 4))
-    rng, errors, chosen = np.random.default_rng(5), [], []
+    rng, errors, chosen, deviation = np.random.default_rng(5), [], [], 0.03
     for _ in range(300):
         truth = 0.8 + 0.04 * rng.standard_normal(8)
         predicted = truth - 0.1 + 0.03 * rng.standard_normal(8)
-        noise = 0.03
-        figure = truth + noise * rng.standard_normal(8)
-        draws = figure[:, None] + noise * rng.standard_normal((8, 200))
-        found = shrink(figure, draws, predicted, blocks=24.0).figure
-        each = (figure, predicted + (figure - predicted).mean(), found)
+        figure = truth + deviation * rng.standard_normal(8)
+        draws = figure[:, None] + deviation * rng.standard_normal((8, 200))
+        shrunk = shrink(figure, draws, predicted, blocks=24.0).figure
+        each = (figure, predicted + (figure - predicted).mean(), shrunk)
         errors.append([np.abs(one - truth).mean() for one in each])
         chosen.append([truth.max() - truth[one.argmax()] for one in each])
     assert np.mean(errors, axis=0)[2] < 0.85 * np.mean(errors, axis=0)[:2].min()

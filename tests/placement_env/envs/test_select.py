@@ -93,9 +93,9 @@ def test_options_pickles_and_masks(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective())
     here = rollout(env)
     assert rollout(pickle.loads(pickle.dumps(env))) == here
-    env: Any = gym.make(CHOOSING[1], objective=objective(capacity=1.0)).unwrapped
-    env.reset()
-    assert env.action_masks().tolist() == [True, False] * 6
+    masked: Any = gym.make(CHOOSING[1], objective=objective(capacity=1.0)).unwrapped
+    masked.reset()
+    assert masked.action_masks().tolist() == [True, False] * 6
 
 
 @pytest.mark.parametrize("name", CHOOSING)

@@ -135,8 +135,8 @@ def test_what_is_shared_travels_or_finds_nothing(tmp_path):
     Detected(Seen(other), detector, "late", memo=tmp_path / "memo")(np.array([[False, True]]))
     assert detector.calls == 0
     detected = Detected(Seen(Recording()), Guess(), "hybrid", memo=tmp_path / "memo")
-    before = detected(SETS[[0, 5]])
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(detected))(SETS[[0, 5]]), before)
+    estimate = detected(SETS[[0, 5]])
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(detected))(SETS[[0, 5]]), estimate)
     recording = Recording()
     recording.site = Site("elsewhere", AREA + 1000)
     assert np.isnan(Detected(Seen(recording), Guess(), "early")(SETS).ap).all()

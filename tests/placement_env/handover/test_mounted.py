@@ -9,14 +9,7 @@ import pytest
 from placement_env.candidates.candidates import Axes, Candidates, aim_sensor
 from placement_env.candidates.pool import paper_candidates, pool
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
-from placement_env.handover.mounted import (
-    MaterialItem,
-    bill_of_materials,
-    format_sensors,
-    link_loads,
-    mounted_site,
-    unused_mounts,
-)
+from placement_env.handover import mounted
 from toolkit.geometry import pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site
@@ -48,7 +41,7 @@ def chosen(candidates) -> list[int]:
 
 
 def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
-    north, east = format_sensors(SITE, candidates, chosen, **KBIT)
+    north, east = mounted.format_sensors(SITE, candidates, chosen, **KBIT)
     assert (north.name, north.pole, north.model) == ("north_4.0m_h270_t15_camera", "north", "depth-camera")
     assert (east.name, east.pole, east.model) == ("e-1_4.0m_h180_t15_lidar", "e/1", "spinning-lidar")
     assert (north.x, north.y, north.z, north.height) == (0.0, 12.0, 4.5, 4.0)
@@ -61,7 +54,7 @@ def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
     assert (north.pole_price, north.capacity_kbit, north.kbit, north.peak_kbit) == (0.5, 800.0, 300.0, 400.0)
     assert (east.pole_price, east.capacity_kbit, east.kbit, east.peak_kbit) == (1.0, 2000.0, 20.5, 30.5)
     assert (north.model_price, east.model_price) == (0.0, 0.0)
-    north, _ = format_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
+    north, _ = mounted.format_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
     assert (north.longitude, north.latitude) == (None, None)
     assert north.bearing_deg == pytest.approx(90.0)
 
@@ -69,30 +62,30 @@ def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
 def test_sensors_that_were_moved_or_roam(candidates, chosen):
     first, second = (candidates.sensors[c] for c in chosen)
     moved = (aim_sensor(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)), second)
-    north, east = format_sensors(SITE, candidates, chosen, moved, **KBIT)
+    north, east = mounted.format_sensors(SITE, candidates, chosen, moved, **KBIT)
     assert (north.name, north.pole, north.height) == ("north_6.25m_h275.5_t7.0_camera", "north", 6.25)
     assert (north.bearing_deg, north.tilt_deg) == pytest.approx((84.5, 7.0))
     assert (east.name, east.height) == ("e-1_4.0m_h180_t15_lidar", 4.0)  # it stayed where it was
-    site = mounted_site(SITE, candidates, chosen, moved)
+    site = mounted.mounted_site(SITE, candidates, chosen, moved)
     assert [s.name for s in site.sensors] == [north.name, east.name]
     assert np.array_equal(site.sensors[0].pose, moved[0].pose)
     away = (aim_sensor(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
-    (there,) = format_sensors(SITE, candidates, chosen[:1], away, kbit=np.ones((1, 1)))
+    (there,) = mounted.format_sensors(SITE, candidates, chosen[:1], away, kbit=np.ones((1, 1)))
     assert (there.pole, there.name) == ("e/1", "e-1_5.00m_h0.0_t0.0_camera")
-    assert [mount.name for mount in unused_mounts(candidates, chosen[:1], away)] == ["north"]
-    site = mounted_site(SITE, candidates, np.array(chosen))
+    assert [mount.name for mount in mounted.unused_mounts(candidates, chosen[:1], away)] == ["north"]
+    site = mounted.mounted_site(SITE, candidates, np.array(chosen))
     assert [sensor.name for sensor in site.sensors] == ["north_4.0m_h270_t15_camera", "e-1_4.0m_h180_t15_lidar"]
     assert site == replace(SITE, sensors=site.sensors)
-    assert unused_mounts(candidates, chosen) == ()
-    assert unused_mounts(candidates, []) == (NORTH, EAST)
-    assert mounted_site(site, candidates, []).sensors == ()
+    assert mounted.unused_mounts(candidates, chosen) == ()
+    assert mounted.unused_mounts(candidates, []) == (NORTH, EAST)
+    assert mounted.mounted_site(site, candidates, []).sensors == ()
 
 
 def test_poles_of_a_file_become_mounts_of_the_site(candidates):
     own = [Mount("new", np.array([-15.0, 9.0, 0.0])), Mount("north", np.array([9.0, 9.0, 0.0]), price=3.0)]
     own += [Mount("again", np.array([20.05, 0.0, 0.0]))]
     found = pool(SITE, mounts=own)
-    site = mounted_site(SITE, found, [0, int(np.flatnonzero(found.mount == 1)[0]), len(found) - 1])
+    site = mounted.mounted_site(SITE, found, [0, int(np.flatnonzero(found.mount == 1)[0]), len(found) - 1])
     assert [(m.name, *m.position, m.price) for m in site.mounts] == [
         ("e/1", 20.0, 0.0, 0.0, 1.0),
         ("new", -15.0, 9.0, 0.0, 1.0),
@@ -102,28 +95,30 @@ def test_poles_of_a_file_become_mounts_of_the_site(candidates):
 
 def test_mounts_of_sites_come_once_and_of_no_set_none():
     site = load_site("tjunction")
-    assert mounted_site(site, paper_candidates(site), range(6)).sensors == site.sensors
-    assert {m.name for m in mounted_site(site, paper_candidates(site), [0, 3]).mounts} >= {m.name for m in site.mounts}
+    assert mounted.mounted_site(site, paper_candidates(site), range(6)).sensors == site.sensors
+    assert {m.name for m in mounted.mounted_site(site, paper_candidates(site), [0, 3]).mounts} >= {
+        m.name for m in site.mounts
+    }
     none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
-    empty = Candidates((), (NORTH,), np.zeros((0, 5), np.int64), none)
-    assert format_sensors(SITE, empty, [], kbit=np.zeros((0, 1))) == ()
+    empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
+    assert mounted.format_sensors(SITE, empty, [], kbit=np.zeros((0, 1))) == ()
 
 
 def test_numbers_that_differ(candidates, chosen):
     with pytest.raises(ValueError, match="kbit must hold a row for each of 2 sensors, got 1"):
-        format_sensors(SITE, candidates, chosen, kbit=np.ones((1, 3)))
+        mounted.format_sensors(SITE, candidates, chosen, kbit=np.ones((1, 3)))
     with pytest.raises(ValueError, match="moved must hold the 2 chosen sensors, got 1"):
-        format_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
+        mounted.format_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
 
 
 def test_a_mount_is_paid_with_the_first_sensor_on_it(candidates, chosen):
     names = [sensor.name for sensor in candidates.sensors]
     both = [chosen[0], names.index("north_4.0m_h180_t15_camera")]
-    sensors = format_sensors(SITE, candidates, both, **KBIT)
+    sensors = mounted.format_sensors(SITE, candidates, both, **KBIT)
     assert [(each.pole, each.pole_price) for each in sensors] == [("north", 0.5), ("north", 0.0)]
-    poles = [item for item in bill_of_materials(sensors) if item.item == "pole"]
+    poles = [item for item in mounted.bill_of_materials(sensors) if item.item == "pole"]
     assert [(item.count, item.price) for item in poles] == [(1, 0.5)]
-    (load,) = link_loads(sensors, limited=True)
+    (load,) = mounted.link_loads(sensors, limited=True)
     assert (load.pole, load.mbit_s, load.peak_mbit_s, load.capacity_mbit_s) == pytest.approx(
         ("north", 3.205, 4.305, 8.0)
     )
@@ -134,7 +129,7 @@ def sensors(street):
     kbit = np.array([[100.0, 300.0], [200.0, 600.0]])
     first, second = street.candidates.axes.models
     catalogue = SensorCatalogue((PricedModel("eye", first, 10.0), PricedModel("wide eye", second, 20.0)))
-    return format_sensors(street.site, street.candidates, (2, 3), kbit=kbit, catalogue=catalogue)
+    return mounted.format_sensors(street.site, street.candidates, (2, 3), kbit=kbit, catalogue=catalogue)
 
 
 def test_bills_of_prices_and_links_add_up(sensors):
@@ -143,15 +138,15 @@ def test_bills_of_prices_and_links_add_up(sensors):
         ("wide eye", 20.0, "post3", 3.0),
     ]
     assert [(s.kbit, s.peak_kbit, s.capacity_kbit) for s in sensors] == [(200.0, 300.0, 500.0), (400.0, 600.0, 500.0)]
-    first, second = link_loads(sensors, limited=True)
+    first, second = mounted.link_loads(sensors, limited=True)
     assert (first.pole, first.mbit_s, first.peak_mbit_s, first.capacity_mbit_s) == ("post2", 2.0, 3.0, 5.0)
     assert (first.share, first.fits) == (0.6, True)
     assert (second.share, second.fits) == (1.2, False)
-    assert all(load.fits for load in link_loads(sensors, limited=False))
-    bill = bill_of_materials((*sensors, sensors[0]))
+    assert all(load.fits for load in mounted.link_loads(sensors, limited=False))
+    bill = mounted.bill_of_materials((*sensors, sensors[0]))
     assert bill == (
-        MaterialItem("eye", 2, 10.0, 20.0),
-        MaterialItem("wide eye", 1, 20.0, 20.0),
-        MaterialItem("pole", 2, 0.5, 1.0),
-        MaterialItem("pole", 1, 3.0, 3.0),
+        mounted.MaterialItem("eye", 2, 10.0, 20.0),
+        mounted.MaterialItem("wide eye", 1, 20.0, 20.0),
+        mounted.MaterialItem("pole", 2, 0.5, 1.0),
+        mounted.MaterialItem("pole", 1, 3.0, 3.0),
     )

@@ -41,13 +41,13 @@ def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
     assert any("neither searches nor race saw, not a detector: it may err alike everywhere:" in x for x in found.lines)
     assert found.lines[-1].startswith("searched by: AP ")
 
-    def said(*errors, by="worst"):
+    def profiles(*errors, by="worst"):
         cases = Cases(errors=errors, errors_by=by)
         return common(judge="detector", detector=Wary(), cases=cases).question["errors"]
 
-    assert said("poor") == said(POOR) == POOR.origin
-    assert said("paper", "poor") == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
-    assert said("paper", "poor", by="mean")["combine"] == "mean"
+    assert profiles("poor") == profiles(POOR) == POOR.origin
+    assert profiles("paper", "poor") == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
+    assert profiles("paper", "poor", by="mean")["combine"] == "mean"
 
 
 def test_orders_without_sensors_and_refusals(common):

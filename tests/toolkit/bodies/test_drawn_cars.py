@@ -96,6 +96,7 @@ def test_beds_planks_and_mounds_lie_as_high_as_they_should():
     ]
     assert pickups
     for car in pickups:
+        assert car.bed is not None
         front, rear, _ = car.bed
         assert 0.5 < front < 0.75 < rear < 1
         x = car.length * (0.5 - (front + rear) / 2)

@@ -21,5 +21,5 @@ def test_people_and_two_wheelers_have_their_measures():
         assert abs(mesh.vertices[:, 2].min()) < 0.02
     from toolkit.traffic.spawner import BICYCLE_LENGTH
 
-    lengths = {name: np.ptp(mesh.vertices[:, 0]) for name, mesh in two_wheelers().items()}
-    assert lengths["motorcycle"] > BICYCLE_LENGTH > lengths["child_bicycle"]
+    long = {name: np.ptp(mesh.vertices[:, 0]) for name, mesh in two_wheelers().items()}
+    assert long["motorcycle"] > BICYCLE_LENGTH > long["child_bicycle"]

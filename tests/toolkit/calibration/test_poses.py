@@ -134,9 +134,9 @@ def test_drifts_are_clear_and_said_in_degrees():
     turned[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(0.2)]))
     assert found_at(turned).drifted
     assert np.rad2deg(found_at(turned).turn) == pytest.approx(0.2)
-    pose = np.eye(4)
-    pose[:3, 3] = [0.0, 0.3, 0.4]
-    said = found_at(pose, 0.01, [[0, 0, 0, -1.0, 0, 0]]).described()
+    moved = np.eye(4)
+    moved[:3, 3] = [0.0, 0.3, 0.4]
+    said = found_at(moved, 0.01, [[0, 0, 0, -1.0, 0, 0]]).described()
     assert said["moved_m"] == pytest.approx(0.5)
     assert said["unobserved"] == ["move along x 1.00"]
     assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]

@@ -7,15 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from toolkit.clouds import attributes, from_attributes, from_points, positions, save, sensor_numbers
-from toolkit.datasets.cloud_files import (
-    fuse_files,
-    load_poses,
-    match_poses,
-    parse_pose,
-    quaternion_pose,
-    read_points,
-    read_poses,
-)
+from toolkit.datasets import cloud_files
 from toolkit.geometry import invert, pose, transform
 
 POINTS = np.random.default_rng(0).uniform(-50, 50, (40, 3)).astype(np.float32).astype(np.float64)
@@ -50,20 +42,20 @@ ENDINGS = ["ply", "pcd", "npz", "xyz", "txt", "csv", "npy", "bin", "pcd.bin", "f
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_every_format_gives_the_same_points(tmp_path, ending):
-    points = read_points(write(tmp_path / f"a.{ending}"))
+    points = cloud_files.read_points(write(tmp_path / f"a.{ending}"))
     assert points.dtype == np.float64
     np.testing.assert_array_equal(points, POINTS)
 
 
 def test_points_of_no_number_or_none_at_all(tmp_path):
     np.save(tmp_path / "a.npy", [[1, 2, 3], [np.nan, 0, 0], [0, np.inf, 0]])
-    assert read_points(tmp_path / "a.npy").tolist() == [[1, 2, 3]]
+    assert cloud_files.read_points(tmp_path / "a.npy").tolist() == [[1, 2, 3]]
     world = POINTS + POSES[0][:3, 3]
     paths = []
     for k, world_SE3_sensor in enumerate(POSES):
         paths.append(tmp_path / f"station{k}.npy")
         np.save(paths[-1], transform(invert(world_SE3_sensor), world))
-    fused = fuse_files(paths, POSES)
+    fused = cloud_files.fuse_files(paths, POSES)
     np.testing.assert_allclose(positions(fused), np.tile(world, (2, 1)), atol=1e-6, rtol=0)
     assert sensor_numbers(fused).tolist() == [0] * 40 + [1] * 40
     header = (
@@ -72,7 +64,7 @@ def test_points_of_no_number_or_none_at_all(tmp_path):
     (tmp_path / "a.pcd").write_text(header)
     (tmp_path / "a.bin").write_bytes(b"")
     for name in ("a.pcd", "a.bin"):
-        assert read_points(tmp_path / name).shape == (0, 3)
+        assert cloud_files.read_points(tmp_path / name).shape == (0, 3)
 
 
 def numbers(pose, form):
@@ -86,7 +78,7 @@ def test_pose_files_in_json(tmp_path, form):
         ({"north": one, "south": other}, ["north", "south"]), ([one, other], ["0", "1"]), (one, ["0"]),
     ):  # fmt: skip
         (tmp_path / "poses.json").write_text(json.dumps(content))
-        poses = read_poses(tmp_path / "poses.json")
+        poses = cloud_files.read_poses(tmp_path / "poses.json")
         assert list(poses) == names
         for found, expected in zip(poses.values(), POSES, strict=False):
             np.testing.assert_allclose(found, expected)
@@ -105,18 +97,18 @@ def test_pose_files_in_text(tmp_path):
         ("\n".join(f"{name} {text(p.ravel())}" for name, p in zip("ab", POSES, strict=True)), ["a", "b"]),
     ):
         file.write_text(content)
-        poses = read_poses(file)
+        poses = cloud_files.read_poses(file)
         assert list(poses) == names
         np.testing.assert_allclose(poses[names[0]], POSES[0])
     file.write_text("up 1 0 0 0 7 8 9")
-    np.testing.assert_allclose(read_poses(file)["up"], pose(7.0, 8.0, 9.0))
-    np.testing.assert_allclose(read_poses(file, inverted=True)["up"], pose(-7.0, -8.0, -9.0))
+    np.testing.assert_allclose(cloud_files.read_poses(file)["up"], pose(7.0, 8.0, 9.0))
+    np.testing.assert_allclose(cloud_files.read_poses(file, inverted=True)["up"], pose(-7.0, -8.0, -9.0))
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1))
 def test_quaternions_turn_as_the_quaternion_product_does(quaternion):
     w, *vector = np.array(quaternion) / np.linalg.norm(quaternion)
-    matrix = quaternion_pose(np.array([w, *vector]), np.zeros(3))[:3, :3]
+    matrix = cloud_files.quaternion_pose(np.array([w, *vector]), np.zeros(3))[:3, :3]
     for axis in np.eye(3):
         turned = axis + 2 * np.cross(vector, np.cross(vector, axis) + w * axis)
         np.testing.assert_allclose(matrix @ axis, turned, atol=1e-12)
@@ -124,20 +116,23 @@ def test_quaternions_turn_as_the_quaternion_product_does(quaternion):
 
 def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
     poses = {"b": POSES[1], "a": POSES[0]}
-    assert [p is q for p, q in zip(match_poses(["x/a.ply", "b.pcd.bin"], poses), POSES, strict=True)] == [True, True]
-    assert match_poses(["a.ply"], {"0": POSES[1]})[0] is POSES[1]
+    assert [p is q for p, q in zip(cloud_files.match_poses(["x/a.ply", "b.pcd.bin"], poses), POSES, strict=True)] == [
+        True,
+        True,
+    ]
+    assert cloud_files.match_poses(["a.ply"], {"0": POSES[1]})[0] is POSES[1]
     with pytest.raises(ValueError, match="files a, c, poses b, a"):
-        match_poses(["a.ply", "c.ply"], poses)
+        cloud_files.match_poses(["a.ply", "c.ply"], poses)
     with pytest.raises(ValueError, match="cannot tell which pose"):
-        match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
-    assert match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0] is POSES[0]
+        cloud_files.match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
+    assert cloud_files.match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0] is POSES[0]
     clouds = [tmp_path / "a.ply", tmp_path / "b.ply"]
     for name, content in (("a", [POSES[0]]), ("b", [POSES[1]]), ("all", POSES)):
         (tmp_path / f"{name}.json").write_text(json.dumps([p.tolist() for p in content]))
     for files in (["a.json", "b.json"], ["all.json"]):
-        np.testing.assert_allclose(load_poses(clouds, [tmp_path / file for file in files]), POSES)
+        np.testing.assert_allclose(cloud_files.load_poses(clouds, [tmp_path / file for file in files]), POSES)
     with pytest.raises(ValueError, match="2 files of one pose each"):
-        load_poses(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
+        cloud_files.load_poses(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
 
 
 @pytest.mark.parametrize(
@@ -151,19 +146,19 @@ def test_poses_are_matched_by_name_or_place_one_for_each_file(tmp_path):
 def test_bad_pose_files_say_what_is_wrong(tmp_path, content, message):
     (tmp_path / "poses.txt").write_text(content)
     with pytest.raises(ValueError, match=message):
-        read_poses(tmp_path / "poses.txt")
+        cloud_files.read_poses(tmp_path / "poses.txt")
 
 
 @pytest.mark.parametrize("content", ["{", "3", "[]", '{"a": "b"}', '[{"x": 1}]', "[[1, 2], [3]]"])
 def test_bad_json_says_what_is_wrong(tmp_path, content):
     (tmp_path / "poses.json").write_text(content)
     with pytest.raises(ValueError, match=r"poses\.json"):
-        read_poses(tmp_path / "poses.json")
+        cloud_files.read_poses(tmp_path / "poses.json")
 
 
 def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such cloud file"):
-        read_points(tmp_path / "a.ply")
+        cloud_files.read_points(tmp_path / "a.ply")
     for name, content, message in (
         *(("a.las", b"x", r"ends in \.ply"), ("a.bin", b"12345", "5 bytes")),
         *(("a.npy", b"12345", r"cannot be read as \.npy array"), ("a.feather", b"12345", "no feather file")),
@@ -175,13 +170,13 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ValueError, match=message):
-            read_points(tmp_path / name)
+            cloud_files.read_points(tmp_path / name)
     np.save(tmp_path / "b.npy", np.zeros(7))
     with pytest.raises(ValueError, match="rows of x y z"):
-        read_points(tmp_path / "b.npy")
+        cloud_files.read_points(tmp_path / "b.npy")
     with pytest.raises(ValueError, match="2 poses"):
-        fuse_files([tmp_path / "a.ply"], POSES)
-    assert parse_pose(np.eye(4)).shape == (4, 4)
+        cloud_files.fuse_files([tmp_path / "a.ply"], POSES)
+    assert cloud_files.parse_pose(np.eye(4)).shape == (4, 4)
 
 
 @pytest.mark.parametrize(
@@ -193,17 +188,17 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
 )
 def test_text_with_a_header_is_read_by_its_columns(tmp_path, content):
     (tmp_path / "a.csv").write_text(content, encoding="utf-8")
-    assert read_points(tmp_path / "a.csv").tolist() == [[1, 2, 3]]
+    assert cloud_files.read_points(tmp_path / "a.csv").tolist() == [[1, 2, 3]]
 
 
 @pytest.mark.parametrize("ascii", [False, True])
 def test_a_ply_that_is_cut_off_is_refused(tmp_path, ascii):
     o3d.t.io.write_point_cloud(tmp_path / "a.ply", from_points(POINTS), write_ascii=ascii)
-    assert len(read_points(tmp_path / "a.ply")) == len(POINTS)
+    assert len(cloud_files.read_points(tmp_path / "a.ply")) == len(POINTS)
     whole = (tmp_path / "a.ply").read_bytes()
     (tmp_path / "a.ply").write_bytes(whole[: len(whole) * 2 // 3])
     with pytest.raises(ValueError, match="cut off"):
-        read_points(tmp_path / "a.ply")
+        cloud_files.read_points(tmp_path / "a.ply")
 
 
 def test_fused_files_keep_what_all_have_in_named_columns(tmp_path):
@@ -212,13 +207,13 @@ def test_fused_files_keep_what_all_have_in_named_columns(tmp_path):
     save(from_attributes({**whole, "ring": np.ones((40, 1), np.uint16)}), tmp_path / "a.pcd")
     save(from_attributes(whole), tmp_path / "b.ply")
     with pytest.warns(UserWarning, match="drops ring"):
-        fused = attributes(fuse_files([tmp_path / "a.pcd", tmp_path / "b.ply"], POSES))
+        fused = attributes(cloud_files.fuse_files([tmp_path / "a.pcd", tmp_path / "b.ply"], POSES))
     np.testing.assert_array_equal(fused["intensity"][:, 0], np.tile(np.arange(40.0), 2))
     np.testing.assert_allclose(fused["normals"][:40], np.tile(POSES[0][:3, 0], (40, 1)), atol=1e-6)
     np.testing.assert_allclose(fused["normals"][40:], np.tile(POSES[1][:3, 0], (40, 1)), atol=1e-6)
     (tmp_path / "a.csv").write_text("t,x,y,z,r,g,b,word\n7,1,2,3,255,0,9,car\n8,4,5,6,1,2,3,bus\n")
     np.hstack([POINTS, np.arange(40)[:, None], np.ones((40, 1))]).astype("<f4").tofile(tmp_path / "a.pcd.bin")
-    text, scan = (attributes(fuse_files([tmp_path / name], [np.eye(4)])) for name in ("a.csv", "a.pcd.bin"))
+    text, scan = (attributes(cloud_files.fuse_files([tmp_path / name], [np.eye(4)])) for name in ("a.csv", "a.pcd.bin"))
     assert text["t"][:, 0].tolist() == [7, 8]
     assert text["colors"].tolist() == [[255, 0, 9], [1, 2, 3]]
     assert text["colors"].dtype == np.uint8
@@ -231,5 +226,5 @@ def test_fused_files_keep_what_all_have_in_named_columns(tmp_path):
 def test_deep_and_endless_json_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "poses.json").write_text(content)
     with pytest.raises(ValueError, match=r"poses\.json holds no poses: (its lists|it has a number)") as error:
-        read_poses(tmp_path / "poses.json")
+        cloud_files.read_poses(tmp_path / "poses.json")
     assert "\n" not in str(error.value)

@@ -154,6 +154,7 @@ def test_the_published_files_and_those_from_elsewhere(path, published):
             assert sensor.model == DepthCamera()
         for ours, theirs in zip(read.sensors, made.sensors, strict=True):
             assert np.allclose(ours.pose, theirs.pose)
+    dataset.close()
     with h5py.File(path, "r+") as file:
         for objects in file["objects"].values():
             objects[:, :2] += 1000

@@ -5,17 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toolkit.boxes import footprints, iou_3d, iou_bev
-from toolkit.detection.metrics import (
-    TRUE_IOU,
-    USUAL_IOUS,
-    average_precision,
-    evaluate,
-    match,
-    matches,
-    precision_recall,
-    reliability,
-    sample_iou,
-)
+from toolkit.detection import metrics
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
 
 AT = [0.3, 0.5, 0.7]
@@ -93,7 +83,7 @@ def brute_force_ap(detections, truths, threshold, metric):
 @pytest.mark.parametrize("metric", ["3d", "bev"])
 def test_exact_agrees_with_brute_force(seed, metric):
     detections, truths = random_frames(seed)
-    results = evaluate(detections, truths, iou_thresholds=AT, metric=metric)
+    results = metrics.evaluate(detections, truths, iou_thresholds=AT, metric=metric)
     for threshold in AT:
         expected = brute_force_ap(detections, truths, threshold, metric)
         assert results[threshold].ap == pytest.approx(expected, abs=1e-12)
@@ -106,7 +96,7 @@ def test_a_case_worked_by_hand():
         Detections(np.concatenate([CAR, moved(CAR, 0.1)]), np.array([7.0, 6.0])),
     ]
     truths = [Objects(CAR), Objects(np.concatenate([CAR, moved(CAR, -20)]))]
-    result = evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
+    result = metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
     assert (result.tp, result.fp, result.truths) == (2, 2, 3)
     assert result.precision == 0.5
     assert result.recall == pytest.approx(2 / 3)
@@ -119,28 +109,28 @@ def test_a_case_worked_by_hand():
 def test_thresholds_met_by_equality_and_what_does_not_count():
     detections, truths = [Detections(moved(CAR, z=0.5), np.ones(1))], [Objects(CAR)]
     third = float(iou_3d(detections[0].boxes, CAR)[0, 0])
-    assert evaluate(detections, truths, iou_thresholds=[third])[third].tp == 1
-    assert evaluate(detections, truths, iou_thresholds=[0.9])[0.9].tp == 0
-    assert evaluate(detections, truths, iou_thresholds=[0.9], metric="bev")[0.9].tp == 1
+    assert metrics.evaluate(detections, truths, iou_thresholds=[third])[third].tp == 1
+    assert metrics.evaluate(detections, truths, iou_thresholds=[0.9])[0.9].tp == 0
+    assert metrics.evaluate(detections, truths, iou_thresholds=[0.9], metric="bev")[0.9].tp == 1
     boxes = np.concatenate([CAR, moved(CAR, 10)])
     detections, truths = [Detections(boxes, np.ones(2))], [Objects(boxes)]
-    result = evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[0.5]
+    result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[0.5]
     assert (result.tp, result.fp, result.truths) == (1, 0, 1)
-    found = match(detections[0], truths[0], 0.5, counted=[True, False])
+    found = metrics.match(detections[0], truths[0], 0.5, counted=[True, False])
     assert found.ignored.tolist() == [False, True]
     assert found.scored.tolist() == [True, False]
 
 
 def test_nothing_to_find_is_undefined_and_nothing_found_is_zero():
     found, there = Detections(CAR, np.ones(1)), Objects(CAR)
-    no_truths = evaluate([found], [Objects.empty()], iou_thresholds=[0.5])[0.5]
+    no_truths = metrics.evaluate([found], [Objects.empty()], iou_thresholds=[0.5])[0.5]
     assert np.isnan([no_truths.ap, no_truths.recall]).all()
     assert (no_truths.tp, no_truths.fp, no_truths.precision) == (0, 1, 0.0)
-    no_detections = evaluate([Detections.empty()], [there], iou_thresholds=[0.5])[0.5]
+    no_detections = metrics.evaluate([Detections.empty()], [there], iou_thresholds=[0.5])[0.5]
     assert (no_detections.ap, no_detections.recall) == (0, 0)
     assert np.isnan(no_detections.precision)
     for protocol in ("exact", "published"):
-        nothing = evaluate([], [], iou_thresholds=[0.5], protocol=protocol)[0.5]
+        nothing = metrics.evaluate([], [], iou_thresholds=[0.5], protocol=protocol)[0.5]
         assert np.isnan(nothing.ap)
         assert len(nothing.curve.score) == 0
 
@@ -148,22 +138,22 @@ def test_nothing_to_find_is_undefined_and_nothing_found_is_zero():
 def test_labels_are_scored_alone_and_heavy_ones_excuse():
     boxes = np.concatenate([CAR, moved(CAR, 10)])
     detections, truths = [Detections(boxes, np.ones(2), np.array([0, 1]))], [Objects(boxes, np.array([0, 0]))]
-    vehicles = evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
+    vehicles = metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
     assert (vehicles.tp, vehicles.fp, vehicles.truths) == (1, 0, 2)
-    cyclists = evaluate(detections, truths, iou_thresholds=[0.5], label="cyclist")[0.5]
+    cyclists = metrics.evaluate(detections, truths, iou_thresholds=[0.5], label="cyclist")[0.5]
     assert (cyclists.tp, cyclists.fp, cyclists.truths) == (0, 1, 0)
     partly = moved(CAR, 25.5)  # a car seen at the back of the bus, 2.5 of its 4 m on it
     beside = moved(CAR, 20, 2.0)
     detections = [Detections(np.concatenate([CAR, BUS, partly, beside]), np.array([0.9, 0.8, 0.7, 0.6]))]
     truths = [Objects(np.concatenate([CAR, BUS]), np.array([0, 3]))]
     for protocol in ("exact", "published"):
-        result = evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
+        result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
         assert (result.tp, result.fp, result.truths) == (1, 1, 1)
-    heavy = evaluate(detections, truths, iou_thresholds=[0.5], label="heavy")[0.5]
+    heavy = metrics.evaluate(detections, truths, iou_thresholds=[0.5], label="heavy")[0.5]
     assert (heavy.tp, heavy.fp, heavy.truths) == (0, 0, 1)
     inside = moved(CAR, 20)
     truths = [Objects(np.concatenate([inside, BUS]), np.array([0, 3]))]
-    assert evaluate([Detections(inside, np.ones(1))], truths, iou_thresholds=[0.5])[0.5].tp == 1
+    assert metrics.evaluate([Detections(inside, np.ones(1))], truths, iou_thresholds=[0.5])[0.5].tp == 1
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["exact", "published"]))
@@ -171,10 +161,10 @@ def test_labels_are_scored_alone_and_heavy_ones_excuse():
 def test_the_order_of_frames_and_detections_changes_nothing(seed, protocol):
     detections, truths = random_frames(seed % 50)
     rng = np.random.default_rng(seed)
-    ap = evaluate(detections, truths, iou_thresholds=AT, protocol=protocol)
+    ap = metrics.evaluate(detections, truths, iou_thresholds=AT, protocol=protocol)
     frames = rng.permutation(len(truths))
     shuffled = [detections[f][rng.permutation(len(detections[f]))] for f in frames]
-    again = evaluate(shuffled, [truths[f] for f in frames], iou_thresholds=AT, protocol=protocol)
+    again = metrics.evaluate(shuffled, [truths[f] for f in frames], iou_thresholds=AT, protocol=protocol)
     assert [again[t].ap for t in AT] == pytest.approx([ap[t].ap for t in AT])
 
 
@@ -184,31 +174,31 @@ def test_the_order_of_truths_and_of_equal_scores_changes_nothing(seed):
     detections, truths = random_frames(seed % 50)
     coarse = [Detections(d.boxes, np.floor(d.scores / 4), d.labels) for d in detections]
     rng = np.random.default_rng(seed)
-    ap = evaluate(coarse, truths, iou_thresholds=AT)
+    ap = metrics.evaluate(coarse, truths, iou_thresholds=AT)
     shuffled = [d[rng.permutation(len(d))] for d in coarse]
-    again = evaluate(shuffled, [t[rng.permutation(len(t))] for t in truths], iou_thresholds=AT)
+    again = metrics.evaluate(shuffled, [t[rng.permutation(len(t))] for t in truths], iou_thresholds=AT)
     assert [again[t].ap for t in AT] == pytest.approx([ap[t].ap for t in AT])
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_false_alarm_that_touches_nothing_never_raises_ap(seed):
     detections, truths = random_frames(seed)
-    before = evaluate(detections, truths, iou_thresholds=AT)
+    before = metrics.evaluate(detections, truths, iou_thresholds=AT)
     for score in (-1.0, 3.5, 1e9):
         stray = Detections(moved(CAR, 500), np.array([score]))
-        after = evaluate([Detections.merge([d, stray]) for d in detections], truths, iou_thresholds=AT)
+        after = metrics.evaluate([Detections.merge([d, stray]) for d in detections], truths, iou_thresholds=AT)
         assert all(after[t].ap <= before[t].ap for t in AT)
 
 
 def test_what_the_published_protocol_counts():
     detections = [Detections(CAR, np.array([0.9])), Detections(CAR, np.array([0.8]))]
     truths = [Objects.empty(), Objects(CAR)]
-    assert evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
-    assert evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
+    assert metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
+    assert metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
     # The stray box overlaps nothing, its arg-max is truth 0, and it claims that.
     detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
-    assert evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
-    assert evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5], protocol="published")[0.5].ap == 0.0
+    assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
+    assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5], protocol="published")[0.5].ap == 0.0
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -218,11 +208,11 @@ def test_sampled_iou_is_near_the_footprints_iou_times_the_heights_overlap(seed):
     a = random_cars(rng, 4) * [0.05, 0.05, 1, 1, 1, 1, 1]
     b = random_cars(rng, 3) * [0.05, 0.05, 1, 1, 1, 1, 1]
     off = 2 * 2 / 49  # one of 49 steps in either direction, and IoU moves up to twice as much as the share that is in
-    np.testing.assert_allclose(sample_iou(a, b, "bev"), iou_bev(a, b), atol=off)
+    np.testing.assert_allclose(metrics.sample_iou(a, b, "bev"), iou_bev(a, b), atol=off)
     top = np.minimum((a[:, 2] + a[:, 5] / 2)[:, None], b[:, 2] + b[:, 5] / 2)
     bottom = np.maximum((a[:, 2] - a[:, 5] / 2)[:, None], b[:, 2] - b[:, 5] / 2)
     factor = (top - bottom).clip(0) / np.maximum(a[:, 5:6], b[:, 5])
-    np.testing.assert_allclose(sample_iou(a, b, "3d"), sample_iou(a, b, "bev") * factor)
+    np.testing.assert_allclose(metrics.sample_iou(a, b, "3d"), metrics.sample_iou(a, b, "bev") * factor)
 
 
 def test_sampled_iou_and_matches_name_their_truth():
@@ -233,10 +223,10 @@ def test_sampled_iou_and_matches_name_their_truth():
             x, y = u * np.cos(-0.3) - v * np.sin(-0.3) - 1, u * np.sin(-0.3) + v * np.cos(-0.3) - 0.5
             held += abs(x * np.cos(0.4) + y * np.sin(0.4)) <= 2 and abs(y * np.cos(0.4) - x * np.sin(0.4)) <= 1
     overlap = held / 2500 * 4.4 * 1.8
-    assert sample_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(overlap / (8 + 4.4 * 1.8 - overlap))
-    assert sample_iou(b[None], b[None])[0, 0] == 1
+    assert metrics.sample_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(overlap / (8 + 4.4 * 1.8 - overlap))
+    assert metrics.sample_iou(b[None], b[None])[0, 0] == 1
     boxes = np.concatenate([moved(CAR, 10.1), CAR, moved(CAR, 0.2), moved(CAR, 60), BUS])
-    found = match(
+    found = metrics.match(
         Detections(boxes, np.array([0.1, 0.8, 0.9, 0.5, 0.4]), np.array([0, 0, 0, 1, 0])),
         Objects(np.concatenate([BUS, CAR, moved(CAR, 10), moved(CAR, -10)]), np.array([3, 0, 0, 0])),
         0.5,
@@ -251,33 +241,33 @@ def test_sampled_iou_and_matches_name_their_truth():
 @pytest.mark.parametrize("protocol", ["exact", "published"])
 def test_match_and_evaluate_agree(protocol):
     detections, truths = random_frames(3, frames=8)
-    result = evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
+    result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
     pairs = [p for p in zip(detections, truths, strict=True) if protocol == "exact" or (p[1].labels == 0).any()]
-    found = [match(d, t, 0.5, protocol=protocol) for d, t in pairs]
+    found = [metrics.match(d, t, 0.5, protocol=protocol) for d, t in pairs]
     assert sum(int(m.hit.sum()) for m in found) == result.tp
     assert sum(int((~m.ignored & (m.truth < 0)).sum()) for m in found) == result.fp
     for pair, alone in zip(pairs, found, strict=True):
-        np.testing.assert_equal(vars(list(matches(*pair, AT, protocol=protocol))[AT.index(0.5)]), vars(alone))
+        np.testing.assert_equal(vars(list(metrics.matches(*pair, AT, protocol=protocol))[AT.index(0.5)]), vars(alone))
 
 
 def test_curves_reliability_and_usual_thresholds():
-    curve = precision_recall(np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2)
+    curve = metrics.precision_recall(np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2)
     assert curve.score.tolist() == [0.9, 0.5]
     assert curve.recall.tolist() == [0, 1]
-    assert average_precision(curve) == 0.5
+    assert metrics.average_precision(curve) == 0.5
     two = [scored([CAR, moved(CAR, 50)], [0.9, 0.4]), scored([CAR], [0.7])]
-    at = evaluate(two, [Objects(CAR), Objects(CAR)], iou_thresholds=[0.5])[0.5]
+    at = metrics.evaluate(two, [Objects(CAR), Objects(CAR)], iou_thresholds=[0.5])[0.5]
     assert sorted(zip(at.scores.tolist(), at.hits.tolist(), strict=True)) == [(0.4, False), (0.7, True), (0.9, True)]
-    diagram = reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
+    diagram = metrics.reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
     assert diagram.count.tolist() == [2, 0, 0, 0, 0, 1, 0, 0, 0, 1]
     np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
     np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
     assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
-    assert reliability(np.array([-0.5, 1.5]), np.array([False, True]), bins=2).count.tolist() == [1, 1]
-    assert reliability(np.zeros(0), np.zeros(0, bool)).error == 0
-    assert TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
-    assert USUAL_IOUS[VEHICLE] == USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
-    assert USUAL_IOUS[CYCLIST] == USUAL_IOUS[PEDESTRIAN] == (0.25, 0.5, 0.7)
+    assert metrics.reliability(np.array([-0.5, 1.5]), np.array([False, True]), bins=2).count.tolist() == [1, 1]
+    assert metrics.reliability(np.zeros(0), np.zeros(0, bool)).error == 0
+    assert metrics.TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
+    assert metrics.USUAL_IOUS[VEHICLE] == metrics.USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
+    assert metrics.USUAL_IOUS[CYCLIST] == metrics.USUAL_IOUS[PEDESTRIAN] == (0.25, 0.5, 0.7)
 
 
 @pytest.mark.parametrize(
@@ -291,34 +281,38 @@ def test_curves_reliability_and_usual_thresholds():
 )
 def test_unusable_input_is_refused_with_its_place(arguments, message):
     with pytest.raises(ValueError, match=message):
-        evaluate(*arguments, iou_thresholds=[0.5])
+        metrics.evaluate(*arguments, iou_thresholds=[0.5])
 
 
 def test_unusable_options_and_counts_are_refused():
     frame = [Detections(CAR, np.ones(1))], [Objects(CAR)]
     for thresholds in ([0.0], [1.1], [np.nan]):
         with pytest.raises(ValueError, match=r"must lie in \(0, 1\]"):
-            evaluate(*frame, iou_thresholds=thresholds)
+            metrics.evaluate(*frame, iou_thresholds=thresholds)
     with pytest.raises(ValueError, match="label must be one of"):
-        evaluate(*frame, iou_thresholds=[0.5], label="tram")
+        metrics.evaluate(*frame, iou_thresholds=[0.5], label="tram")
     with pytest.raises(ValueError, match="one entry for each of 1 truths"):
-        evaluate(*frame, iou_thresholds=[0.5], counted=[[True, False]])
+        metrics.evaluate(*frame, iou_thresholds=[0.5], counted=[[True, False]])
     with pytest.raises(ValueError, match="one ended after 0"):
-        evaluate(*frame, iou_thresholds=[0.5], counted=[])
+        metrics.evaluate(*frame, iou_thresholds=[0.5], counted=[])
     with pytest.raises((ValueError, TypeError)):
-        evaluate(*frame, iou_thresholds=[0.5], protocol="exakt")
+        metrics.evaluate(*frame, iou_thresholds=[0.5], protocol="exakt")
     for hits, truths in (([True], -1), ([True], 0), ([True, False], 3), ([True], 1.5)):
         with pytest.raises((ValueError, TypeError), match="truths"):
-            precision_recall(np.array([0.9]), np.array(hits), truths)
+            metrics.precision_recall(np.array([0.9]), np.array(hits), truths)
 
 
 def test_frames_may_come_one_at_a_time_and_thresholds_twice():
     detections, truths = random_frames(1)
-    streamed = evaluate(iter(detections), (t for t in truths), iou_thresholds=AT)
-    assert [streamed[t].ap for t in AT] == [r.ap for r in evaluate(detections, truths, iou_thresholds=AT).values()]
+    streamed = metrics.evaluate(iter(detections), (t for t in truths), iou_thresholds=AT)
+    assert [streamed[t].ap for t in AT] == [
+        r.ap for r in metrics.evaluate(detections, truths, iou_thresholds=AT).values()
+    ]
     car = np.array([[0.0, 0, 1, 4, 2, 1.5, 0]])
     found, there = [Detections(car, np.array([0.9]))], [Objects(car)]
-    assert evaluate(found, there, iou_thresholds=[0.7, 0.5, 0.7]) == evaluate(found, there, iou_thresholds=[0.7, 0.5])
+    assert metrics.evaluate(found, there, iou_thresholds=[0.7, 0.5, 0.7]) == metrics.evaluate(
+        found, there, iou_thresholds=[0.7, 0.5]
+    )
 
 
 def scored(boxes, scores, label="vehicle"):
@@ -328,22 +322,24 @@ def scored(boxes, scores, label="vehicle"):
 def test_a_detection_mostly_on_a_heavy_vehicle_or_that_overlaps_it_enough_is_ignored():
     bus = Objects(BUS, np.array(["heavy"]))
     for forward, ignored in ((4.0, True), (5.9, True), (6.0, False), (7.0, False)):  # its front is at 6 m
-        found = match(scored([moved(CAR, 20 + forward)], [0.9]), bus, 0.5)
+        found = metrics.match(scored([moved(CAR, 20 + forward)], [0.9]), bus, 0.5)
         assert found.ignored.tolist() == [ignored], forward
-        result = evaluate([scored([moved(CAR, 20 + forward)], [0.9])], [bus], iou_thresholds=[0.5])[0.5]
+        result = metrics.evaluate([scored([moved(CAR, 20 + forward)], [0.9])], [bus], iou_thresholds=[0.5])[0.5]
         assert result.fp == (not ignored)
     giant = BUS * [1, 1, 1, 1.0, 3.0, 1, 1]  # a third of its footprint on the bus
-    assert match(scored([giant], [0.9]), bus, 0.3, metric="bev").ignored.tolist() == [True]
-    assert match(scored([giant], [0.9]), bus, 0.4, metric="bev").ignored.tolist() == [False]
+    assert metrics.match(scored([giant], [0.9]), bus, 0.3, metric="bev").ignored.tolist() == [True]
+    assert metrics.match(scored([giant], [0.9]), bus, 0.4, metric="bev").ignored.tolist() == [False]
     for label, alarms in (("cyclist", 1), ("vehicle", 0)):  # heavy vehicles excuse vehicles only
-        assert evaluate([scored([BUS], [0.9], label)], [bus], iou_thresholds=[0.5], label=label)[0.5].fp == alarms
+        assert (
+            metrics.evaluate([scored([BUS], [0.9], label)], [bus], iou_thresholds=[0.5], label=label)[0.5].fp == alarms
+        )
 
 
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
 def test_orders_of_equal_scores_and_truths_make_no_difference(order):
     pair = [moved(CAR, 0.1), moved(CAR, 0.5)]
-    found = match(scored([pair[k] for k in order], [0.9, 0.9]), Objects(CAR), 0.5)
+    found = metrics.match(scored([pair[k] for k in order], [0.9, 0.9]), Objects(CAR), 0.5)
     assert found.truth[order.index(0)] == 0
     assert found.truth[order.index(1)] == -1
     there = Objects(np.concatenate([[moved(CAR, 0.2), moved(CAR, -0.6)][k] for k in order]))
-    assert match(scored([CAR], [0.9]), there, 0.5).truth.tolist() == [order.index(0)]
+    assert metrics.match(scored([CAR], [0.9]), there, 0.5).truth.tolist() == [order.index(0)]

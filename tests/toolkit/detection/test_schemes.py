@@ -93,8 +93,8 @@ def test_early_and_late_send_points_and_boxes():
     assert fused.bits.tolist() == [256, 256]
     assert not Late().sent_points(COUNTS).any()
     assert (Late().sends_points, Late().sends_boxes) == (False, True)
-    scheme: Scheme = Late()
-    assert scheme.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
+    late: Scheme = Late()
+    assert late.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
 
 
 @pytest.mark.parametrize("name", SCHEMES)

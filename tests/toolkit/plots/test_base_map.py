@@ -134,7 +134,7 @@ def test_poles_sensors_and_objects_are_told_apart(axes):
     assert [text.get_text() for text in axes.texts] == [str(k + 1) for k in range(30)]
     base_map.draw_poles(axes, np.array([[0.0, 0], [3, 3]]))
     base_map.draw_poles(axes, np.array([[5.0, 5]]), used=True)
-    hollow, filled = axes.get_lines()
+    hollow, filled = axes.get_lines()[-2:]
     assert hollow.get_markersize() == filled.get_markersize() >= 6
     assert (hollow.get_markerfacecolor(), filled.get_markerfacecolor()) == (PAPER_WHITE, INK)
 

@@ -170,9 +170,9 @@ def test_nothing_returns_out_of_range_or_of_ones_own_post():
     assert np.allclose(seen[0], Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background[0], atol=1e-4)
     renderer = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.2), lidar((0.0, 0.0, 5.0))))
     rendered = renderer.render(Snapshot(Objects.empty(), np.zeros(0, np.int64)))
-    for measured, hits, background in zip(*rendered, renderer.background, strict=True):
-        assert np.array_equal(measured, background)
-        assert (hits == -1).all()
+    for image, hit, background in zip(*rendered, renderer.background, strict=True):
+        assert np.array_equal(image, background)
+        assert (hit == -1).all()
     mesh = merge([place(box((1.0, 40.0, 20.0)), 9.0)])
     depth = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0)),), scenery=mesh).background[0]
     assert depth[30, 40] == pytest.approx(8.5, abs=1e-4)

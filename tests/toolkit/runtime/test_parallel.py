@@ -47,7 +47,7 @@ def test_a_loop_is_serial_lazy_and_the_same_in_processes():
     assert list(results) == [4, 9, 16]
     assert seen == [1, 2, 3, 4]
     assert list(spread(square, [])) == []
-    seen: list[int] = []
+    seen.clear()
     results = spread(square, iter([3, 1, 2, 5, 4, 6, 7, 13, 8]), workers=2, progress=seen.append)
     assert [next(results) for _ in range(7)] == [9, 1, 4, 25, 16, 36, 49]
     assert seen == list(range(1, 8))

@@ -109,7 +109,7 @@ def test_workers_end_with_their_parent(tmp_path, run):
 
 def folder(tmp_path, **plan):
     made = ShardFolder(tmp_path / "f.parts", plan or {"seed": 1})
-    made.path.mkdir(exist_ok=True)
+    made.path.mkdir(parents=True, exist_ok=True)
     made.open(False)
     return made
 
@@ -124,13 +124,13 @@ def test_damaged_parts_go_and_others_files_stay(tmp_path):
     (parts.path / "00004.00000000.hdf5.123.unfinished").write_bytes(b"half")
     assert sorted(parts.check_shards()) == [0, 3]
     assert len(list(parts.path.iterdir())) == 3
-    parts = folder(tmp_path)
+    parts = folder(tmp_path / "own")
     (parts.path / "notes.txt").write_text("mine")
     assert parts.check_shards() == {}
     parts.remove()
     assert [path.name for path in parts.path.iterdir()] == ["notes.txt"]
     with pytest.raises(ValueError, match="at least 1, got 0"):
-        make_shards(Nothing(), folder(tmp_path), [0], workers=0, progress=lambda done: None)
+        make_shards(Nothing(), folder(tmp_path / "none"), [0], workers=0, progress=lambda done: None)
     assert describe_differences({"a": 1}, {"a": 1}) == ""
     assert describe_differences({"a": 1, "b": 2}, {"a": 1, "c": 3}) == "b 2 instead of None, c None instead of 3"
 
@@ -143,12 +143,12 @@ def test_plans_are_the_runs_own_one_at_a_time(tmp_path):
     assert len(other.shards()) == 1
     other.open(True)
     assert other.shards() == {}
-    parts = folder(tmp_path)
+    parts = folder(tmp_path / "own")
     parts.add(0, b"1")
     (parts.path / "plan.json").write_text("{")
     parts.open(False)
     assert parts.shards() == {}
-    parts = folder(tmp_path)
+    parts = folder(tmp_path / "locked")
     with parts.lock(), pytest.raises(FileExistsError, match="another run is writing"), parts.lock():
         pass
     with parts.lock():

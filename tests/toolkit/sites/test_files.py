@@ -26,7 +26,7 @@ def test_saved_sites_come_back_equal_also_with_null_columns(tmp_path, small_site
         assert before.model.shape == after.model.shape
     save_site(loaded, path)
     assert json.loads(path.read_text()) == document
-    path, _ = saved(tmp_path, assign("lane", "properties", "kind", None))
+    path, _ = saved(tmp_path, says("lane", kind=None))
     assert load_site(path) == small_site()
 
 
@@ -77,7 +77,7 @@ def shape(layer, coordinates):
     return lambda d: first(d, layer)["geometry"].update(coordinates=coordinates)
 
 
-def says(layer, **values):
+def says(layer, /, **values):
     return lambda d: first(d, layer)["properties"].update(values)
 
 

@@ -286,12 +286,12 @@ def test_fillings_yield_and_kerbs_stand_on_the_footway():
     assert shape(lanes_there).contains(shapely.box(-9.9, -11.9, 9.9, 0))
     assert shape(footways).contains(shapely.box(-9.9, 4.1, 9.9, 5.9))
     assert shape(footways).contains(shapely.box(-9.9, -13.9, 9.9, -12.1))
-    lanes, footways = (rectangle(-10.0, -4.0, 10.0, 4.0),), (rectangle(-10.0, 4.0, 10.0, 6.0),)
-    stones = maps.kerbstones(lanes, footways, shapely.Polygon())
+    driven, footways = (rectangle(-10.0, -4.0, 10.0, 4.0),), (rectangle(-10.0, 4.0, 10.0, 6.0),)
+    stones = maps.kerbstones(driven, footways, shapely.Polygon())
     assert shape([s.footprint for s in stones]).bounds == pytest.approx((-10, 4.01, 10, 4.15), abs=0.011)
     assert [(s.base, s.top, s.kind) for s in stones] == [(0.0, 0.12, "kerb")] * 5
-    assert maps.kerbstones(lanes, (), shapely.Polygon()) == []
-    lowered = shape([s.footprint for s in maps.kerbstones(lanes, footways, shapely.box(-3, 0, 3, 9))])
+    assert maps.kerbstones(driven, (), shapely.Polygon()) == []
+    lowered = shape([s.footprint for s in maps.kerbstones(driven, footways, shapely.box(-3, 0, 3, 9))])
     assert lowered.area == pytest.approx(14 * 0.14, abs=0.1)
     assert not lowered.intersects(shapely.box(-2.9, 0, 2.9, 9))
 

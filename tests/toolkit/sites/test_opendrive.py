@@ -67,11 +67,11 @@ def test_lines_spirals_and_polynomials():
     assert line.length == 20.0
     assert line.at(np.array([15.0]))[0, 2] == pytest.approx(0.5)
     line = line_of((20.0, '<spiral curvStart="0" curvEnd="0.05"/>'), x=0.0, y=0.0)
-    s, rate = 20.0, 0.05 / 20.0
-    ((x, y, heading),) = line.at(np.array([s]))
-    assert heading == pytest.approx(rate * s**2 / 2)
-    assert x == pytest.approx(s - rate**2 * s**5 / 40 + rate**4 * s**9 / 3456, abs=1e-3)
-    assert y == pytest.approx(rate * s**3 / 6 - rate**3 * s**7 / 336, abs=1e-3)
+    end, rate = 20.0, 0.05 / 20.0
+    ((x, y, heading),) = line.at(np.array([end]))
+    assert heading == pytest.approx(rate * end**2 / 2)
+    assert x == pytest.approx(end - rate**2 * end**5 / 40 + rate**4 * end**9 / 3456, abs=1e-3)
+    assert y == pytest.approx(rate * end**3 / 6 - rate**3 * end**7 / 336, abs=1e-3)
     s = np.array([0.0, 4.0])
     cubic = line_of((8.0, '<poly3 a="1" b="0" c="0.5" d="0"/>'), x=0.0, y=0.0)
     np.testing.assert_allclose(cubic.at(s), [[0, 1, 0], [4, 9, np.arctan(4.0)]])
@@ -158,8 +158,8 @@ def test_frames_are_inverse_and_things_move_to_the_site():
     there = pose(10.0, -20.0, 5.0, yaw=np.pi / 2)
     assert in_map(spot, there).equals_exact(shapely.Point(6.0, -17.0), 1e-9)
     assert in_site(in_map(spot, there), there).equals_exact(spot, 1e-9)
-    there = Standing(groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)])
-    moved = move_to_site(there, pose(10.0, 5.0, yaw=np.pi / 2))
+    standing = Standing(groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)])
+    moved = move_to_site(standing, pose(10.0, 5.0, yaw=np.pi / 2))
     np.testing.assert_allclose(moved.groups[0][0].footprint.mean(axis=0), [0, -2], atol=1e-3)
     np.testing.assert_allclose(moved.bays, [[0, -2, 1.0 - np.pi / 2]], atol=1e-9)
     np.testing.assert_allclose(moved.lamps, [[1, 0]], atol=1e-9)

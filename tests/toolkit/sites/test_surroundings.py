@@ -62,12 +62,12 @@ def test_shoulders_may_be_built_on_and_bays_are_claimed():
     road = surroundings.Road(
         ROAD.paths, ROAD.half_widths, ROAD.lanes, ROAD.footways, [rectangle(-80.0, 0.0, 80.0, 3.5)]
     )
-    plot = surroundings.Plot(road, shapely.box(*AREA), [])
+    shoulder = surroundings.Plot(road, shapely.box(*AREA), [])
     assert road.driven.area == pytest.approx(160 * 3.5, rel=0.01)
-    assert not plot.claim(shapely.box(0, 0.5, 4, 3), footway=True)
-    assert plot.claim(shapely.box(0, 0.5, 4, 3), shoulder=True)
-    assert not plot.claim(shapely.box(10, surroundings.LANE_CLEARANCE / 2, 14, 3), shoulder=True)
-    assert not plot.claim(shapely.box(1, 1, 2, 2), shoulder=True), "taken"
+    assert not shoulder.claim(shapely.box(0, 0.5, 4, 3), footway=True)
+    assert shoulder.claim(shapely.box(0, 0.5, 4, 3), shoulder=True)
+    assert not shoulder.claim(shapely.box(10, surroundings.LANE_CLEARANCE / 2, 14, 3), shoulder=True)
+    assert not shoulder.claim(shapely.box(1, 1, 2, 2), shoulder=True), "taken"
     counts = []
     for seed in range(12):
         ground = plot()

@@ -69,8 +69,8 @@ def test_what_is_there_is_replaced_when_told_and_errors_are_written_down(recordi
     assert run(*arguments, "--overwrite")[0] == 0
     kbit = {}
     for errors in ("paper", "poor"):
-        arguments = ("--frames", 1, "--schemes", "early", "--iou", 0.5, "--errors", errors, "--out", tmp_path / errors)
-        assert run("evaluate", recording, *arguments)[0] == 0
+        given = ("--frames", 1, "--schemes", "early", "--iou", 0.5, "--errors", errors, "--out", tmp_path / errors)
+        assert run("evaluate", recording, *given)[0] == 0
         written = json.loads((tmp_path / errors / "table.json").read_text())
         assert written["provenance"]["errors"]["profile"] == errors
         kbit[errors] = written["rows"][0]["kbit_per_sensor"]
@@ -158,10 +158,8 @@ def test_differences_are_taken_as_asked(recording, tmp_path, run, refused):
 
 
 def test_classes_restrict_the_rows_and_a_network_has_all_by_default(recording, tmp_path, run):
-    arguments = (
-        *("evaluate", recording, "--frames", 1, "--schemes", "early", "--classes", "pedestrian", "--out", tmp_path),
-    )
-    code, out, _ = run(*arguments, "--json")
+    arguments = ("evaluate", recording, "--frames", 1, "--schemes", "early", "--out", tmp_path)
+    code, out, _ = run(*arguments, "--classes", "pedestrian", "--json")
     assert code == 0
     assert [(row["label"], row["iou"]) for row in json.loads(out)["rows"]] == [
         ("pedestrian", 0.25), ("pedestrian", 0.5), ("pedestrian", 0.7),
@@ -169,7 +167,7 @@ def test_classes_restrict_the_rows_and_a_network_has_all_by_default(recording, t
     code, out, _ = run(*arguments, "--overwrite", "--classes", "vehicle", "pedestrian")
     assert "vehicle, " in out
     assert "above the detector's threshold:" in out
-    arguments = ("--detector", "tjunction", "--frames", 1, "--schemes", "early", "--iou", 0.5, "--json")
-    code, out, err = run("evaluate", recording, *arguments, "--out", tmp_path)
+    network = ("--detector", "tjunction", "--frames", 1, "--schemes", "early", "--iou", 0.5, "--json")
+    code, out, err = run("evaluate", recording, *network, "--out", tmp_path / "network")
     assert code == 0, err
     assert [row["label"] for row in json.loads(out)["rows"]] == ["vehicle", "cyclist", "pedestrian", "heavy"]

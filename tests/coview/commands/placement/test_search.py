@@ -203,12 +203,12 @@ def test_answers_without_sensors_and_small_links_are_one_line(run, tmp_path):
     site = load_site("tjunction")
     poor = tmp_path / "poor.geojson"
     save_site(replace(site, mounts=tuple(replace(mount, capacity=50.0) for mount in site.mounts)), poor)
-    arguments = ("--method", "exhaustive", "--candidates", "paper", "--frames", 1, "--cache", "None")
-    code, out, _ = run("search", poor, *arguments)
+    every = ("--method", "exhaustive", "--candidates", "paper", "--frames", 1, "--cache", "None")
+    code, printed, _ = run("search", poor, *every)
     assert code == 1
-    assert out.startswith("none may be built: The links exclude 6 of 6 candidates: the least that any of these sends")
-    code, out, _ = run("search", poor, *arguments, "--json")
-    assert json.loads(out)["sensors"] == []
+    assert printed.startswith("none may be built: The links exclude 6 of 6 candidates: the least that any of these")
+    code, printed, _ = run("search", poor, *every, "--json")
+    assert json.loads(printed)["sensors"] == []
 
 
 def test_it_refuses_other_files_sites_and_projections(refused, tmp_path):

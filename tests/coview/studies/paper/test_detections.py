@@ -6,17 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from coview.studies.paper.detections import (
-    SchemeRun,
-    StoredDetections,
-    compute_published_ap,
-    detect_runs,
-    in_view_of_all,
-    kbit_per_sensor,
-    ms_per_frame,
-    score_run,
-    visible_share,
-)
+from coview.studies.paper import detections
+from placement_env.analysis.intervals import ap_interval
 from placement_env.fidelity.detector import IGNORED, IOUS, Detected
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points, iou_3d
@@ -31,9 +22,9 @@ from toolkit.sites.site import Site
 
 PLACES = np.array([-20.0, -10, 0, 10, 20, 43.0])  # the last one is outside the area
 RUNS = [
-    *(SchemeRun(scheme, (0, 1, 2)) for scheme in ("early", "late")),
-    SchemeRun("hybrid", (0, 2)),
-    SchemeRun("early", (1,)),
+    *(detections.SchemeRun(scheme, (0, 1, 2)) for scheme in ("early", "late")),
+    detections.SchemeRun("hybrid", (0, 2)),
+    detections.SchemeRun("early", (1,)),
 ]
 
 
@@ -90,7 +81,7 @@ def same(a, b):
 
 @pytest.fixture(scope="module")
 def whole():
-    return detect_runs(Street(), Guess(), RUNS, memo=Cache(), frames=5)
+    return detections.detect_runs(Street(), Guess(), RUNS, memo=Cache(), frames=5)
 
 
 def test_figures_are_those_of_the_fidelity_and_the_protocol(whole):
@@ -99,7 +90,7 @@ def test_figures_are_those_of_the_fidelity_and_the_protocol(whole):
         theirs = Detected(street, Guess(), run.scheme)
         row = np.isin(np.arange(3), run.sensors)[None]
         for iou, estimate in theirs.estimates(row).items():
-            ours = score_run(whole, run, iou)
+            ours = detections.score_run(whole, run, iou)
             assert (ours.ap, ours.recall) == pytest.approx((estimate.ap[0], estimate.recall[0]))
             kbit = np.mean([found.bits.sum() for found in whole.runs[run]]) / 1000
             assert kbit == pytest.approx(estimate.kbit[0])
@@ -109,7 +100,7 @@ def test_figures_are_those_of_the_fidelity_and_the_protocol(whole):
     there = [truth[has_centre_inside(truth.boxes, street.site.area)] for truth in truths]
     found = [Detections(each.boxes, each.scores) for each in whole.runs[run]]
     for iou, at in evaluate(found, there, iou_thresholds=(0.7, 0.8), protocol="published").items():
-        assert compute_published_ap(whole, run, iou) == pytest.approx(at.ap)
+        assert detections.compute_published_ap(whole, run, iou) == pytest.approx(at.ap)
 
 
 def test_truth_is_what_is_scored_with_the_best_iou(whole):
@@ -131,12 +122,12 @@ def test_truth_is_what_is_scored_with_the_best_iou(whole):
 
 def test_killed_and_started_again_it_goes_on(tmp_path, whole):
     once = Guess()
-    detect_runs(Street(), once, RUNS, memo=Cache(), frames=5)
+    detections.detect_runs(Street(), once, RUNS, memo=Cache(), frames=5)
     killed, rest = Guess(fails=9), Guess()
     with pytest.raises(KeyboardInterrupt):
-        detect_runs(Street(), killed, RUNS, memo=Cache(tmp_path / "memo"), frames=5)
+        detections.detect_runs(Street(), killed, RUNS, memo=Cache(tmp_path / "memo"), frames=5)
     counts = []
-    done = detect_runs(
+    done = detections.detect_runs(
         Street(),
         rest,
         RUNS,
@@ -153,54 +144,56 @@ def test_killed_and_started_again_it_goes_on(tmp_path, whole):
 
 def test_all_that_is_kept_is_not_detected_again(tmp_path, whole):
     memo = tmp_path / "memo"
-    detect_runs(Street(), Guess(), RUNS, memo=Cache(memo), frames=5)
+    detections.detect_runs(Street(), Guess(), RUNS, memo=Cache(memo), frames=5)
     never = Guess(fails=1)
     same(
-        detect_runs(Street(), never, RUNS, memo=Cache(memo), frames=5, processes=Processes(progress=lambda *_: 1 / 0)),
+        detections.detect_runs(
+            Street(), never, RUNS, memo=Cache(memo), frames=5, processes=Processes(progress=lambda *_: 1 / 0)
+        ),
         whole,
     )
     assert never.calls == 0
-    fewer = detect_runs(Street(), never, RUNS[:1], memo=Cache(memo), frames=2)
+    fewer = detections.detect_runs(Street(), never, RUNS[:1], memo=Cache(memo), frames=2)
     assert (fewer.frames, list(fewer.runs)) == (2, RUNS[:1])
 
 
 def test_runs_cost_themselves_alone_and_others_share_nothing(tmp_path):
     memo, more = tmp_path / "memo", Guess()
-    detect_runs(Street(), Guess(), RUNS[:1], memo=Cache(memo), frames=3)
-    detect_runs(Street(), more, [RUNS[0], RUNS[3]], memo=Cache(memo), frames=3)
+    detections.detect_runs(Street(), Guess(), RUNS[:1], memo=Cache(memo), frames=3)
+    detections.detect_runs(Street(), more, [RUNS[0], RUNS[3]], memo=Cache(memo), frames=3)
     assert more.calls == 3
     memo = tmp_path / "memo"
-    detect_runs(Street(), Guess(), RUNS[3:], memo=Cache(memo), frames=2)
+    detections.detect_runs(Street(), Guess(), RUNS[3:], memo=Cache(memo), frames=2)
     other = Guess()
     other.digest = "other"
-    detect_runs(Street(), other, RUNS[3:], memo=Cache(memo), frames=2)
+    detections.detect_runs(Street(), other, RUNS[3:], memo=Cache(memo), frames=2)
     elsewhere = Guess()
-    detect_runs(Street(digest="elsewhere"), elsewhere, RUNS[3:], memo=Cache(memo), frames=2)
+    detections.detect_runs(Street(digest="elsewhere"), elsewhere, RUNS[3:], memo=Cache(memo), frames=2)
     assert (other.calls, elsewhere.calls) == (2, 2)
     with pytest.raises(ValueError, match="has none: add one"):
-        detect_runs(Street(), lambda points: Detections.empty(), RUNS, memo=Cache(), frames=1)
+        detections.detect_runs(Street(), lambda points: Detections.empty(), RUNS, memo=Cache(), frames=1)
 
 
 def test_a_damaged_memo_is_begun_anew(tmp_path, whole):
     memo = tmp_path / "memo"
     kept = Cache(memo)
-    detect_runs(Street(), Guess(), RUNS, memo=kept, frames=5)
+    detections.detect_runs(Street(), Guess(), RUNS, memo=kept, frames=5)
     kept.close()
     memo.write_bytes(b"no database at all, but long enough to be read as one" * 40)
     with pytest.warns(UserWarning, match="damaged"):
-        again = detect_runs(Street(), Guess(), RUNS, memo=Cache(memo), frames=5)
+        again = detections.detect_runs(Street(), Guess(), RUNS, memo=Cache(memo), frames=5)
     same(again, whole)
 
 
 def test_a_flipped_byte_costs_one_frame(tmp_path, whole):
     memo = Cache(tmp_path / "memo")
-    detect_runs(Street(), Guess(), RUNS, memo=memo, frames=5)
+    detections.detect_runs(Street(), Guess(), RUNS, memo=memo, frames=5)
     database = memo._database()
     key, value = database.execute("SELECT key, value FROM entries LIMIT 1").fetchone()
     database.execute("UPDATE entries SET value = ? WHERE key = ?", (value[:-1] + bytes([value[-1] ^ 1]), key))
     counts = []
     same(
-        detect_runs(
+        detections.detect_runs(
             Street(),
             Guess(),
             RUNS,
@@ -216,18 +209,20 @@ def test_a_flipped_byte_costs_one_frame(tmp_path, whole):
 @pytest.mark.parametrize("frames", [0, 6])
 def test_refuses_frames(frames):
     with pytest.raises(ValueError, match=f"frames must be from 1 to the 5 recorded, got {frames}"):
-        detect_runs(Street(), Guess(), RUNS, memo=Cache(), frames=frames)
+        detections.detect_runs(Street(), Guess(), RUNS, memo=Cache(), frames=frames)
 
 
 def test_two_processes_give_the_same(tmp_path, whole):
     same(
-        detect_runs(Street(), Guess(), RUNS, memo=Cache(tmp_path / "memo"), frames=5, processes=Processes(workers=2)),
+        detections.detect_runs(
+            Street(), Guess(), RUNS, memo=Cache(tmp_path / "memo"), frames=5, processes=Processes(workers=2)
+        ),
         whole,
     )
     assert json.dumps(whole.to_find) == "[4, 4, 0, 4, 4]"
 
 
-ALL = SchemeRun("early", (0, 1, 2, 3, 4, 5))
+ALL = detections.SchemeRun("early", (0, 1, 2, 3, 4, 5))
 
 
 def by_hand(stored, run, iou, region):
@@ -235,10 +230,10 @@ def by_hand(stored, run, iou, region):
     scores, hits, to_find = [], [], 0
     sensors = [stored.sensors[c] for c in region]
     for truth, found in zip(stored.truths, stored.runs[run], strict=True):
-        there = [bool(in_view_of_all(sensors, box[None])[0]) for box in truth.boxes]
+        there = [bool(detections.in_view_of_all(sensors, box[None])[0]) for box in truth.boxes]
         to_find += sum(there)
         for box, score, what in zip(found.boxes, found.scores, found.truth[IOUS.index(iou)], strict=True):
-            counts = there[what] if what >= 0 else what != IGNORED and in_view_of_all(sensors, box[None])[0]
+            counts = there[what] if what >= 0 else what != IGNORED and detections.in_view_of_all(sensors, box[None])[0]
             if counts:
                 scores.append(score)
                 hits.append(what >= 0)
@@ -249,30 +244,30 @@ def by_hand(stored, run, iou, region):
 @pytest.mark.parametrize("iou", IOUS)
 def test_score_is_that_of_each_object_by_hand(stored, region, iou):
     scores, hits, to_find = by_hand(stored, ALL, iou, region)
-    ours = score_run(stored, ALL, iou, region)
+    ours = detections.score_run(stored, ALL, iou, region)
     assert ours.vehicles == to_find
     assert ours.ap == pytest.approx(average_precision(precision_recall(scores, hits, to_find)))
     assert ours.recall == pytest.approx(hits.sum() / to_find)
-    assert np.array_equal(ours.tally.scores, scores)
-    assert np.array_equal(ours.tally.hit, hits)
+    what = detections.count_hits(stored, ALL, iou, region)
+    assert ours.interval == ap_interval(what.scores, what.hits, what.to_find)
     assert ours.interval.low <= ours.ap <= ours.interval.high
 
 
 def test_pinned_figures_of_regions(stored):
-    ours, one = score_run(stored, ALL), score_run(stored, SchemeRun("early", (4,)))
+    ours, one = detections.score_run(stored, ALL), detections.score_run(stored, detections.SchemeRun("early", (4,)))
     assert (ours.ap, ours.recall, ours.hit_iou) == pytest.approx((0.942694, 1.0, 0.875427), abs=1e-6)
     assert (one.ap, one.recall, *one.interval) == pytest.approx((0.324744, 0.446809, 0.199134, 0.472934), abs=1e-6)
-    assert compute_published_ap(stored, ALL) == pytest.approx(0.949172, abs=1e-6)
-    assert score_run(stored, ALL, 0.9).ap == pytest.approx(0.187133, abs=1e-6)
+    assert detections.compute_published_ap(stored, ALL) == pytest.approx(0.949172, abs=1e-6)
+    assert detections.score_run(stored, ALL, 0.9).ap == pytest.approx(0.187133, abs=1e-6)
     near, side, behind = np.zeros((3, 7))
     position, forward = stored.sensors[1].position, stored.sensors[1].world_SE3_body[:2, 0]
     near[:2] = position[:2] + 15 * forward
     behind[:2] = position[:2] - 15 * forward
     side[:2] = position[:2] + 15 * np.array([-forward[1], forward[0]])
     boxes = np.stack([near, side, behind])
-    assert in_view_of_all([stored.sensors[1]], boxes).tolist() == [True, False, False]
-    assert in_view_of_all([], boxes).tolist() == [True] * 3
-    assert not in_view_of_all([stored.sensors[1], stored.sensors[0]], boxes)[2]
+    assert detections.in_view_of_all([stored.sensors[1]], boxes).tolist() == [True, False, False]
+    assert detections.in_view_of_all([], boxes).tolist() == [True] * 3
+    assert not detections.in_view_of_all([stored.sensors[1], stored.sensors[0]], boxes)[2]
 
 
 def test_ignored_detections_and_frames_without_vehicles(stored):
@@ -286,7 +281,7 @@ def test_ignored_detections_and_frames_without_vehicles(stored):
         )
 
     fewer = replace(stored, runs={ALL: tuple(map(without, stored.runs[ALL]))})
-    assert score_run(fewer, ALL)[:5] == score_run(stored, ALL)[:5]
+    assert detections.score_run(fewer, ALL) == detections.score_run(stored, ALL)
     empty = next(k for k, count in enumerate(stored.to_find) if not count)
     found = stored.runs[ALL][empty]
     alarm = found._replace(
@@ -294,24 +289,26 @@ def test_ignored_detections_and_frames_without_vehicles(stored):
     )
     runs = (*stored.runs[ALL][:empty], alarm, *stored.runs[ALL][empty + 1 :])
     worse = replace(stored, runs={ALL: runs})
-    assert score_run(worse, ALL).ap < score_run(stored, ALL).ap
-    assert compute_published_ap(worse, ALL) == compute_published_ap(stored, ALL)
+    assert detections.score_run(worse, ALL).ap < detections.score_run(stored, ALL).ap
+    assert detections.compute_published_ap(worse, ALL) == detections.compute_published_ap(stored, ALL)
 
 
 def test_costs_shares_and_curves_also_without_vehicles(stored):
     frames = stored.runs[ALL]
-    assert kbit_per_sensor(stored, ALL) == pytest.approx(np.mean([f.bits for f in frames]) / 1000)
-    assert ms_per_frame(stored, ALL) == pytest.approx(np.median([f.ms for f in frames]))
+    assert detections.kbit_per_sensor(stored, ALL) == pytest.approx(np.mean([f.bits for f in frames]) / 1000)
+    assert detections.ms_per_frame(stored, ALL) == pytest.approx(np.median([f.ms for f in frames]))
     points = np.concatenate([truth.points for truth in stored.truths])
-    assert visible_share(stored, (4,)) == pytest.approx((points[:, 4] > 0).mean())
-    assert visible_share(stored, (3, 4)) == pytest.approx((points[:, [3, 4]] > 0).any(axis=1).mean())
-    there = in_view_of_all([stored.sensors[4]], np.concatenate([truth.boxes for truth in stored.truths]))
-    assert visible_share(stored, (4,), (4,)) == pytest.approx((points[there, 4] > 0).mean())
-    curve = score_run(stored, ALL).curve
-    assert curve.recall[-1] == pytest.approx(score_run(stored, ALL).recall)
+    assert detections.visible_share(stored, (4,)) == pytest.approx((points[:, 4] > 0).mean())
+    assert detections.visible_share(stored, (3, 4)) == pytest.approx((points[:, [3, 4]] > 0).any(axis=1).mean())
+    there = detections.in_view_of_all([stored.sensors[4]], np.concatenate([truth.boxes for truth in stored.truths]))
+    assert detections.visible_share(stored, (4,), (4,)) == pytest.approx((points[there, 4] > 0).mean())
+    curve = detections.count_hits(stored, ALL).curve
+    assert curve.recall[-1] == pytest.approx(detections.score_run(stored, ALL).recall)
     empty = next(k for k, count in enumerate(stored.to_find) if not count)
     runs = {ALL: (stored.runs[ALL][empty],)}
-    nothing = StoredDetections(stored.site, stored.sensors, (stored.truths[empty],), runs, "", "")
-    ours = score_run(nothing, ALL)
-    assert np.isnan([ours.ap, ours.recall, *ours.interval, ours.hit_iou, compute_published_ap(nothing, ALL)]).all()
-    assert np.isnan(visible_share(nothing, (0,)))
+    nothing = detections.StoredDetections(stored.site, stored.sensors, (stored.truths[empty],), runs, "", "")
+    ours = detections.score_run(nothing, ALL)
+    assert np.isnan(
+        [ours.ap, ours.recall, *ours.interval, ours.hit_iou, detections.compute_published_ap(nothing, ALL)]
+    ).all()
+    assert np.isnan(detections.visible_share(nothing, (0,)))

@@ -111,8 +111,8 @@ def test_classes_thresholds_and_failures_are_combined(street):
     detected = Detected(street.detected.renders, Knowing(), "early", classes=both)
     found = CasesEvaluator((DetectorEvaluator(detected),)).evaluate(SETS, EVERY)
     assert found.ap.tolist() == [0.0, 0.0, 0.0]  # nobody detects the walker
-    both = CasesEvaluator((DetectorEvaluator(street.detected, (0.7, 1.0)),), Cases(iou=(0.7, 1.0)))
-    found = both.evaluate(SETS, EVERY)
+    evaluators = (DetectorEvaluator(street.detected, (0.7, 1.0)),)
+    found = CasesEvaluator(evaluators, Cases(iou=(0.7, 1.0))).evaluate(SETS, EVERY)
     each = [CasesEvaluator((DetectorEvaluator(street.detected, (iou,)),)).evaluate(SETS, EVERY) for iou in (0.7, 1.0)]
     assert found.ap == pytest.approx((each[0].ap + each[1].ap) / 2)
     assert found.resamples == pytest.approx((each[0].resamples + each[1].resamples) / 2)

@@ -20,12 +20,12 @@ def test_sensors_share_names_or_go_by_order(tmp_path):
     assert [[cloud.name for cloud in sample.clouds] for sample in samples] == [["lidar"], ["lidar"]]
     assert len(samples[0].objects) == 0
     for name in ("north/0.npy", "south/0.npy", "south/1.npy"):
-        put(tmp_path / name)
-    samples = list(folder(tmp_path))
+        put(tmp_path / "same" / name)
+    samples = list(folder(tmp_path / "same"))
     assert [[cloud.name for cloud in sample.clouds] for sample in samples] == [["north", "south"], ["south"]]
     for name in ("north/100.npy", "north/200.npy", "south/101.npy", "south/201.npy"):
-        put(tmp_path / name)
-    assert [(sample.name, len(sample.clouds)) for sample in folder(tmp_path)] == [("100", 2), ("200", 2)]
+        put(tmp_path / "order" / name)
+    assert [(sample.name, len(sample.clouds)) for sample in folder(tmp_path / "order")] == [("100", 2), ("200", 2)]
     put(tmp_path / "one.npy")
     put(tmp_path / "two.npy")
     assert [sample.name for sample in folder(tmp_path / "one.npy")] == ["one"]
@@ -55,11 +55,11 @@ def test_pose_files_may_be_others_inverted_or_missing(tmp_path):
     (tmp_path / "q.json").write_text(json.dumps({"other": pose(10.0).ravel().tolist()}))
     with pytest.raises(ValueError, match="has poses other, but the sensors are lidar"):
         folder(tmp_path / "clouds", poses=tmp_path / "q.json")
-    put(tmp_path / "north/0.npy")
-    put(tmp_path / "south/0.npy")
-    (tmp_path / "poses.json").write_text(json.dumps({"north": pose(1.0).ravel().tolist()}))
+    put(tmp_path / "two/north/0.npy")
+    put(tmp_path / "two/south/0.npy")
+    (tmp_path / "two/poses.json").write_text(json.dumps({"north": pose(1.0).ravel().tolist()}))
     with pytest.raises(ValueError, match="no pose of south/0: the pose file has north"):
-        list(folder(tmp_path))
+        list(folder(tmp_path / "two"))
 
 
 def test_labels_beside_the_clouds(tmp_path):

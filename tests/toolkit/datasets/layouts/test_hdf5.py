@@ -132,6 +132,7 @@ def test_files_are_written_whole_without_loss_or_not_at_all(tmp_path):
         yield sample()
         raise OSError("the bag ends here")
 
+    (tmp_path / "r.hdf5").unlink()
     with pytest.raises(OSError, match="ends here"):
         write_hdf5(breaks(), tmp_path / "r.hdf5")
     with pytest.raises(ValueError, match="different names"):

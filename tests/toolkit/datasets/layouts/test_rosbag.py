@@ -116,13 +116,13 @@ def test_bags_without_tf_or_clouds(tmp_path):
     assert first.problems == {"clouds in a frame that no tf mentions": 1}
     assert first.clouds[0].world_SE3_sensor.tolist() == np.eye(4).tolist()
     with pytest.raises(ValueError, match="no messages of sensor_msgs"):
-        rosbag(write_ros2(tmp_path / "bag", recording()[:2]))
+        rosbag(write_ros2(tmp_path / "none", recording()[:2]))
     (tmp_path / "text.bag").write_text("no bag")
     with pytest.raises(ValueError, match=r"text.bag is no bag that can be read"):
         rosbag(tmp_path / "text.bag")
     cloud = SensorCloud("lidar", np.ones((1, 3), np.float32), np.eye(4))
     with pytest.warns(UserWarning, match="no place for labels, 1 are not in it"):
-        write_rosbag([Frame.of_clouds("0", (cloud,), Objects(np.array([[0, 0, 0, 1, 1, 1, 0.0]])))], tmp_path)
+        write_rosbag([Frame.of_clouds("0", (cloud,), Objects(np.array([[0, 0, 0, 1, 1, 1, 0.0]])))], tmp_path / "out")
 
 
 def test_transforms_in_a_circle_and_between_two_times(tmp_path):

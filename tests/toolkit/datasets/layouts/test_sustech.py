@@ -18,7 +18,7 @@ LABEL = [
 
 
 def scene(tmp_path, content=None):
-    (tmp_path / "lidar").mkdir()
+    (tmp_path / "lidar").mkdir(parents=True)
     columns = dict(zip("xyz", np.ones((3, 4), np.float32), strict=True))
     (tmp_path / "lidar/000950.pcd").write_bytes(pcd_bytes(columns))
     if content is not None:
@@ -34,7 +34,7 @@ def test_labels_by_hand_or_of_nobody(tmp_path):
     assert sample.objects.ids.tolist() == [3]
     assert sample.categories == ("Bus",)
     assert len(sample.points()) == 4
-    (sample,) = sustech(scene(tmp_path))
+    (sample,) = sustech(scene(tmp_path / "bare"))
     assert len(sample.objects) == 0
 
 

@@ -11,16 +11,7 @@ from hypothesis import strategies as st
 
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.codec import RangeImage
-from toolkit.detection.link.differences import (
-    DifferenceReader,
-    DifferenceSender,
-    ForegroundDifferences,
-    MissedReference,
-    Reference,
-    decode_difference,
-    encode_difference,
-    still_squares,
-)
+from toolkit.detection.link import differences
 from toolkit.detection.link.foreground import Foreground, decode_foreground, encode_foreground
 from toolkit.detection.link.image_coding import MOST_STEPS, encode_pixels
 from toolkit.detection.link.message import MessageHeader, MessageKind, read_message, write_message
@@ -68,10 +59,10 @@ def restored_alike(got, k, step=0.02, first=0):
 @pytest.mark.parametrize("refers_to", ["previous", "key"])
 @pytest.mark.parametrize("step", [0.02, 0.08])
 def test_what_arrives_is_what_whole_images_bring_in_fewer_bytes(refers_to, step):
-    messages = written(DifferenceSender(SCENE, step=step, refers_to=refers_to, key_every=5), 12, first=7)
+    messages = written(differences.DifferenceSender(SCENE, step=step, refers_to=refers_to, key_every=5), 12, first=7)
     assert [k for k, kind in enumerate(kinds(messages)) if kind == MessageKind.FOREGROUND] == [0, 5, 10]
     assert set(kinds(messages)) == {MessageKind.FOREGROUND, MessageKind.DIFFERENCE}
-    reader = DifferenceReader(SCENE)
+    reader = differences.DifferenceReader(SCENE)
     for k, message in enumerate(messages):
         restored_alike(reader.read(message), k, step, first=7)
     whole = [encode_foreground(image(k, first=7), SCENE, step=step) for k in range(12)]
@@ -80,49 +71,49 @@ def test_what_arrives_is_what_whole_images_bring_in_fewer_bytes(refers_to, step)
 
 
 def test_without_what_a_difference_refers_to_it_is_refused_until_the_next_whole_image():
-    messages = written(DifferenceSender(SCENE, refers_to="previous", key_every=5), 11)
-    reader, read = DifferenceReader(SCENE), []
+    messages = written(differences.DifferenceSender(SCENE, refers_to="previous", key_every=5), 11)
+    reader, read = differences.DifferenceReader(SCENE), []
     for k, message in enumerate(messages):
         if k == 2:
             continue
         if k in (3, 4):
             said = f"message {k} refers to message {k - 1}, of which the reader has what message 1 left: wait for the"
-            with pytest.raises(MissedReference, match=said):
+            with pytest.raises(differences.MissedReference, match=said):
                 reader.read(message)
             continue
         restored_alike(reader.read(message), k)
         read.append(k)
     assert read == [0, 1, 5, 6, 7, 8, 9, 10]
-    with pytest.raises(MissedReference, match="the reader has none"):
-        DifferenceReader(SCENE).read(messages[1])
+    with pytest.raises(differences.MissedReference, match="the reader has none"):
+        differences.DifferenceReader(SCENE).read(messages[1])
 
 
 def test_messages_are_lost_alone_and_new_senders_not_taken_for_old():
-    messages = written(DifferenceSender(SCENE, refers_to="key", key_every=5), 10)
-    reader, read = DifferenceReader(SCENE), []
+    messages = written(differences.DifferenceSender(SCENE, refers_to="key", key_every=5), 10)
+    reader, read = differences.DifferenceReader(SCENE), []
     for k, message in enumerate(messages):
         if k in (2, 3, 5):
             continue
         try:
             restored_alike(reader.read(message), k)
             read.append(k)
-        except MissedReference:
+        except differences.MissedReference:
             pass
     assert read == [0, 1, 4]
-    again = DifferenceReader(SCENE)
+    again = differences.DifferenceReader(SCENE)
     for k in (0, 4, 1, 1, 4):
         restored_alike(again.read(messages[k]), k)
-    first, second = DifferenceSender(SCENE), DifferenceSender(SCENE)
+    first, second = differences.DifferenceSender(SCENE), differences.DifferenceSender(SCENE)
     other = [second.write(image(k, seed=1)) for k in range(2)]
-    reader = DifferenceReader(SCENE)
+    reader = differences.DifferenceReader(SCENE)
     reader.read(first.write(image(0)))
-    with pytest.raises(MissedReference):
+    with pytest.raises(differences.MissedReference):
         reader.read(other[1])
     restored_alike(reader.read(first.write(image(1))), 1)
 
 
 def test_images_are_whole_where_numbers_do_not_go_on_nothing_stands_or_whole_is_less():
-    sender = DifferenceSender(SCENE, key_every=10)
+    sender = differences.DifferenceSender(SCENE, key_every=10)
     assert kinds(written(sender, 3)) == [2, 5, 5]
     assert kinds([sender.write(image(2)), sender.write(image(1)), sender.write(image(2))]) == [2, 2, 5]
     assert kinds([sender.write(image(11)), sender.write(image(20)), sender.write(image(21))]) == [2, 5, 2]
@@ -131,13 +122,13 @@ def test_images_are_whole_where_numbers_do_not_go_on_nothing_stands_or_whole_is_
     few = np.zeros(SENSOR.model.shape, np.float32)
     few[8:11, 8:12] = 9.0
     assert kinds([sender.write(RangeImage(SENSOR, few, number=50 + k)) for k in range(2)]) == [2, 2]
-    assert kinds(written(DifferenceSender(SCENE, key_every=1), 3)) == [2, 2, 2]
+    assert kinds(written(differences.DifferenceSender(SCENE, key_every=1), 3)) == [2, 2, 2]
 
 
 def test_missing_pixels_arrive_with_differences():
     missing = np.zeros(SENSOR.model.shape, bool)
     missing[:, 60:] = True
-    sender, reader = DifferenceSender(SCENE), DifferenceReader(SCENE)
+    sender, reader = differences.DifferenceSender(SCENE), differences.DifferenceReader(SCENE)
     cut = [RangeImage(SENSOR, np.where(missing, 0, image(k).measurement), number=k) for k in range(3)]
     messages = [sender.write(each, missing) for each in cut]
     assert kinds(messages) == [2, 5, 5]
@@ -150,10 +141,10 @@ def test_missing_pixels_arrive_with_differences():
 
 
 def test_two_thousand_damaged_differences():
-    sender = DifferenceSender(SCENE)
+    sender = differences.DifferenceSender(SCENE)
     whole, message = written(sender, 2)
     rng, read = np.random.default_rng(0), 0
-    reader = DifferenceReader(SCENE)
+    reader = differences.DifferenceReader(SCENE)
     reader.read(whole)
     for _ in range(2000):
         mutant = bytearray(message)
@@ -177,7 +168,7 @@ def test_two_thousand_damaged_differences():
 
 
 def test_what_no_sender_writes_is_refused():
-    sender, reader = DifferenceSender(SCENE), DifferenceReader(SCENE)
+    sender, reader = differences.DifferenceSender(SCENE), differences.DifferenceReader(SCENE)
     whole, message = written(sender, 2)
     reader.read(whole)
     header, content = read_message(message)
@@ -199,12 +190,12 @@ def test_what_no_sender_writes_is_refused():
 
 
 def test_what_a_reference_knows_is_in_its_checksum():
-    first, _, third = written(DifferenceSender(SCENE, refers_to="key"), 3)
+    first, _, third = written(differences.DifferenceSender(SCENE, refers_to="key"), 3)
     one = image(0)
     steps, sent = to_steps(one.measurement, one.measurement > 0, 0.02), one.measurement > 0
-    reference = Reference.of(0, 20, steps, sent)
+    reference = differences.Reference.of(0, 20, steps, sent)
     assert read_message(third)[1][:6] == struct.pack("<BBI", 2, 0, reference.checksum)
-    second = written(DifferenceSender(SCENE), 2)[1]
+    second = written(differences.DifferenceSender(SCENE), 2)[1]
     assert read_message(second)[1][:6] == struct.pack("<BBI", 1, 1, reference.checksum)
     assert read_message(first)[0].kind == MessageKind.FOREGROUND
     known = reference_of([[100, 7]], [[1, 0]])
@@ -223,12 +214,14 @@ def test_what_a_reference_knows_is_in_its_checksum():
 )
 def test_parameters_are_checked(wrong, said):
     with pytest.raises((ValueError, TypeError), match=f"{said}|Type-check"):
-        DifferenceSender(SCENE, **wrong)
+        differences.DifferenceSender(SCENE, **wrong)
 
 
 def reference_of(steps, sent=None, step_mm=20):
     steps = np.array(steps)
-    return Reference.of(3, step_mm, steps, np.ones(steps.shape, bool) if sent is None else np.array(sent, bool))
+    return differences.Reference.of(
+        3, step_mm, steps, np.ones(steps.shape, bool) if sent is None else np.array(sent, bool)
+    )
 
 
 def sequence(rng, images=4):
@@ -249,14 +242,14 @@ def test_every_image_comes_back_exactly(seed, any_squares):
     reference = None
     for number, (steps, sent) in enumerate(sequence(rng)):
         if reference is not None:
-            squares = still_squares(reference, steps, sent)
+            squares = differences.still_squares(reference, steps, sent)
             squares = rng.random(squares.shape) < 0.5 if any_squares else squares
-            content = encode_difference(steps, sent, reference, squares)
-            again, marked, end = decode_difference(b"xy" + content + b"z", 2, reference)
+            content = differences.encode_difference(steps, sent, reference, squares)
+            again, marked, end = differences.decode_difference(b"xy" + content + b"z", 2, reference)
             np.testing.assert_array_equal(marked, sent)
             np.testing.assert_array_equal(again, np.where(sent, steps, 0))
             assert end == len(content) + 2
-        before = reference or Reference.of(number, 20, steps, sent)
+        before = reference or differences.Reference.of(number, 20, steps, sent)
         reference = before.after(number, steps, sent)
 
 
@@ -289,20 +282,22 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     steps[:5, 8:16] = 90  # 24 of 64 stand
     steps[:3, :8] = 90  # 40 of 64
     steps[0, 16:] = 90  # 28 of 32
-    assert still_squares(reference, steps, np.ones((8, 20), bool)).tolist() == [[True, False, True]]
-    assert not still_squares(reference, steps, np.zeros((8, 20), bool)).any()
+    assert differences.still_squares(reference, steps, np.ones((8, 20), bool)).tolist() == [[True, False, True]]
+    assert not differences.still_squares(reference, steps, np.zeros((8, 20), bool)).any()
     rng = np.random.default_rng(0)
     mask = np.zeros((150, 200), bool)
     mask[60:100, 70:130] = True
     base = 500 + np.add.outer(np.zeros(150), np.arange(200) * 0.3) + np.zeros((150, 200))
     images = [np.rint(base + rng.normal(0, 0.75, base.shape)).astype(np.int64) for _ in range(9)]
-    reference = Reference.of(0, 20, images[0], mask)
+    reference = differences.Reference.of(0, 20, images[0], mask)
     for number, image in enumerate(images[1:8]):
         reference = reference.after(number + 1, image, mask)
-    content = encode_difference(images[8], mask, reference, still_squares(reference, images[8], mask))
+    content = differences.encode_difference(
+        images[8], mask, reference, differences.still_squares(reference, images[8], mask)
+    )
     assert 8 * len(content) < 2.1 * mask.sum() < 0.9 * 8 * len(encode_pixels(images[8], mask))
     whole = reference.whole_steps
-    same = encode_difference(whole, mask, reference, still_squares(reference, whole, mask))
+    same = differences.encode_difference(whole, mask, reference, differences.still_squares(reference, whole, mask))
     assert len(same) < 50
 
 
@@ -311,8 +306,8 @@ def test_what_no_encoder_writes_is_refused():
 
     reference, nobody = reference_of([[5, 6, 7]]), np.zeros((1, 3), bool)
     steps, sent = np.array([[5, 6, 7]]), np.ones((1, 3), bool)
-    sound = encode_difference(steps, sent, reference, np.ones((1, 1), bool))
-    np.testing.assert_array_equal(decode_difference(sound, 0, reference)[0], steps)
+    sound = differences.encode_difference(steps, sent, reference, np.ones((1, 1), bool))
+    np.testing.assert_array_equal(differences.decode_difference(sound, 0, reference)[0], steps)
 
     def content(still, others=(), squares=b"\x80"):
         return (
@@ -329,9 +324,9 @@ def test_what_no_encoder_writes_is_refused():
         (sound[:-1], "inflate to 0 symbols"),
     ):
         with pytest.raises(ValueError, match=said):
-            decode_difference(wrong, 0, reference)
+            differences.decode_difference(wrong, 0, reference)
     with pytest.raises(ValueError, match="the reference is an image of"):
-        encode_difference(np.zeros((2, 3), int), np.ones((2, 3), bool), reference, np.ones((1, 1), bool))
+        differences.encode_difference(np.zeros((2, 3), int), np.ones((2, 3), bool), reference, np.ones((1, 1), bool))
 
 
 AREA = (-20.0, -20.0, 20.0, 20.0)
@@ -376,7 +371,7 @@ def watched():
 
 @pytest.mark.parametrize("refers_to", ["previous", "key"])
 def test_the_same_points_arrive_in_fewer_bytes(refers_to):
-    scheme, memory, bits = ForegroundDifferences(0.04, refers_to, key_every=4), {}, []
+    scheme, memory, bits = differences.ForegroundDifferences(0.04, refers_to, key_every=4), {}, []
     for frame in frames(6):
         detector, calls = watched()
         view = frame_view(frame, detector, AREA, scene=SCENES.__getitem__, memory=memory)
@@ -392,11 +387,11 @@ def test_the_same_points_arrive_in_fewer_bytes(refers_to):
 
 
 def test_views_that_remember_nothing_and_parameters():
-    scheme = ForegroundDifferences()
+    scheme = differences.ForegroundDifferences()
     for frame in frames(2):
         view = frame_view(frame, watched()[0], AREA, scene=SCENES.__getitem__)
         assert scheme.fuse(view, [0, 1]).bits.tolist() == Foreground().fuse(view, [0, 1]).bits.tolist()
-    scheme = ForegroundDifferences()
+    scheme = differences.ForegroundDifferences()
     assert isinstance(scheme, Scheme)
     assert scheme.digest == (
         "ForegroundDifferences(step=0.02, refers_to='previous', key_every=10, sigmas=4.0, name='differences')"
@@ -406,7 +401,7 @@ def test_views_that_remember_nothing_and_parameters():
     )  # fmt: skip
     for wrong, said in (({"step": 0.0}, "step must be"), ({"sigmas": 0.0}, "sigmas"), ({"key_every": 0}, "every 1")):
         with pytest.raises(ValueError, match=said):
-            ForegroundDifferences(**wrong)
+            differences.ForegroundDifferences(**wrong)
 
 
 @pytest.mark.parametrize(
@@ -417,4 +412,4 @@ def test_views_that_remember_nothing_and_parameters():
     ],
 )  # fmt: skip
 def test_which_messages_must_have_arrived(refers_to, number, needed):
-    assert list(ForegroundDifferences(refers_to=refers_to).dependencies(number)) == needed
+    assert list(differences.ForegroundDifferences(refers_to=refers_to).dependencies(number)) == needed

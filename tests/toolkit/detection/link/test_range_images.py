@@ -6,16 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, Message, RangeImage, check_codec
+from toolkit.detection.link import range_images
 from toolkit.detection.link.message import read_message, sensor_number
-from toolkit.detection.link.range_images import (
-    CODECS,
-    STEPS,
-    RangeImages,
-    decode_boxes,
-    encode_boxes,
-    find_codec,
-    from_steps,
-)
 from toolkit.objects import Detections
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
@@ -32,7 +24,7 @@ def some(n, seed=0):
 @given(st.integers(0, 40), st.integers(0, 1000))
 def test_boxes_come_back_to_a_centimetre_and_a_quarter_of_a_degree(n, seed):
     sent = some(n, seed)
-    got = decode_boxes(encode_boxes(sent))
+    got = range_images.decode_boxes(range_images.encode_boxes(sent))
     assert len(got) == n
     assert np.abs(got.boxes[:, :6] - sent.boxes[:, :6]).max(initial=0) <= 0.01 + 1e-9
     turn = (got.boxes[:, 6] - sent.boxes[:, 6] + np.pi) % (2 * np.pi) - np.pi
@@ -42,41 +34,43 @@ def test_boxes_come_back_to_a_centimetre_and_a_quarter_of_a_degree(n, seed):
 
 
 def test_boxes_are_sent_again_within_their_scores():
-    once = decode_boxes(encode_boxes(some(20)))
-    assert encode_boxes(once) == encode_boxes(decode_boxes(encode_boxes(once)))
-    assert 8 * len(encode_boxes(some(100))) < 100 * 90
-    assert encode_boxes(Detections.empty()) == b"\x00\x00"
+    once = range_images.decode_boxes(range_images.encode_boxes(some(20)))
+    assert range_images.encode_boxes(once) == range_images.encode_boxes(
+        range_images.decode_boxes(range_images.encode_boxes(once))
+    )
+    assert 8 * len(range_images.encode_boxes(some(100))) < 100 * 90
+    assert range_images.encode_boxes(Detections.empty()) == b"\x00\x00"
     boxes = np.array([[0, 0, 0, 4, 2, 1, np.deg2rad(359.0)], [0, 0, 0, 4, 2, 1, np.deg2rad(-180)]])
-    got = decode_boxes(encode_boxes(Detections(boxes, np.array([1.5, -0.2]))))
+    got = range_images.decode_boxes(range_images.encode_boxes(Detections(boxes, np.array([1.5, -0.2]))))
     assert got.scores.tolist() == [1.0, 0.0]
     np.testing.assert_allclose(np.rad2deg(got.boxes[:, 6]), [-1, -180])
     sure = Detections(some(4).boxes, np.array([0.9985, 0.9988, 0.9992, 0.9998]))
-    scores = decode_boxes(encode_boxes(sure)).scores
+    scores = range_images.decode_boxes(range_images.encode_boxes(sure)).scores
     assert np.abs(scores - sure.scores).max() < 1e-4
     assert (np.diff(scores) > 0).all()
     for value, said in ((np.nan, "finite"), (np.inf, "finite"), (1e9, "within 21475 km")):
         boxes = np.array([[value, 0, 0, 4, 2, 1, 0.0]])
         with pytest.raises(ValueError, match=said):
-            encode_boxes(Detections(boxes, np.array([0.5])))
+            range_images.encode_boxes(Detections(boxes, np.array([0.5])))
 
 
 def test_what_no_encoder_writes_is_refused():
-    content = encode_boxes(some(3))
+    content = range_images.encode_boxes(some(3))
     for length in range(len(content)):
         with pytest.raises(ValueError, match=r"cut off|fit"):
-            decode_boxes(content[:length])
+            range_images.decode_boxes(content[:length])
     with pytest.raises(ValueError, match="got 1 more bytes"):
-        decode_boxes(content + b"x")
+        range_images.decode_boxes(content + b"x")
     with pytest.raises(ValueError, match="got 1 more bytes"):
-        decode_boxes(b"\x00\x00x")
+        range_images.decode_boxes(b"\x00\x00x")
     wide = bytearray(content)
     wide[2] = 32
     with pytest.raises(ValueError, match="up to 31 bits, got 32"):
-        decode_boxes(bytes(wide))
-    score = bytearray(encode_boxes(Detections(some(1).boxes, np.array([0.0]))))
+        range_images.decode_boxes(bytes(wide))
+    score = bytearray(range_images.encode_boxes(Detections(some(1).boxes, np.array([0.0]))))
     score[2 + 7 * 5 + 1 : 2 + 7 * 5 + 3] = b"\x00\x02"
     with pytest.raises(ValueError, match="0 to 511, got 512"):
-        decode_boxes(bytes(score))
+        range_images.decode_boxes(bytes(score))
 
 
 MODELS = [
@@ -98,10 +92,10 @@ def image(model, seed=0):
     return RangeImage(Sensor("s", model, np.eye(4)), measured, 2.5, 11)
 
 
-@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("step", range_images.STEPS)
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.kind)
 def test_every_pixel_arrives_within_half_a_step(model, step):
-    codec, sent = RangeImages(step), image(model)
+    codec, sent = range_images.RangeImages(step), image(model)
     message = codec.encode_image(sent)
     got = codec.decode_image(message, sent.sensor)
     there = (sent.measurement > 0) & (sent.measurement < model.max_range)
@@ -115,10 +109,10 @@ def test_every_pixel_arrives_within_half_a_step(model, step):
 
 def test_codecs_of_images_refuse_others_and_go_by_name():
     mask = np.array([[True, True, True, False]])
-    got = from_steps(np.array([[0, 1, 10**9, 5]]), mask, 0.08, DepthCamera(max_range=50.0))
+    got = range_images.from_steps(np.array([[0, 1, 10**9, 5]]), mask, 0.08, DepthCamera(max_range=50.0))
     np.testing.assert_allclose(got, [[0.02, 0.08, 50.0, 0.0]])
     assert got[0, 2] < 50
-    codec, sent = RangeImages(), image(MODELS[0])
+    codec, sent = range_images.RangeImages(), image(MODELS[0])
     message = codec.encode_image(sent)
     for other in (Sensor("t", MODELS[0], np.eye(4)), Sensor("s", MODELS[2], np.eye(4))):
         with pytest.raises(ValueError, match="it belongs to another"):
@@ -128,21 +122,21 @@ def test_codecs_of_images_refuse_others_and_go_by_name():
     with pytest.raises(ValueError, match="checksum"):
         codec.decode_image(Message(message.content[:-1] + b"x", message.bits), sent.sensor)
     boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
-    message = RangeImages().encode_boxes(Detections(boxes, np.array([0.5])))
-    np.testing.assert_allclose(RangeImages().decode_boxes(message).boxes, boxes, atol=0.01)
+    message = range_images.RangeImages().encode_boxes(Detections(boxes, np.array([0.5])))
+    np.testing.assert_allclose(range_images.RangeImages().decode_boxes(message).boxes, boxes, atol=0.01)
     assert message.bits == 8 * len(message.content) < 100 * 8
-    assert find_codec("paper") is PAPER
-    assert find_codec("range-images") == RangeImages(0.02)
-    assert find_codec("range-images", step=0.08) == RangeImages(0.08)
-    assert all(check_codec(find_codec(name)) for name in CODECS)
+    assert range_images.find_codec("paper") is PAPER
+    assert range_images.find_codec("range-images") == range_images.RangeImages(0.02)
+    assert range_images.find_codec("range-images", step=0.08) == range_images.RangeImages(0.08)
+    assert all(check_codec(range_images.find_codec(name)) for name in range_images.CODECS)
     with pytest.raises(ValueError, match="choose among paper, range-images"):
-        find_codec("zip")
+        range_images.find_codec("zip")
     with pytest.raises(ValueError, match="step must be"):
-        find_codec("range-images", step=0.0)
+        range_images.find_codec("range-images", step=0.0)
 
 
 def test_it_is_a_codec_of_images_and_refuses_points_alone():
-    codec = RangeImages(0.04)
+    codec = range_images.RangeImages(0.04)
     assert isinstance(codec, Codec)
     assert isinstance(codec, ImageCodec)
     assert codec.digest == "RangeImages(step=0.04)"
@@ -151,5 +145,5 @@ def test_it_is_a_codec_of_images_and_refuses_points_alone():
     with pytest.raises(ValueError, match="sends images"):
         codec.decode_points(Message(b"", 0))
     with pytest.raises(ValueError, match="step must be"):
-        RangeImages(0.0)
+        range_images.RangeImages(0.0)
     assert codec.bits(points=np.array([0, 100]), boxes=2, messages=3).tolist() == [816 + 150, 816 + 650]
