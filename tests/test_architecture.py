@@ -49,15 +49,13 @@ def imports(path):
 GRAPH = {name: imports(path) - {name} for name, path in MODULES.items()}
 
 
-def test_no_import_cycle():
+def test_no_cycle_of_imports_and_no_face_below():
     try:
         TopologicalSorter(GRAPH).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(reversed(error.args[1])))
-
-
-def test_no_cycle_of_imports_and_no_face_below():
-    """A face reaches everything, so that who imports one depends on everything: contracts and cache keys lose sight."""
+    # A face reaches everything, so that who imports one depends on everything: contracts and cache keys lose
+    # sight.
     assert {(name, face) for name, others in GRAPH.items() for face in FLOORS[:3] if face in others} == set()
     assert set(folder_cycles()) <= KNOWN_CYCLES
     assert [path for path in SOURCES if not ast.get_docstring(ast.parse((ROOT / path).read_text()))] == []

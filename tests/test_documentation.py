@@ -87,11 +87,23 @@ def test_options_in_running_text_exist(page, extension):
         assert set(re.findall(r"--[a-z0-9-]+", rest)) <= known, name
 
 
-def test_every_command_is_shown_and_a_wrong_line_is_seen():
+def test_commands_pictures_and_pages_are_where_readers_find_them():
     assert refused(["site", "show", "tjunction", "--out", "a.png"]) == ""
     assert [refused(words) for words in (["plan", "tjunction", "--bugdet", "4"], ["site", "shwo"])] == ["refused"] * 2
     assert refused(["evalaute"]) == "no such command"
     assert set(COMMANDS) - {words[0] for page in TEXTS for words in command_lines(page)} <= {"demo"}
+    pictures = {path.resolve() for path in (ROOT / "docs").rglob("*.png")}
+    shown = {
+        (page.parent / target).resolve()
+        for page in TEXTS
+        for target in re.findall(r"!\[[^\]]+\]\(([^)]+)\)", page.read_text())
+    }
+    assert pictures == shown
+    assert [path.name for path in pictures if path.stat().st_size > 150_000] == []
+    tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
+    listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
+    pages = [path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".rst") and path.stem != "index"]
+    assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages)
 
 
 def anchors(page):
@@ -132,21 +144,6 @@ def test_names_and_files_in_running_text_exist(page):
     assert [file for file in files if not any((place / file).exists() for place in places)] == []
     names = re.findall(r"`((?:toolkit|models|placement_env|coview)(?:\.\w+)+)", text)
     assert [name for name in names if not lookup(name)] == []
-
-
-def test_pictures_are_small_and_every_page_is_in_a_table_of_contents():
-    pictures = {path.resolve() for path in (ROOT / "docs").rglob("*.png")}
-    shown = {
-        (page.parent / target).resolve()
-        for page in TEXTS
-        for target in re.findall(r"!\[[^\]]+\]\(([^)]+)\)", page.read_text())
-    }
-    assert pictures == shown
-    assert [path.name for path in pictures if path.stat().st_size > 150_000] == []
-    tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
-    listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
-    pages = [path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".rst") and path.stem != "index"]
-    assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages)
 
 
 @pytest.mark.slow

@@ -63,7 +63,7 @@ def test_from_a_folder_to_a_trained_detector(own, tmp_path, run):
 
 
 @pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
-def test_the_real_log(tmp_path, run):
+def test_the_real_log_and_its_foreground(tmp_path, run):
     pytest.importorskip("pyarrow")
     log = (LOG, "--layout", "argoverse")
     assert "162 of 162 labelled cuboids hold as many points as the set says" in run("survey", *log)[1]
@@ -76,6 +76,16 @@ def test_the_real_log(tmp_path, run):
         found[level] = row["ap"]
     assert found["plane"] > 0.5
     assert found["plane"] > found["none"]
+    given = ("--area", -25, -25, 25, 25, "--classes", "vehicle", "--level", "plane")
+    chosen = ("--layout", "argoverse", *given, "--schemes", "foreground")
+    code, said, err = run("evaluate", LOG, *chosen, "--out", tmp_path)
+    assert code == 0, err
+    assert "empty scenes are learnt from 2 samples" in err
+    assert "up_lidar: of 103592 points its images leave out" in said
+    (row,) = rows(tmp_path / "table.json", "BEV 0.5")
+    assert row["ap"] > 0.5
+    content = json.loads((tmp_path / "table.json").read_text())
+    assert 10 < content["schemes"]["foreground"]["kbit_per_sensor"] < 100
 
 
 @pytest.fixture(scope="session")
@@ -165,18 +175,3 @@ def test_lidars_are_scored_alone_and_by_clusters(lidars, tmp_path, run):
 def test_calibration_is_by_what_there_is(lidars, tmp_path, refused):
     arguments = ("evaluate", lidars, *LIDAR_AREA, "--out", tmp_path)
     assert "nowhere.ply" in refused(*arguments, "--calibrate", "nowhere.ply")
-
-
-@pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
-def test_foreground_on_the_real_log(tmp_path, run):
-    pytest.importorskip("pyarrow")
-    arguments = ("--area", -25, -25, 25, 25, "--classes", "vehicle", "--level", "plane")
-    chosen = ("--layout", "argoverse", *arguments, "--schemes", "foreground")
-    code, said, err = run("evaluate", LOG, *chosen, "--out", tmp_path)
-    assert code == 0, err
-    assert "empty scenes are learnt from 2 samples" in err
-    assert "up_lidar: of 103592 points its images leave out" in said
-    (row,) = rows(tmp_path / "table.json", "BEV 0.5")
-    assert row["ap"] > 0.5
-    content = json.loads((tmp_path / "table.json").read_text())
-    assert 10 < content["schemes"]["foreground"]["kbit_per_sensor"] < 100

@@ -35,7 +35,7 @@ def test_what_is_refused(arguments, message):
         Classes(**arguments)
 
 
-def test_settings_of_classes_are_in_the_digest_and_by_name():
+def test_settings_of_classes_their_digests_marks_and_words():
     one = Classes(("pedestrian", "vehicle"), (2.0, 6.0), ious=(0.25, None))
     other = Classes(("vehicle", "pedestrian"), (0.75, 0.25), ious=(None, 0.25))
     assert one == other
@@ -58,6 +58,11 @@ def test_settings_of_classes_are_in_the_digest_and_by_name():
     figures = np.random.default_rng(0).random((5, 1))
     np.testing.assert_array_equal(VEHICLES.combined(figures), figures[:, 0])
     assert np.isnan(VEHICLES.combined(np.array([[np.nan]])))[0]
+    assert Classes(THREE, (1.0, 1.0, 7.0)).combined(np.ones((1, 3)))[0] == 1.0
+    assert VEHICLES.described(0.7) == VEHICLES.described() == "vehicle"
+    assert Classes(THREE, combine="worst").described() == "worst of vehicle, cyclist and pedestrian"
+    assert Classes(THREE).described(0.7) == "mean of vehicle, cyclist (IoU 0.5) and pedestrian (IoU 0.5)"
+    assert Classes(("vehicle", "heavy"), (1.0, 3.0)).described(0.7) == "mean of 0.25 vehicle and 0.75 heavy"
 
 
 @given(
@@ -76,11 +81,3 @@ def test_mean_and_worst_are_over_the_classes_that_are_there(rows, weights):
         assert of_mean == pytest.approx(sum(w * v for w, v in there) / sum(w for w, _ in there), abs=1e-12)
         assert of_worst == min(value for _, value in there)
         assert of_worst <= of_mean + 1e-12
-
-
-def test_full_marks_and_words_of_classes():
-    assert Classes(THREE, (1.0, 1.0, 7.0)).combined(np.ones((1, 3)))[0] == 1.0
-    assert VEHICLES.described(0.7) == VEHICLES.described() == "vehicle"
-    assert Classes(THREE, combine="worst").described() == "worst of vehicle, cyclist and pedestrian"
-    assert Classes(THREE).described(0.7) == "mean of vehicle, cyclist (IoU 0.5) and pedestrian (IoU 0.5)"
-    assert Classes(("vehicle", "heavy"), (1.0, 3.0)).described(0.7) == "mean of 0.25 vehicle and 0.75 heavy"

@@ -179,11 +179,19 @@ def test_the_surrogate_of_classes_is_that_of_each_class_it_knows():
     assert (Surrogate(nobody, "early", models, classes=WORST)(sets).recall == 0).all()
 
 
-def test_the_sites_own_surrogates_know_cyclists_and_pedestrians():
+def test_sites_have_surrogates_of_classes_and_worth_has_parts():
     known = (("vehicle", 0.7), ("cyclist", 0.5), ("pedestrian", 0.5))
     for site, scheme, (label, iou) in product(("tjunction", "roundabout"), ("early", "late"), known):
         model = shipped_model(scheme, iou, site, label=label)
         assert (model.label, model.scheme) == (label, scheme)
+    labels = np.array([0, 0, 0, 2])
+    worth, whole = compute_worth(labels, Classes(("vehicle", "pedestrian"), (1.0, 1.0)))
+    assert whole == 10**9
+    assert worth.tolist() == [[166666667, 166666667, 166666667, 500000000]]
+    worst, whole = compute_worth(labels, Classes(("vehicle", "cyclist", "pedestrian"), combine="worst"))
+    assert worst.tolist() == [[333333333] * 3 + [0], [0, 0, 0, 10**9]]
+    worth, whole = compute_worth(labels[:3], VEHICLES)
+    assert (worth.tolist(), whole) == ([[1, 1, 1]], 3)
 
 
 @pytest.mark.parametrize("scheme", ["early", "late"])
@@ -310,17 +318,6 @@ def test_searches_find_the_set_of_the_best_worst_class(make):
 
 def seen_worst(seen, subset):
     return Coverage(seen, classes=WORST)(np.isin(np.arange(len(seen)), subset)[None]).ap[0]
-
-
-def test_worth_of_objects_in_parts():
-    labels = np.array([0, 0, 0, 2])
-    worth, whole = compute_worth(labels, Classes(("vehicle", "pedestrian"), (1.0, 1.0)))
-    assert whole == 10**9
-    assert worth.tolist() == [[166666667, 166666667, 166666667, 500000000]]
-    worst, whole = compute_worth(labels, Classes(("vehicle", "cyclist", "pedestrian"), combine="worst"))
-    assert worst.tolist() == [[333333333] * 3 + [0], [0, 0, 0, 10**9]]
-    worth, whole = compute_worth(labels[:3], VEHICLES)
-    assert (worth.tolist(), whole) == ([[1, 1, 1]], 3)
 
 
 def test_an_objective_says_what_each_class_gets(make):

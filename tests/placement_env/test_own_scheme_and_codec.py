@@ -143,12 +143,36 @@ renders = pytest.fixture(scope="module")(lambda small_traffic, candidates: Rende
 seen = pytest.fixture(scope="module")(lambda small_traffic, candidates: see(small_traffic, candidates))
 
 
-def test_they_have_what_the_protocols_ask_for():
+def test_they_fit_the_protocols_and_a_site_takes_both_by_name():
     assert isinstance(Thinned(), Scheme)
     assert isinstance(Centimetres(), Codec)
     for scheme in (Thinned, None, "middle"):
         with pytest.raises((ValueError, TypeError), match="of"):
             evaluate_recording(None, None, Comparison(schemes=[scheme]))  # type: ignore[list-item]
+    objective = Objective(
+        Setting("tjunction", scheme=Thinned(), fidelity="coverage", codec=Centimetres()), Run(frames=2)
+    )
+    paper = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2))
+    assert greedy.search(objective, 2).best.kbit < greedy.search(paper, 2).best.kbit
+    assert objective.preparation is not None
+    (moved,) = build_pose_scorer(objective.preparation)([objective.candidates.sensors[:1]])
+    assert moved.kbit == objective.score([0]).kbit
+    capacity = 1.5 * float(objective.sent[0])  # the paper's codec takes 2.4 times as much
+    mounts = tuple(replace(mount, capacity=capacity) for mount in objective.candidates.mounts)
+    made = objective.preparation
+    narrow = replace(made, setting=replace(made.setting, candidates=replace(objective.candidates, mounts=mounts)))
+    assert build_pose_scorer(narrow)([objective.candidates.sensors[:1]]) != [None]
+    costly = replace(narrow, setting=replace(narrow.setting, codec=PAPER))
+    assert build_pose_scorer(costly)([objective.candidates.sensors[:1]]) == [None]
+    by_detector = Objective(
+        Setting(
+            "tjunction", scheme=Thinned(), fidelity="detector", codec=Centimetres(), detector=Places(np.zeros((0, 7)))
+        ),
+        Run(frames=2),
+    )
+    assert by_detector.score([0]).kbit > 0
+    with pytest.raises(ValueError, match="no surrogate of tjunction for thinned"):
+        Objective(Setting("tjunction", scheme=Thinned()), Run(frames=2))
 
 
 def test_evaluation_takes_both_and_what_arrives_is_let_through(recording, detector):
@@ -248,33 +272,6 @@ def test_where_nothing_fits_them_the_remedy_is_named(seen):
     ):
         with pytest.raises(ValueError, match=said):
             make()
-
-
-def test_a_site_takes_both_by_its_name():
-    objective = Objective(
-        Setting("tjunction", scheme=Thinned(), fidelity="coverage", codec=Centimetres()), Run(frames=2)
-    )
-    paper = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2))
-    assert greedy.search(objective, 2).best.kbit < greedy.search(paper, 2).best.kbit
-    assert objective.preparation is not None
-    (moved,) = build_pose_scorer(objective.preparation)([objective.candidates.sensors[:1]])
-    assert moved.kbit == objective.score([0]).kbit
-    capacity = 1.5 * float(objective.sent[0])  # the paper's codec takes 2.4 times as much
-    mounts = tuple(replace(mount, capacity=capacity) for mount in objective.candidates.mounts)
-    made = objective.preparation
-    narrow = replace(made, setting=replace(made.setting, candidates=replace(objective.candidates, mounts=mounts)))
-    assert build_pose_scorer(narrow)([objective.candidates.sensors[:1]]) != [None]
-    costly = replace(narrow, setting=replace(narrow.setting, codec=PAPER))
-    assert build_pose_scorer(costly)([objective.candidates.sensors[:1]]) == [None]
-    by_detector = Objective(
-        Setting(
-            "tjunction", scheme=Thinned(), fidelity="detector", codec=Centimetres(), detector=Places(np.zeros((0, 7)))
-        ),
-        Run(frames=2),
-    )
-    assert by_detector.score([0]).kbit > 0
-    with pytest.raises(ValueError, match="no surrogate of tjunction for thinned"):
-        Objective(Setting("tjunction", scheme=Thinned()), Run(frames=2))
 
 
 class Unhashable(Thinned):

@@ -78,15 +78,6 @@ def test_depth_is_measurement_times_ray_where_it_returned(sensor):
     assert positions(from_depth(sensor, np.zeros_like(depth))).shape == (0, 3)
 
 
-def test_radii_and_images_that_cannot_be_are_refused():
-    with pytest.raises(ValueError, match=r"'c' measures \(150, 200\) pixels"):
-        from_depth(CAMERA, np.ones((3, 4), np.float32))
-    with pytest.raises(ValueError, match="radius"):
-        outside_radius(random_cloud(), CAMERA, -1.0)
-    with pytest.raises(ValueError, match="intensity must have one row for each of 3 points, got 2"):
-        from_attributes({"positions": np.zeros((3, 3)), "intensity": np.zeros(2)})
-
-
 def test_fused_and_empty_clouds_keep_points_and_sensors():
     parts = [from_depth(CAMERA, random_depth(CAMERA), sensor_id=2), random_cloud(50), from_points(np.zeros((0, 3)))]
     fused = fuse(parts)
@@ -124,7 +115,7 @@ def test_an_area_that_encloses_nothing_is_refused(area):
         crop(random_cloud(), area)
 
 
-def test_radii_are_horizontal_or_published():
+def test_radii_are_horizontal_published_or_refused():
     points = np.array([[5, 7.1, 90], [5, 6.9, -90], [15.1, -3, 0], [5, -3, 100]], np.float32)
     kept = positions(outside_radius(from_points(points), CAMERA, 10.0))
     np.testing.assert_array_equal(kept, points[[0, 2]])
@@ -138,6 +129,12 @@ def test_radii_are_horizontal_or_published():
     for sensor in (level, LIDAR):
         both = [positions(outside_radius(cloud, sensor, 20.0, metric)) for metric in ("horizontal", "published")]
         np.testing.assert_array_equal(*both)
+    with pytest.raises(ValueError, match=r"'c' measures \(150, 200\) pixels"):
+        from_depth(CAMERA, np.ones((3, 4), np.float32))
+    with pytest.raises(ValueError, match="radius"):
+        outside_radius(random_cloud(), CAMERA, -1.0)
+    with pytest.raises(ValueError, match="intensity must have one row for each of 3 points, got 2"):
+        from_attributes({"positions": np.zeros((3, 3)), "intensity": np.zeros(2)})
 
 
 def test_points_per_box_and_density_by_hand():

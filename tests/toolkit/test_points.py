@@ -61,7 +61,7 @@ def test_frame_points_are_cropped_clouds_with_noise_of_the_generator():
         assert (np.diff(pixels) > 0).all()
 
 
-def test_sensors_by_number_and_name_once():
+def test_sensors_by_number_and_areas_near_by():
     assert select_sensors(SENSORS) == [0, 1, 2]
     assert select_sensors(SENSORS, ["c", 0]) == [2, 0]
     assert select_sensors(SENSORS, []) == []
@@ -75,6 +75,15 @@ def test_sensors_by_number_and_name_once():
         select_sensors((*SENSORS, SENSORS[0]))
     with pytest.raises(ValueError, match="list of numbers or names"):
         select_sensors(SENSORS, "abc")
+    far = Sensor("far", DepthCamera(), look((5e5, 5.4e6, 300.0), heading=0.0))
+    with pytest.raises(ValueError, match="origin near the site"):
+        frame_points(Frame((far,), (np.ones((150, 200), np.float32),), Objects.empty()), area=AREA)
+    with pytest.raises(ValueError, match="height must be a number"):
+        frame_points(frame(), area=AREA, height=float("nan"))
+    with pytest.raises(ValueError, match="height must be a number"):
+        crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, float("nan"))
+    with pytest.raises(ValueError, match="floor must be a number"):
+        crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, floor=float("nan"))
 
 
 @pytest.mark.parametrize("unknown", [3, -1, "d", "0"])
@@ -101,18 +110,6 @@ def test_points_move_with_site_and_sensors_and_edges_count():
             points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
         )
         assert level.tolist() == [False, True, False]
-
-
-def test_map_coordinates_and_odd_heights_are_refused():
-    far = Sensor("far", DepthCamera(), look((5e5, 5.4e6, 300.0), heading=0.0))
-    with pytest.raises(ValueError, match="origin near the site"):
-        frame_points(Frame((far,), (np.ones((150, 200), np.float32),), Objects.empty()), area=AREA)
-    with pytest.raises(ValueError, match="height must be a number"):
-        frame_points(frame(), area=AREA, height=float("nan"))
-    with pytest.raises(ValueError, match="height must be a number"):
-        crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, float("nan"))
-    with pytest.raises(ValueError, match="floor must be a number"):
-        crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, floor=float("nan"))
 
 
 def test_slopes_are_cropped_and_detected_in_as_level_ground():

@@ -54,7 +54,7 @@ def test_packed_files_repeat_joined_or_at_once(frames, tmp_path):
         join_packed([], tmp_path / "none")
 
 
-def test_two_packs_at_once_to_one_file_both_work(frames, tmp_path):
+def test_two_packs_at_once_both_work_and_drawn_junctions_are_recordings(frames, tmp_path):
     out = tmp_path / "x.packed"
 
     def recordings():
@@ -65,18 +65,15 @@ def test_two_packs_at_once_to_one_file_both_work(frames, tmp_path):
     assert pack(recordings(), out) == 1
     assert len(PackedFrames(out)) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]
+    site = Site("drawn", np.array(AREA))
+    empty = tuple(np.zeros_like(each) + 9 for each in frames[0].measurements)
+    pack([recording(frames[:2], AREA, 4.0, empty=empty)], tmp_path / "x")
+    assert drawn_file((site, tuple(frames[:2]), empty)) == (tmp_path / "x").read_bytes()
 
 
 def test_a_packed_file_written_again_is_the_same(frames, packed_file, tmp_path):
     pack(read_recordings(packed_file), tmp_path / "again.packed")
     assert (tmp_path / "again.packed").read_bytes() == packed_file.read_bytes()
-
-
-def test_the_file_of_a_drawn_junction_is_its_recording(frames, tmp_path):
-    site = Site("drawn", np.array(AREA))
-    empty = tuple(np.zeros_like(each) + 9 for each in frames[0].measurements)
-    pack([recording(frames[:2], AREA, 4.0, empty=empty)], tmp_path / "x")
-    assert drawn_file((site, tuple(frames[:2]), empty)) == (tmp_path / "x").read_bytes()
 
 
 def levelled(sensors, seed, area=AREA):

@@ -237,10 +237,18 @@ def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed)
     assert from_vehicle < 0.5
 
 
-def test_a_flawless_detector_keeps_what_it_detects(monkeypatch, packed):
+def test_flawless_detectors_stay_and_networks_get_a_second_stage(monkeypatch, packed):
     flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
     monkeypatch.setattr(second_stage, "detect_frames", fake(flawless))
     assert fit_calibration(VoxelNet(make_config(AREA, "fast")), packed).config.thresholds == (LEAST_SURE,)
+    monkeypatch.setattr("models.training.second_stage.fit_faces", lambda networks, rows, seed: {})
+    torch.manual_seed(0)
+    network = VoxelNet(make_config(AREA, "fast"))
+    staged = train_faces(network, packed, ("vehicle",), count=2)
+    assert staged.config.faces == ("vehicle",)
+    for name, tensor in network.state_dict().items():
+        assert torch.equal(staged.state_dict()[name], tensor)
+    assert len(staged.state_dict()) == len(network.state_dict()) + 19
 
 
 def solid(rng, box, count=400):
@@ -307,14 +315,3 @@ def test_examples_are_of_the_objects_asked_for(packed):
     again = face_examples(packed, None, ("vehicle",), count=4)
     np.testing.assert_array_equal(again.features["side"], vehicles.features["side"])
     assert len(face_examples(packed, None, ("vehicle",), count=2).offsets["end"]) < len(vehicles.offsets["end"])
-
-
-def test_a_network_gets_a_second_stage_and_is_else_what_it_was(packed, monkeypatch):
-    monkeypatch.setattr("models.training.second_stage.fit_faces", lambda networks, rows, seed: {})
-    torch.manual_seed(0)
-    network = VoxelNet(make_config(AREA, "fast"))
-    staged = train_faces(network, packed, ("vehicle",), count=2)
-    assert staged.config.faces == ("vehicle",)
-    for name, tensor in network.state_dict().items():
-        assert torch.equal(staged.state_dict()[name], tensor)
-    assert len(staged.state_dict()) == len(network.state_dict()) + 19

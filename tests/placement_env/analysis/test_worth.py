@@ -215,15 +215,12 @@ def test_student(confidence, freedom):
     assert module._student(confidence, freedom) == pytest.approx(exact, rel=0.01)
 
 
-def test_a_table_of_worth_is_aligned():
+def test_tables_of_worth_and_of_failures():
     names = ["north", "south", "east", "west"]
     share = np.array([0.4, 0.2, 0.0, 0.1])
     head, best, *_ = format_worth(exact_worth(lambda sets: sets @ share, 4), names).splitlines()
     assert head == "sensor  Shapley       ±  with north  with south  with west  with east"
     assert best.split() == ["north", "0.4000", "0.0000", "+0.0000", "+0.0000", "+0.0000"]
-
-
-def test_failures_of_a_set_in_a_table():
     share = np.array([0.4, 0.3, 0.2, 0.1])
     chosen = np.array([True, True, False, True])
     one = failures(lambda sets: sets @ share, chosen)

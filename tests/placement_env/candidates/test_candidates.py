@@ -47,19 +47,6 @@ def test_candidates_are_counted_selected_and_taken_by_arrays():
     assert chosen.at(*candidates.factors[4]) == -1
 
 
-def test_fields_and_names_that_do_not_fit_are_refused():
-    good = pool(square())
-    twice = (good.sensors[0], *good.sensors[:-1])
-    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"factors": good.factors + 1}, {"mounts": ()}):
-        with pytest.raises(ValueError):
-            replace(good, **broken)
-    assert find_repeat(["a", "b", "c", "b", "a"]) == "b"
-    good = pool(square())
-    twice = (good.sensors[0], good.sensors[0], *good.sensors[2:])
-    with pytest.raises(ValueError, match=f"{good.sensors[0].name}' twice"):
-        replace(good, sensors=twice)
-
-
 MODELS = [DepthCamera(), SpinningLidar(channels=4), SolidStateLidar()]
 
 
@@ -72,10 +59,20 @@ def test_a_sensor_looks_where_it_is_aimed(model, heading, tilt):
     assert (sensor.name, sensor.model) == ("s", model)
 
 
-def test_cameras_look_along_their_axis_lidars_along_x_and_none_nowhere():
+def test_axes_of_sensors_and_what_does_not_fit():
     camera = Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.5))
     lidar = Sensor("l", SpinningLidar(channels=4), pose(0.0, 0.0, 5.0, yaw=-2.0, pitch=0.1))
     headings, tilts = aims([camera, lidar])
     assert np.allclose(headings, [1.0, -2.0])
     assert np.allclose(tilts, [0.5, 0.1])
     assert [len(each) for each in aims([])] == [0, 0]
+    good = pool(square())
+    twice = (good.sensors[0], *good.sensors[:-1])
+    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"mount": good.mount + 1}, {"mounts": ()}):
+        with pytest.raises(ValueError):
+            replace(good, **broken)
+    assert find_repeat(["a", "b", "c", "b", "a"]) == "b"
+    good = pool(square())
+    twice = (good.sensors[0], good.sensors[0], *good.sensors[2:])
+    with pytest.raises(ValueError, match=f"{good.sensors[0].name}' twice"):
+        replace(good, sensors=twice)

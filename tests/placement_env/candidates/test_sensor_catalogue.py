@@ -31,7 +31,7 @@ def written(tmp_path, text):
     return path
 
 
-def test_catalogues_price_candidates_by_mount_and_model(tmp_path):
+def test_catalogues_price_candidates_and_are_text_in_a_file(tmp_path):
     catalogue = load_sensor_catalogue(written(tmp_path, GOOD))
     assert (catalogue.currency, catalogue.pole_price, len(catalogue.digest)) == ("EUR", 4000.0, 64)
     eye, lidar = catalogue.models
@@ -54,6 +54,12 @@ def test_catalogues_price_candidates_by_mount_and_model(tmp_path):
         choose_candidates(site, "pool", models, prices=(1.0, -1.0))
     with pytest.raises(ValueError, match="two of the priced models are equal"):
         choose_candidates(site, "pool", (models[0], models[0]), prices=(1.0, 2.0))
+    with pytest.raises(FileNotFoundError):
+        load_sensor_catalogue(tmp_path / "none.toml")
+    path = tmp_path / "binary.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match="not a text file"):
+        load_sensor_catalogue(path)
 
 
 SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
@@ -92,12 +98,3 @@ def test_what_is_refused(tmp_path, text, message):
         load_sensor_catalogue(path)
     assert str(refused.value).startswith(str(path))
     assert "\n" not in str(refused.value)
-
-
-def test_no_file_and_no_text(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        load_sensor_catalogue(tmp_path / "none.toml")
-    path = tmp_path / "binary.toml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match="not a text file"):
-        load_sensor_catalogue(path)

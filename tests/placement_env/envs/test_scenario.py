@@ -20,7 +20,7 @@ register()
 CHOOSING = ["coview/SensorSelect-v0"]
 
 
-def test_features_say_what_a_sensor_would_add_in_range(objective: Any):
+def test_features_say_what_sensors_would_add_in_range_and_in_slots(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective(weights=Weights()), budget=3)
     observation, _ = env.reset()
     for action in (0, 3, 4):
@@ -49,9 +49,6 @@ def test_features_say_what_a_sensor_would_add_in_range(objective: Any):
         visibility=scored.visibility,
     )
     assert find_area(without).tolist() == [-11, 11, 11, 13]
-
-
-def test_a_site_with_more_candidates_than_slots_is_refused(objective: Any) -> None:
     with pytest.raises(ValueError, match="slots for 5 candidates, this site has 6: make it with slots=6"):
         Scenario(objective(), 5)
 

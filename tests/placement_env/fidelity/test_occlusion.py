@@ -46,7 +46,7 @@ def test_points_are_those_rendered_and_in_boxes(small_traffic, seen, rendered):
         assert (np.abs(on_objects - found) <= 0.02 * found + 8).all()  # rounding on the faces of a box
 
 
-def test_sent_is_counted_or_the_mean_over_noise(small_traffic, small_candidates, seen):
+def test_sent_is_counted_or_the_mean_over_noise_as_visibility_keeps(small_traffic, small_candidates, seen):
     renders = [Renders(small_traffic, small_candidates, noise_seed=seed) for seed in range(4)]
     radius = small_traffic.site.hybrid_radius
 
@@ -67,9 +67,6 @@ def test_sent_is_counted_or_the_mean_over_noise(small_traffic, small_candidates,
             assert abs(found.sent[c, k] - len(points)) < 2
             far = is_beyond(points, sensor, small_traffic.site.hybrid_radius).sum()
             assert abs(found.far[c, k] - far) < 2
-
-
-def test_it_counts_what_visibility_keeps(small_traffic, small_candidates, seen):
     looked = look_at(small_traffic, build_renderer(small_traffic), small_candidates.sensors[1:3])
     assert np.array_equal(looked.points, seen.points[1:3])
     assert np.array_equal(looked.sent, seen.sent[1:3])

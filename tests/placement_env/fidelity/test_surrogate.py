@@ -21,7 +21,7 @@ def visibility(made_visibility):
     return made_visibility()
 
 
-def test_hits_and_ap_against_plain_python(visibility, hit_model):
+def test_hits_and_ap_against_plain_python_of_one_scheme(visibility, hit_model):
     surrogate = Surrogate(visibility, "early", hit_model)
     chosen = np.flatnonzero(SETS[7])
     p = []
@@ -39,6 +39,8 @@ def test_hits_and_ap_against_plain_python(visibility, hit_model):
     estimate = surrogate(SETS[7:8])
     assert estimate.ap[0] == pytest.approx(area / len(p), rel=1e-4)
     assert estimate.recall[0] == pytest.approx(sum(p) / len(p), rel=1e-4)
+    with pytest.raises(ValueError, match="early fusion, not for late"):
+        Surrogate(visibility, "late", hit_model)
 
 
 def test_expected_ap_is_that_of_many_draws():
@@ -117,11 +119,6 @@ def test_a_van_is_found_less_surely_than_a_car_with_as_many_points(made_visibili
     )
     ((_, of_size, _, _),) = Surrogate(seen, "early", model).evidence()
     assert of_size.tolist() == [0.25, 1.0]
-
-
-def test_a_model_of_another_scheme_is_refused(visibility, hit_model):
-    with pytest.raises(ValueError, match="early fusion, not for late"):
-        Surrogate(visibility, "late", hit_model)
 
 
 def test_foreground_is_predicted_as_early_and_sends_its_own_bytes(visibility):

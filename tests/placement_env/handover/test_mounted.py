@@ -104,14 +104,11 @@ def test_mounts_of_sites_come_once_and_of_no_set_none():
     assert mounted.format_sensors(SITE, empty, [], kbit=np.zeros((0, 1))) == ()
 
 
-def test_numbers_that_differ(candidates, chosen):
+def test_mounts_are_paid_once_and_numbers_may_differ(candidates, chosen):
     with pytest.raises(ValueError, match="kbit must hold a row for each of 2 sensors, got 1"):
         mounted.format_sensors(SITE, candidates, chosen, kbit=np.ones((1, 3)))
     with pytest.raises(ValueError, match="moved must hold the 2 chosen sensors, got 1"):
         mounted.format_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
-
-
-def test_a_mount_is_paid_with_the_first_sensor_on_it(candidates, chosen):
     names = [sensor.name for sensor in candidates.sensors]
     both = [chosen[0], names.index("north_4.0m_h180_t15_camera")]
     sensors = mounted.format_sensors(SITE, candidates, both, **KBIT)

@@ -52,7 +52,7 @@ def whole(make):
     return replace(found, front=(empty,), sensors=poses, assessment=judged, certificate=unknown)
 
 
-def test_a_result_is_read_as_it_was_written(whole, tmp_path):
+def test_results_are_read_as_written_also_old_ones(whole, tmp_path):
     whole.save(tmp_path / "result.json")
     again = Result.load(tmp_path / "result.json")
     for name in ("method", "best", "certificate", "evaluations", "seconds", "by_size", "sensors", "assessment"):
@@ -68,6 +68,13 @@ def test_a_result_is_read_as_it_was_written(whole, tmp_path):
     assert str(again) == str(whole)
     again.save(tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "result.json").read_bytes()
+    whole.save(tmp_path / "new.json")
+    content = json.loads((tmp_path / "new.json").read_text())
+    for name in ("by_errors", "errors_by"):
+        del content["assessment"][name]
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    read = Result.load(tmp_path / "old.json").assessment
+    assert (read.by_errors, read.errors_by, read.ap) == ((), "", 0.8)
 
 
 @pytest.mark.parametrize(
@@ -89,13 +96,3 @@ def test_a_damaged_result_is_one_line(whole, tmp_path, change):
     with pytest.raises(ValueError, match="is no result of a search") as refused:
         Result.load(path)
     assert "\n" not in str(refused.value)
-
-
-def test_a_result_from_before_there_were_profiles_is_read(whole, tmp_path):
-    whole.save(tmp_path / "new.json")
-    content = json.loads((tmp_path / "new.json").read_text())
-    for name in ("by_errors", "errors_by"):
-        del content["assessment"][name]
-    (tmp_path / "old.json").write_text(json.dumps(content))
-    read = Result.load(tmp_path / "old.json").assessment
-    assert (read.by_errors, read.errors_by, read.ap) == ((), "", 0.8)

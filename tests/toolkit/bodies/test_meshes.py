@@ -131,7 +131,7 @@ def test_a_corner_that_is_not_there_is_refused(tmp_path, suffix, corner):
         meshes.load_mesh(path)
 
 
-def test_empty_folders_and_flat_meshes_are_refused(tmp_path):
+def test_empty_folders_and_flat_small_or_broken_meshes_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="is not a folder"):
         meshes.load_meshes(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="holds no mesh"):
@@ -140,6 +140,20 @@ def test_empty_folders_and_flat_meshes_are_refused(tmp_path):
         meshes.measure_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(ValueError, match="has no surface"):
         meshes.surface_points(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
+    write(tmp_path / "pedestrian" / "sedan.ply")
+    with pytest.raises(ValueError, match="does not fit a pedestrian"):
+        meshes.load_meshes(tmp_path)
+    flat = Body("t", 0, np.array([[0, 0, 0], [4, 0, 0], [4, 2, 1.5]], np.float32), np.array([[0, 1, 2]], np.int32))
+    with pytest.raises(ValueError, match="not clearly that of one"):
+        meshes.load_mesh(write(tmp_path / "one.ply", flat))
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(SEDAN.vertices.astype(float)))
+    o3d.io.write_point_cloud(str(tmp_path / "points.ply"), cloud)
+    with pytest.raises(ValueError, match="points but no triangles"):
+        meshes.load_mesh(tmp_path / "points.ply")
+    broken = Body("b", 0, box((4, 2, 1.5)).vertices.astype(np.float32), box((4, 2, 1.5)).triangles.astype(np.int32))
+    broken.vertices[0] = np.nan
+    with pytest.raises(ValueError, match="NaN"):
+        meshes.load_mesh(write(tmp_path / "nan.ply", broken))
 
 
 Y_UP_X_FORWARD = ((1, 0, 0), (0, 0, 1), (0, -1, 0))
@@ -182,33 +196,13 @@ def test_what_cannot_be_told_is_refused_with_the_remedy(tmp_path, name, body, ch
     assert name in str(error.value)
 
 
-def test_an_elephant_is_no_car_unless_somebody_says_so(tmp_path):
+def test_tables_turn_scale_name_and_overrule_sizes(tmp_path):
     path = write(tmp_path / "dumbo.ply", elephant())
     with pytest.raises(ValueError, match=r"may be .* vehicle.* not clearly that of one: put it into a folder vehicle/"):
         meshes.load_meshes(tmp_path)
     (tmp_path / "meshes.toml").write_text('[[mesh]]\nfile = "dumbo.ply"\nlabel = "vehicle"\n')
     assert [(body.name, body.label) for body in meshes.load_meshes(tmp_path)] == [("dumbo", VEHICLE)]
     path.unlink()
-
-
-def test_small_or_broken_meshes_are_refused(tmp_path):
-    write(tmp_path / "pedestrian" / "sedan.ply")
-    with pytest.raises(ValueError, match="does not fit a pedestrian"):
-        meshes.load_meshes(tmp_path)
-    flat = Body("t", 0, np.array([[0, 0, 0], [4, 0, 0], [4, 2, 1.5]], np.float32), np.array([[0, 1, 2]], np.int32))
-    with pytest.raises(ValueError, match="not clearly that of one"):
-        meshes.load_mesh(write(tmp_path / "one.ply", flat))
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(SEDAN.vertices.astype(float)))
-    o3d.io.write_point_cloud(str(tmp_path / "points.ply"), cloud)
-    with pytest.raises(ValueError, match="points but no triangles"):
-        meshes.load_mesh(tmp_path / "points.ply")
-    broken = Body("b", 0, box((4, 2, 1.5)).vertices.astype(np.float32), box((4, 2, 1.5)).triangles.astype(np.int32))
-    broken.vertices[0] = np.nan
-    with pytest.raises(ValueError, match="NaN"):
-        meshes.load_mesh(write(tmp_path / "nan.ply", broken))
-
-
-def test_the_table_turns_scales_and_names(tmp_path):
     write(tmp_path / "sub" / "x1.ply", OURS["city_bus"], turn=Y_UP_Z_FORWARD, scale=INCHES)
     entry = 'file = "sub/x1.ply"\nlabel = "heavy"\nup = "y"\nforward = "z"\nscale = 0.0254\n'
     (tmp_path / "meshes.toml").write_text(f"[[mesh]]\n{entry}")
@@ -219,6 +213,20 @@ def test_the_table_turns_scales_and_names(tmp_path):
     assert taken.file == "sub/x1.ply"
     said = "heavy (as meshes.toml says), 12.21 x 2.59 x 3.19 m, y up, z forward, scaled by 0.0254"
     assert taken.how == f"{said}, mirrors left out of its box"
+    (tmp_path / "meshes.toml").unlink()
+    assert meshes.read_mesh_table(tmp_path) == {}
+    assert not meshes.NOTHING_SAID.has_frame
+    assert np.array_equal(meshes.NOTHING_SAID.turn, np.eye(3))
+    text = '[[mesh]]\nfile = "a.obj"\nlabel = "heavy"\nup = "y"\nforward = "-z"\nscale = 0.0254\n'
+    (read,) = table_mesh_table(tmp_path, text).values()
+    assert read == meshes.MeshEntry(HEAVY, "y", "-z", 0.0254)
+    assert read.has_frame
+    assert np.allclose(read.turn @ [1, 2, 3], [-3, -1, 2])  # forward, left, up
+    for up, forward in product(("x", "y", "z", "-x", "-y", "-z"), repeat=2):
+        if up[-1] != forward[-1]:
+            turn = meshes.MeshEntry(up=up, forward=forward).turn
+            assert np.linalg.det(turn) == pytest.approx(1)
+            assert np.array_equal(turn @ turn.T, np.eye(3))
 
 
 def test_how_each_was_taken_is_said(tmp_path):
@@ -339,22 +347,6 @@ def table_mesh_table(folder: Path, text: str) -> dict[Path, meshes.MeshEntry]:
     (folder / "a.obj").touch()
     (folder / "meshes.toml").write_text(text)
     return meshes.read_mesh_table(folder)
-
-
-def test_entries_of_tables_are_rotations(tmp_path):
-    assert meshes.read_mesh_table(tmp_path) == {}
-    assert not meshes.MeshEntry().has_frame
-    assert np.array_equal(meshes.MeshEntry().turn, np.eye(3))
-    text = '[[mesh]]\nfile = "a.obj"\nlabel = "heavy"\nup = "y"\nforward = "-z"\nscale = 0.0254\n'
-    (entry,) = table_mesh_table(tmp_path, text).values()
-    assert entry == meshes.MeshEntry(HEAVY, "y", "-z", 0.0254)
-    assert entry.has_frame
-    assert np.allclose(entry.turn @ [1, 2, 3], [-3, -1, 2])  # forward, left, up
-    for up, forward in product(("x", "y", "z", "-x", "-y", "-z"), repeat=2):
-        if up[-1] != forward[-1]:
-            turn = meshes.MeshEntry(up=up, forward=forward).turn
-            assert np.linalg.det(turn) == pytest.approx(1)
-            assert np.array_equal(turn @ turn.T, np.eye(3))
 
 
 @pytest.mark.parametrize(

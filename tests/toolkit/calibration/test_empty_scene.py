@@ -157,7 +157,7 @@ def test_spreads_are_those_of_noise_and_not_of_who_stands_close():
         scene.shows(np.ones((2, 2), np.float32))
 
 
-def test_a_learner_keeps_a_sample_spread_over_all_frames_and_refuses_nonsense():
+def test_learners_sample_all_frames_and_known_scenes_have_the_models_spread():
     learner = empty_scene.SceneLearner(CAMERA, sample=8)
     for k in range(100):
         learner.add(np.full(SHAPE, 1.0 + k, np.float32))
@@ -170,9 +170,6 @@ def test_a_learner_keeps_a_sample_spread_over_all_frames_and_refuses_nonsense():
         empty_scene.SceneLearner(CAMERA).add(np.ones((3, 3), np.float32))
     with pytest.raises(ValueError, match="at least 2"):
         empty_scene.SceneLearner(CAMERA, sample=1)
-
-
-def test_one_image_or_a_known_scene_has_the_models_spread():
     scene = learnt(nothing, times=1)
     np.testing.assert_allclose(scene.first[2:], 20, atol=0.1)
     np.testing.assert_allclose(scene.spread[2:], 0.015)

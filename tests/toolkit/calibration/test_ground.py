@@ -51,7 +51,7 @@ def test_roofs_walls_cars_and_reflections_are_not_the_ground():
     np.testing.assert_allclose(fit_plane(np.concatenate([street, below])), [0, 0, -1.7], atol=0.01)
 
 
-def test_the_plane_is_that_of_ground_seen_in_part_or_unevenly():
+def test_planes_are_of_ground_alone_and_repeat_with_their_seed():
     rng = np.random.default_rng(4)
     ahead = sloped(scattered(rng, [3, -10], [40, 10], 0.0, 3000, noise=0.02), 0.15, -0.1, -6.0)
     assert (np.abs(fit_plane(ahead) - [0.15, -0.1, -6.0]) < [2e-3, 2e-3, 0.03]).all()
@@ -62,9 +62,6 @@ def test_the_plane_is_that_of_ground_seen_in_part_or_unevenly():
     street = scattered(np.random.default_rng(7), -20, 20, -1.7, 2000)
     street[::7, 1] = np.nan
     np.testing.assert_allclose(fit_plane(street), [0, 0, -1.7], atol=1e-6)
-
-
-def test_planes_repeat_with_their_seed_and_need_ground():
     steep = sloped(scattered(np.random.default_rng(6), -20, 20, 0.0, 2000), 0.5, 0.0, 0.0)
     street = scattered(np.random.default_rng(6), -20, 20, 0.0, 2000, noise=0.05)
     assert fit_plane(street, seed=3).tobytes() == fit_plane(street, seed=3).tobytes()
@@ -79,7 +76,7 @@ def test_planes_repeat_with_their_seed_and_need_ground():
         fit_plane(far)
 
 
-def test_cells_have_low_ends_and_stray_ones_are_left_out():
+def test_cells_have_low_ends_that_nothing_lifts():
     column = np.column_stack([np.full(31, 0.5), np.full(31, 0.5), np.arange(31.0)])
     assert low_points(column, 1.0).tolist() == [[0.5, 0.5, 3.0]]
     assert low_points(column, 1.0, share=0.5).tolist() == [[0.5, 0.5, 15.0]]
@@ -93,6 +90,19 @@ def test_cells_have_low_ends_and_stray_ones_are_left_out():
     cells[37, 2] = 0.0
     assert np.flatnonzero(~lowest_mask(cells, 0.1, 0.25, window=5.0)).tolist() == [210]
     assert lowest_mask(cells[:0], 0.1, 0.25).shape == (0,)
+    rng = np.random.default_rng(1)
+    street = hilly(rng, 20000)
+    standing = []
+    for x, y in rng.uniform(-30, 30, (12, 2)):
+        under = (np.abs(street[:, 0] - x) < 2.2) & (np.abs(street[:, 1] - y) < 0.9)
+        street = street[~under]
+        car = np.column_stack([rng.uniform(x - 2.2, x + 2.2, 400), rng.uniform(y - 0.9, y + 0.9, 400), np.zeros(400)])
+        standing.append(car + np.column_stack([np.zeros((400, 2)), height_at(car) + rng.uniform(0.25, 1.5, 400)]))
+    hedge = np.column_stack([rng.uniform(-30, 30, 4000), rng.uniform(20, 21.5, 4000), rng.uniform(0.3, 1.2, 4000)])
+    hedge[:, 2] += height_at(hedge)
+    points = np.concatenate([street, *standing, hedge])
+    places = rng.uniform(-30, 30, (500, 2))
+    assert np.abs(fit_map(points).at(places) - height_at(places)).max() < 0.1
 
 
 def hilly(rng, count, reach=40.0):
@@ -133,22 +143,6 @@ def test_maps_follow_hills_kerbs_and_not_stray_points():
     assert fit_map(np.full((10, 3), 50.0)).at(np.zeros((1, 2))).tolist() == [0.0]
     with pytest.raises(ValueError, match="reach must be above 0 m, got -1"):
         fit_map(np.zeros((10, 3)), reach=-1.0)
-
-
-def test_cars_and_hedges_do_not_lift_it():
-    rng = np.random.default_rng(1)
-    street = hilly(rng, 20000)
-    standing = []
-    for x, y in rng.uniform(-30, 30, (12, 2)):
-        under = (np.abs(street[:, 0] - x) < 2.2) & (np.abs(street[:, 1] - y) < 0.9)
-        street = street[~under]
-        car = np.column_stack([rng.uniform(x - 2.2, x + 2.2, 400), rng.uniform(y - 0.9, y + 0.9, 400), np.zeros(400)])
-        standing.append(car + np.column_stack([np.zeros((400, 2)), height_at(car) + rng.uniform(0.25, 1.5, 400)]))
-    hedge = np.column_stack([rng.uniform(-30, 30, 4000), rng.uniform(20, 21.5, 4000), rng.uniform(0.3, 1.2, 4000)])
-    hedge[:, 2] += height_at(hedge)
-    points = np.concatenate([street, *standing, hedge])
-    places = rng.uniform(-30, 30, (500, 2))
-    assert np.abs(fit_map(points).at(places) - height_at(places)).max() < 0.1
 
 
 SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared"))

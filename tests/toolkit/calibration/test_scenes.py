@@ -34,7 +34,7 @@ def recording():
     return Recording(Frame(SENSORS, tuple(images), Objects.empty(), 0.1 * k, k) for k in range(5))
 
 
-def test_scenes_are_learnt_once_or_found_by_name():
+def test_scenes_are_learnt_once_on_grids_of_the_first_samples():
     frames = recording()
     scenes = Scenes(frames)
     assert (frames.reads, scenes.digests) == (0, [])
@@ -47,6 +47,21 @@ def test_scenes_are_learnt_once_or_found_by_name():
     assert [scenes(k).digest for k in (0, 1)] == [scene.digest for scene in given]
     with pytest.raises(ValueError, match="empty scenes of b, none of a"):
         Scenes(recording(), given[1:])(0)
+    # Later ones are counted in them: a lidar that was turned round by then lies outside.
+    every = [sample(k, image) for k, image in enumerate(images())]
+    low = [
+        SensorCloud("north", (9 * MODEL.rays()[3] * [1, 1, 3]).astype(np.float32), c.clouds[0].world_SE3_sensor)
+        for c in every
+    ]
+    late = [s.with_clouds((cloud,)) for s, cloud in zip(every, low, strict=True)]
+    learnt = learn_sample_scenes([*every[:8], *late[:2]])["north"]
+    assert learnt.left_out == {OUTSIDE_GRID: 2 * 60}
+    assert learnt.scene.frames == 10
+    nobody = Frame.of_clouds("0", (SensorCloud("north", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    with pytest.raises(ValueError, match="no cloud has a point"):
+        learn_sample_scenes([nobody])
+    learnt = learn_sample_scenes([nobody, *(sample(k, WALL) for k in range(5))])["north"]
+    assert learnt.scene.frames == 5
 
 
 MODEL = RowLidar((0.0, -0.1, -0.2, -0.3), columns=60)
@@ -129,22 +144,4 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
 )
 def test_large_images_are_kept_in_smaller_numbers(columns, asked, kept):
     grid = LidarGrid(RowLidar(tuple(np.linspace(0.3, -0.5, 64).tolist()), columns=columns))
-    assert sample_scenes._Learner("north", grid, asked).learner.sample == kept
-
-
-def test_grids_are_found_in_the_first_samples_alone():
-    """Later ones are counted in them: a lidar that was turned round by then lies outside."""
-    every = [sample(k, image) for k, image in enumerate(images())]
-    low = [
-        SensorCloud("north", (9 * MODEL.rays()[3] * [1, 1, 3]).astype(np.float32), c.clouds[0].world_SE3_sensor)
-        for c in every
-    ]
-    late = [s.with_clouds((cloud,)) for s, cloud in zip(every, low, strict=True)]
-    learnt = learn_sample_scenes([*every[:8], *late[:2]])["north"]
-    assert learnt.left_out == {OUTSIDE_GRID: 2 * 60}
-    assert learnt.scene.frames == 10
-    nobody = Frame.of_clouds("0", (SensorCloud("north", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    with pytest.raises(ValueError, match="no cloud has a point"):
-        learn_sample_scenes([nobody])
-    learnt = learn_sample_scenes([nobody, *(sample(k, WALL) for k in range(5))])["north"]
-    assert learnt.scene.frames == 5
+    assert sample_scenes._Learner("north", grid, asked)._scene.sample == kept

@@ -116,7 +116,7 @@ def test_joined_parts_are_one_recording(tmp_path, path):
         assert all(same(read, scene.frame) for read, scene in zip(dataset, made, strict=True))
 
 
-def test_sequence(path):
+def test_frames_are_a_sequence_of_cameras_where_the_file_says(path):
     write(path, (NORTH,))
     with CoopDataset(path) as dataset:
         assert dataset[-1].index == dataset[np.int64(2)].index == 2
@@ -128,6 +128,15 @@ def test_sequence(path):
                 dataset[outside]
         with pytest.raises(TypeError):
             dataset["1"]
+    write(path, (NORTH, WEST))
+    with h5py.File(path, "r+") as file:
+        file["cameras/d00/extrinsic"][2, 3] += 1.0
+    with CoopDataset(path) as dataset:
+        assert dataset.sensors[0].name == "north"
+        assert np.allclose(dataset.sensors[0].position, NORTH.position + NORTH.pose[:3, 1])
+    damage(path, lambda file: file["cameras/d01"].attrs.__setitem__("name", NORTH.name))
+    with pytest.raises(ValueError, match="name of its own"):
+        CoopDataset(path)
 
 
 @pytest.mark.parametrize("method", ["fork", "spawn"])
@@ -303,18 +312,6 @@ def test_files_that_are_none(path):
         path.write_bytes(content)
         with pytest.raises(OSError, match=says):
             CoopDataset(path)
-
-
-def test_a_camera_is_where_the_file_says_with_a_name_of_its_own(path):
-    write(path, (NORTH, WEST))
-    with h5py.File(path, "r+") as file:
-        file["cameras/d00/extrinsic"][2, 3] += 1.0
-    with CoopDataset(path) as dataset:
-        assert dataset.sensors[0].name == "north"
-        assert np.allclose(dataset.sensors[0].position, NORTH.position + NORTH.pose[:3, 1])
-    damage(path, lambda file: file["cameras/d01"].attrs.__setitem__("name", NORTH.name))
-    with pytest.raises(ValueError, match="name of its own"):
-        CoopDataset(path)
 
 
 @pytest.mark.parametrize(

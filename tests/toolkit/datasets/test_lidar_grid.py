@@ -44,13 +44,26 @@ def turning(columns=360, noise=0.0, seed=0, lost=0.3, phase=0.5, **given):
     return cloud(elevation, azimuth, seed=seed, **rings, **given)
 
 
-def test_angles_have_their_nearest_row():
+def test_rows_are_nearest_angles_found_in_scattered_elevations():
     elevation, azimuth, distance = compute_angles(np.array([[0.0, 3.0, 4.0], [-2.0, 0.0, 0.0]]))
     np.testing.assert_allclose(elevation, [np.arctan2(4, 3), 0])
     np.testing.assert_allclose(azimuth, [np.pi / 2, np.pi])
     np.testing.assert_allclose(distance, [5, 2])
     rows = np.array([0.2, 0.0, -0.4])
     assert nearest_row(np.array([0.9, 0.11, 0.09, -0.19, -0.21, -2.0]), rows).tolist() == [0, 0, 1, 1, 2, 2]
+    clouds = [turning(phase=k / 18, seed=k) for k in range(18)]
+    assert find_grid(clouds).model.heading == 0
+    grid = find_grid([turning(noise=0.001, seed=k) for k in range(3)])
+    np.testing.assert_allclose(grid.model.elevations, ROWS, atol=3e-4)
+    every = turning(rings=True)
+    ring = np.where(np.arange(len(every.points)) % 2, every.ring, every.ring + 100)
+    grid = find_grid([SensorCloud("l", every.points, np.eye(4), ring=ring)])
+    assert len(grid.model.elevations) == 14
+    assert set(grid.rings) == {*range(10, 17), *range(110, 117)}
+    far = turning()
+    stretched = SensorCloud("l", far.points * 10, np.eye(4))
+    farthest = np.linalg.norm(stretched.points, axis=1).max()
+    assert find_grid([stretched]).model.max_range == np.ceil(1.25 * farthest)
 
 
 @pytest.mark.parametrize("frame", ["sensor", "world"])
@@ -73,22 +86,6 @@ def test_azimuths_are_in_the_middle_of_their_columns(phase, columns):
     own = np.arctan2(model.rays()[0, :, 1], model.rays()[0, :, 0]) * columns / (2 * np.pi) - phase - columns / 2
     np.testing.assert_allclose(own - np.round(own), 0, atol=2e-3)
     assert abs(model.heading) <= np.pi / columns + 1e-9
-
-
-def test_rows_are_found_where_elevations_scatter_and_lasers_stay_apart():
-    clouds = [turning(phase=k / 18, seed=k) for k in range(18)]
-    assert find_grid(clouds).model.heading == 0
-    grid = find_grid([turning(noise=0.001, seed=k) for k in range(3)])
-    np.testing.assert_allclose(grid.model.elevations, ROWS, atol=3e-4)
-    every = turning(rings=True)
-    ring = np.where(np.arange(len(every.points)) % 2, every.ring, every.ring + 100)
-    grid = find_grid([SensorCloud("l", every.points, np.eye(4), ring=ring)])
-    assert len(grid.model.elevations) == 14
-    assert set(grid.rings) == {*range(10, 17), *range(110, 117)}
-    far = turning()
-    stretched = SensorCloud("l", far.points * 10, np.eye(4))
-    farthest = np.linalg.norm(stretched.points, axis=1).max()
-    assert find_grid([stretched]).model.max_range == np.ceil(1.25 * farthest)
 
 
 def test_lidars_across_the_seam_or_without_a_pattern():

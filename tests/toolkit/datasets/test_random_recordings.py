@@ -25,7 +25,7 @@ def recording():
     return random_recording(seed=4, number=1, frames=3)
 
 
-def test_a_recording_is_whole(recording):
+def test_a_recording_is_whole_by_seed_and_number(recording):
     assert len(recording.frames) == 3
     sensors = recording.frames[0].sensors
     assert module.FEWEST_SENSORS <= len(sensors) <= module.MOST_SENSORS
@@ -37,9 +37,11 @@ def test_a_recording_is_whole(recording):
             hidden = (image > 0) & (empty > 0)
             assert (image[hidden] <= empty[hidden]).all()
     assert any(len(frame.objects) for frame in recording.frames)
+    assert digest(recording) == digest(random_recording(seed=4, number=1, frames=3))
+    assert digest(recording) != digest(random_recording(seed=4, number=2, frames=3))
 
 
-def test_bodies_that_are_not_drawn_are_a_little_stretched():
+def test_everyone_is_drawn_afresh_or_stretched():
     recording = random_recording(seed=4, number=1, frames=3, fleet=fleet_named("catalogue"))
     sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in recording.frames])
     training = np.array([body.size for body in catalogue() if body.label == VEHICLE])
@@ -48,14 +50,6 @@ def test_bodies_that_are_not_drawn_are_a_little_stretched():
     nearest = np.abs(stretch - 1).max(axis=2).min(axis=1)
     assert (nearest < 0.07).all()
     assert (nearest > 1e-4).any()
-
-
-def test_seed_and_number_decide(recording):
-    assert digest(recording) == digest(random_recording(seed=4, number=1, frames=3))
-    assert digest(recording) != digest(random_recording(seed=4, number=2, frames=3))
-
-
-def test_everyone_is_drawn_afresh():
     own = fleet_named("own")
     first, again = (random_recording(seed=4, number=1, frames=2, fleet=fleet) for fleet in (None, own))
     assert digest(first) == digest(again)

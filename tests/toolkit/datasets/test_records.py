@@ -67,7 +67,7 @@ def made(*rows, names=None, **more):
     return found, problems
 
 
-def test_what_cannot_be_is_counted():
+def test_labels_doubled_impossible_or_without_counts():
     for column, value, problem in (
         *((0, np.nan, "labels with NaN or infinite numbers"), (6, np.inf, "labels with NaN or infinite numbers")),
         *((4, 0.0, "boxes of no size"), (5, -1.0, "boxes of no size")),
@@ -76,9 +76,6 @@ def test_what_cannot_be_is_counted():
         found, problems = made(BOX, [*BOX[:column], value, *BOX[column + 1 :]])
         assert len(found.objects) == 1
         assert problems == {problem: 1}
-
-
-def test_labels_doubled_of_other_kinds_or_without_counts():
     twin = [BOX[0] + 0.0009, *BOX[1:]]
     apart = [BOX[0] + 0.0011, *BOX[1:]]
     found, problems = made(BOX, twin, apart, BOX, names=["car", "car", "car", "bus"])

@@ -99,7 +99,7 @@ def test_frames_and_bodies_of_a_simulated_dataset(undisturbed):
             assert np.allclose(2 * halves, sizes[bodies[start[k] : start[k + 1]]], atol=1e-3)
 
 
-def test_points_above_the_street_lie_in_boxes(undisturbed):
+def test_points_lie_in_boxes_and_what_is_complete_stays(undisturbed):
     """What differs from the picture of the empty junction is on an object."""
     dataset = CoopDataset(undisturbed)
     empty = [np.max([frame.images[i] for frame in dataset], axis=0) for i in range(2)]
@@ -115,6 +115,11 @@ def test_points_above_the_street_lie_in_boxes(undisturbed):
             inside += int(points_in_boxes(points, boxes).any(axis=1).sum())
     assert seen > 200
     assert inside >= 0.98 * seen  # what lies outside are wing mirrors
+    before = undisturbed.stat().st_mtime_ns
+    (undisturbed.parent / "recording.hdf5.parts").mkdir()  # as if it was killed while cleaning up
+    assert simulate_dataset(out=undisturbed, **small_job()) == 0
+    assert undisturbed.stat().st_mtime_ns == before
+    assert [path.name for path in undisturbed.parent.iterdir()] == [undisturbed.name]
 
 
 def test_as_many_workers_as_you_like_write_the_same_bytes(tmp_path, undisturbed):
@@ -157,14 +162,6 @@ def test_no_room_on_the_disk(tmp_path, undisturbed, share):
     assert not list(tmp_path.glob("out.hdf5.parts/*.unfinished"))
     assert simulate_dataset(out=out, **small_job()) == FRAMES - safe
     assert out.read_bytes() == undisturbed.read_bytes()
-
-
-def test_what_is_complete_stays(undisturbed):
-    before = undisturbed.stat().st_mtime_ns
-    (undisturbed.parent / "recording.hdf5.parts").mkdir()  # as if it was killed while cleaning up
-    assert simulate_dataset(out=undisturbed, **small_job()) == 0
-    assert undisturbed.stat().st_mtime_ns == before
-    assert [path.name for path in undisturbed.parent.iterdir()] == [undisturbed.name]
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def seen(new, old=200):
     return np.concatenate([on(WALL, 500, 1), inside, on(CAR, new, 2)]).astype(np.float32)
 
 
-def test_what_stands_there_is_left_out_and_who_came_stays(background):
+def test_newcomers_stay_and_it_says_what_it_knows(background):
     assert detector_origin(KnownBackground(Fixed(), background))["detector"] == "Fixed+background"
     found = KnownBackground(Fixed(), background)(seen(100))
     assert found.labels.tolist() == [VEHICLE]
@@ -97,15 +97,6 @@ def test_what_stands_there_is_left_out_and_who_came_stays(background):
         return Detections.empty()
 
     assert len(KnownBackground(nobody, background)(seen(10))) == 0
-
-
-@pytest.mark.parametrize(("new", "stays"), [(0, False), (49, False), (50, True), (51, True)])
-def test_from_a_fifth_of_new_points_on_somebody_is_there(background, new, stays):
-    assert LEAST_NEW == 0.2
-    assert len(KnownBackground(Fixed(), background)(seen(new))) == stays
-
-
-def test_it_says_of_itself_what_the_detector_says_and_what_it_knows(background):
     known = KnownBackground(Fixed(), background)
     assert known_labels(known) == tuple(label for label in LABELS if label in Fixed.labels)
     other = Background.learn(ground())
@@ -116,6 +107,12 @@ def test_it_says_of_itself_what_the_detector_says_and_what_it_knows(background):
     bare = KnownBackground(lambda points: Detections.empty(), background)
     assert not hasattr(bare, "digest")
     assert known_labels(bare) is None
+
+
+@pytest.mark.parametrize(("new", "stays"), [(0, False), (49, False), (50, True), (51, True)])
+def test_from_a_fifth_of_new_points_on_somebody_is_there(background, new, stays):
+    assert LEAST_NEW == 0.2
+    assert len(KnownBackground(Fixed(), background)(seen(new))) == stays
 
 
 @pytest.mark.parametrize("least", [0.0, -0.1, 1.1, float("nan")])

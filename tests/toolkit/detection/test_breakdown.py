@@ -21,7 +21,7 @@ def curve(hits, truths):
     return precision_recall(np.linspace(0.9, 0.1, len(hits)), np.array(hits, bool), truths=truths)
 
 
-def test_ap_of_kitti_and_of_nuscenes():
+def test_ap_of_kitti_and_of_nuscenes_by_range():
     """Hit, miss, hit of 4: precision 1 up to recall 1/4, then 2/3 up to 1/2, nothing beyond."""
     assert kitti_ap(curve([1, 0, 1], 4)) == pytest.approx((10 * 1 + 10 * 2 / 3) / 40)
     assert kitti_ap(curve([1], 1)) == 1
@@ -33,6 +33,17 @@ def test_ap_of_kitti_and_of_nuscenes():
     assert nuscenes_ap(curve([1, 1], 2)) == pytest.approx(1)
     assert nuscenes_ap(curve([], 2)) == 0
     assert np.isnan(nuscenes_ap(curve([0], 0)))
+    found = Detections(boxes((70.0,)), np.array([0.9]))
+    each = select_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
+    assert each.counted.tolist() == [False, False, False, False, True]
+    assert each.truth_range[-1] == 2
+    assert len(each.found) == 1
+    three = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
+    text = format_rows([*group_rows(three, "vehicle"), *group_rows(three, "cyclist")])
+    assert text.startswith("vehicle, ours\nobjects              to find  BEV 0.3")
+    assert "all                        3    1.000" in text
+    assert "cyclist, nuScenes" in text
+    assert "-" in text.splitlines()[-1]
 
 
 def found_at(places, scores=None, labels=None):
@@ -126,17 +137,3 @@ def test_rows_by_range_and_points():
     assert row(rows, "nuScenes", "centre 0.5 m").truths == 3
     means = [row(rows, "nuScenes", f"centre {d:g} m").ap for d in (0.5, 1, 2, 4)]
     assert row(rows, "nuScenes", "centre, mean").ap == pytest.approx(np.mean(means))
-
-
-def test_ranges_are_from_the_middle_and_stand_in_tables():
-    found = Detections(boxes((70.0,)), np.array([0.9]))
-    each = select_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
-    assert each.counted.tolist() == [False, False, False, False, True]
-    assert each.truth_range[-1] == 2
-    assert len(each.found) == 1
-    three = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
-    text = format_rows([*group_rows(three, "vehicle"), *group_rows(three, "cyclist")])
-    assert text.startswith("vehicle, ours\nobjects              to find  BEV 0.3")
-    assert "all                        3    1.000" in text
-    assert "cyclist, nuScenes" in text
-    assert "-" in text.splitlines()[-1]

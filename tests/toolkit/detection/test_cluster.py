@@ -53,7 +53,7 @@ def scene(boxes, sides=None, seed=9, **options):
     return np.concatenate([street(rng, boxes), *seen])
 
 
-def test_the_empty_street_is_empty_whatever_stands_on_it(detector):
+def test_empty_streets_are_empty_and_the_better_seen_scores_higher(detector):
     assert len(detector(street(np.random.default_rng(7)))) == 0
     assert len(detector(np.zeros((0, 3), np.float32))) == 0
     cloud = scene([CAR])
@@ -66,6 +66,20 @@ def test_the_empty_street_is_empty_whatever_stands_on_it(detector):
     np.testing.assert_allclose(found.boxes, detector(cloud).boxes)
     height = detector.background.height(np.array([[0.0, 0.0], [0.0, 13.8], [500.0, 500.0]]))
     np.testing.assert_allclose(height, 0.01, atol=0.02)
+    other = [-8.0, 0.0, 0.75, 4.4, 1.9, 1.5, 0.0]
+    rng = np.random.default_rng(1)
+    cloud = np.concatenate([street(rng, [CAR, other]), faces(CAR, rng=rng), faces(other, ("rear",), 0.3, rng)])
+    found = detector(cloud)
+    best = iou_3d(found.boxes, [CAR, other]).argmax(axis=0)
+    assert found.scores[best[0]] > 2 * found.scores[best[1]]
+    assert ((found.scores > 0) & (found.scores <= 1)).all()
+    others = [
+        ClusterDetector.learn([street(np.random.default_rng(9))]),
+        ClusterDetector(detector.background, fewest=6),
+        ClusterDetector(detector.background, cell=0.25),
+    ]
+    assert len({detector.digest, *(other.digest for other in others)}) == 4
+    assert ClusterDetector(detector.background).digest == detector.digest
 
 
 @pytest.mark.parametrize("yaw", np.deg2rad([0, 20, 45, 70, 90, 135]))
@@ -88,23 +102,6 @@ def test_a_car_of_which_one_side_is_seen_is_completed_to_where_the_ground_is_hid
     found = detector(scene([CAR], sides))
     assert found.labels.tolist() == [VEHICLE]
     assert iou_3d(found.boxes, [CAR])[0, 0] > 0.6
-
-
-def test_what_is_seen_better_scores_higher_by_a_known_digest(detector):
-    other = [-8.0, 0.0, 0.75, 4.4, 1.9, 1.5, 0.0]
-    rng = np.random.default_rng(1)
-    cloud = np.concatenate([street(rng, [CAR, other]), faces(CAR, rng=rng), faces(other, ("rear",), 0.3, rng)])
-    found = detector(cloud)
-    best = iou_3d(found.boxes, [CAR, other]).argmax(axis=0)
-    assert found.scores[best[0]] > 2 * found.scores[best[1]]
-    assert ((found.scores > 0) & (found.scores <= 1)).all()
-    others = [
-        ClusterDetector.learn([street(np.random.default_rng(9))]),
-        ClusterDetector(detector.background, fewest=6),
-        ClusterDetector(detector.background, cell=0.25),
-    ]
-    assert len({detector.digest, *(other.digest for other in others)}) == 4
-    assert ClusterDetector(detector.background).digest == detector.digest
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def test_objects_are_what_stands_out_of_the_grid(every):
     np.testing.assert_array_equal(after.points, before.points)
 
 
-def test_both_measurements_of_a_pixel_are_in_the_background():
+def test_backgrounds_and_clusters_by_hand():
     shape, model = (2, 500), RowLidar((0.0, -0.1), columns=500)
 
     def full(value):
@@ -91,6 +91,14 @@ def test_both_measurements_of_a_pixel_are_in_the_background():
     assert 0.2 < near.mean() < 0.3
     assert ranges[near].std() == pytest.approx(0.01, rel=0.2)
     assert ranges[~near].std() == pytest.approx(0.1, rel=0.2)
+    rng = np.random.default_rng(1)
+    here, there = (rng.normal(0, 0.1, (count, 3)) + 1e6 for count in (30, 20))
+    there[:, 0] += 3
+    alone = np.array([[1e6, 1e6 + 9, 1e6]])
+    assert cluster_points(np.concatenate([here, there, alone])).tolist() == [0] * 30 + [1] * 20 + [-1]
+    assert cluster_points(here[:4]).tolist() == [-1] * 4
+    assert cluster_points(here[:5]).tolist() == [0] * 5
+    assert cluster_points(np.zeros((0, 3))).tolist() == []
 
 
 def test_detectors_that_learnt_no_label_have_boxes_or_refuse(every):
@@ -115,14 +123,3 @@ def test_detectors_that_learnt_no_label_have_boxes_or_refuse(every):
         foreground_clusters(stranger, scenes)
     empty = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     assert len(foreground_clusters(empty, scenes)) == 0
-
-
-def test_clusters_by_hand():
-    rng = np.random.default_rng(1)
-    here, there = (rng.normal(0, 0.1, (count, 3)) + 1e6 for count in (30, 20))
-    there[:, 0] += 3
-    alone = np.array([[1e6, 1e6 + 9, 1e6]])
-    assert cluster_points(np.concatenate([here, there, alone])).tolist() == [0] * 30 + [1] * 20 + [-1]
-    assert cluster_points(here[:4]).tolist() == [-1] * 4
-    assert cluster_points(here[:5]).tolist() == [0] * 5
-    assert cluster_points(np.zeros((0, 3))).tolist() == []

@@ -149,7 +149,7 @@ def seen(samples):
     return [Seen(sample, sample.points()) for sample in samples]
 
 
-def test_velocities_and_what_moves():
+def test_velocities_and_fronts_that_point_backwards():
     boxes, velocities, ids = find_movers(driving(), 1)
     assert ids.tolist() == [0, 1, 2, 3, 4, 5]
     np.testing.assert_allclose(velocities, SPEED * np.column_stack([np.cos(HEADINGS), np.sin(HEADINGS)]), atol=1e-9)
@@ -163,6 +163,17 @@ def test_velocities_and_what_moves():
     one, two = driving(2)
     moved = replace(two, objects=one.objects, map_SE3_world=pose(1.0, 0.0, 0.0))
     np.testing.assert_allclose(find_movers([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9)
+
+    def undo(sample, boxes):
+        return YAW_SIGN.undo(boxes)
+
+    assert against_their_way(wrong(driving()), undo) == (4, 16, 24)
+    assert against_their_way(driving(), undo) is None
+    assert against_their_way(wrong(driving(ids=False)), undo) is None
+    alone = [each.of(np.arange(3)) for each in wrong(driving(8))]
+    assert against_their_way(alone, undo) is None  # one car that drives backwards is no mistake of all
+    # a mistake that spoils as many is none
+    assert against_their_way(wrong(driving()), lambda sample, boxes: boxes + np.eye(7)[6] * np.pi) is None
 
 
 @pytest.mark.parametrize(("late", "behind"), [(1, True), (-1, False), (2, True)])
@@ -193,19 +204,6 @@ def test_nothing_is_said_of_labels_of_the_same_time(ids):
 
 def wrong(samples):
     return [replace(each, objects=Objects(YAW_SIGN.undo(each.objects.boxes), ids=each.objects.ids)) for each in samples]
-
-
-def test_fronts_that_point_backwards_are_counted():
-    def undo(sample, boxes):
-        return YAW_SIGN.undo(boxes)
-
-    assert against_their_way(wrong(driving()), undo) == (4, 16, 24)
-    assert against_their_way(driving(), undo) is None
-    assert against_their_way(wrong(driving(ids=False)), undo) is None
-    alone = [each.of(np.arange(3)) for each in wrong(driving(8))]
-    assert against_their_way(alone, undo) is None  # one car that drives backwards is no mistake of all
-    # a mistake that spoils as many is none
-    assert against_their_way(wrong(driving()), lambda sample, boxes: boxes + np.eye(7)[6] * np.pi) is None
 
 
 SPEED_DIAGNOSIS = 8.0  # m/s
@@ -275,10 +273,19 @@ MISTAKES = {
 }
 
 
-def test_nothing_is_suspected_of_sound_labels_or_of_too_few(sound):
+def test_degrees_are_told_from_sound_radians(sound):
     nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     for samples in (sound, [], [nothing]):
         assert diagnose_labels(samples) == []
+    far = [replace(sound[0], problems={"yaws beyond a full turn": 12})]
+    (finding,) = diagnose_labels(far)
+    assert finding.suspected == "yaw in degrees where radians belong"
+    assert "12 of 14 yaws" in finding.evidence
+    assert diagnose_labels([replace(sound[0], problems={"yaws beyond a full turn": 2})]) == []
+    lost = with_boxes(sound, lambda b: np.column_stack([b[:, :6], np.angle(np.exp(1j * np.rad2deg(b[:, 6])))]))
+    (finding,) = diagnose_labels(lost)
+    assert finding.suspected == "yaw in degrees where radians belong, of which only sine and cosine are left"
+    assert finding.remedy == "multiply yaw by pi / 180 before its sine and cosine are taken"
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -292,18 +299,6 @@ def test_each_classic_mistake_is_named_alone(sound, mistake):
 def test_labels_of_another_time(late, says):
     (finding,) = diagnose_labels(recording(late=late))
     assert finding.suspected == f"labels lie about 0.2 s {says} the clouds"
-
-
-def test_degrees_read_as_radians_are_found_in_numbers_or_sines(sound):
-    far = [replace(sound[0], problems={"yaws beyond a full turn": 12})]
-    (finding,) = diagnose_labels(far)
-    assert finding.suspected == "yaw in degrees where radians belong"
-    assert "12 of 14 yaws" in finding.evidence
-    assert diagnose_labels([replace(sound[0], problems={"yaws beyond a full turn": 2})]) == []
-    lost = with_boxes(sound, lambda b: np.column_stack([b[:, :6], np.angle(np.exp(1j * np.rad2deg(b[:, 6])))]))
-    (finding,) = diagnose_labels(lost)
-    assert finding.suspected == "yaw in degrees where radians belong, of which only sine and cosine are left"
-    assert finding.remedy == "multiply yaw by pi / 180 before its sine and cosine are taken"
 
 
 def test_signs_of_yaw_and_heights_are_seen_where_boxes_belong():

@@ -89,7 +89,7 @@ def test_exact_agrees_with_brute_force(seed, metric):
         assert results[threshold].ap == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_case_worked_by_hand():
+def test_a_case_worked_by_hand_as_the_published_protocol_counts():
     """Scores 9 hit, 8 miss, 7 hit, 6 second hit of a truth already taken; 3 truths in two frames."""
     detections = [
         Detections(np.concatenate([CAR, moved(CAR, 30)]), np.array([9.0, 8.0])),
@@ -104,9 +104,17 @@ def test_a_case_worked_by_hand():
     assert result.curve.recall == pytest.approx([1 / 3, 1 / 3, 2 / 3, 2 / 3])
     assert result.curve.score.tolist() == [9, 8, 7, 6]
     assert result.ap == pytest.approx(1 / 3 * 1 + 1 / 3 * 2 / 3)
+    detections = [Detections(CAR, np.array([0.9])), Detections(CAR, np.array([0.8]))]
+    truths = [Objects.empty(), Objects(CAR)]
+    assert metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
+    assert metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
+    # The stray box overlaps nothing, its arg-max is truth 0, and it claims that.
+    detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
+    assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
+    assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5], protocol="published")[0.5].ap == 0.0
 
 
-def test_thresholds_met_by_equality_and_what_does_not_count():
+def test_thresholds_met_by_equality_and_frames_without_objects():
     detections, truths = [Detections(moved(CAR, z=0.5), np.ones(1))], [Objects(CAR)]
     third = float(iou_3d(detections[0].boxes, CAR)[0, 0])
     assert metrics.evaluate(detections, truths, iou_thresholds=[third])[third].tp == 1
@@ -119,11 +127,8 @@ def test_thresholds_met_by_equality_and_what_does_not_count():
     found = metrics.match(detections[0], truths[0], 0.5, counted=[True, False])
     assert found.ignored.tolist() == [False, True]
     assert found.scored.tolist() == [True, False]
-
-
-def test_nothing_to_find_is_undefined_and_nothing_found_is_zero():
-    found, there = Detections(CAR, np.ones(1)), Objects(CAR)
-    no_truths = metrics.evaluate([found], [Objects.empty()], iou_thresholds=[0.5])[0.5]
+    detected, there = Detections(CAR, np.ones(1)), Objects(CAR)
+    no_truths = metrics.evaluate([detected], [Objects.empty()], iou_thresholds=[0.5])[0.5]
     assert np.isnan([no_truths.ap, no_truths.recall]).all()
     assert (no_truths.tp, no_truths.fp, no_truths.precision) == (0, 1, 0.0)
     no_detections = metrics.evaluate([Detections.empty()], [there], iou_thresholds=[0.5])[0.5]
@@ -188,17 +193,6 @@ def test_a_false_alarm_that_touches_nothing_never_raises_ap(seed):
         stray = Detections(moved(CAR, 500), np.array([score]))
         after = metrics.evaluate([Detections.merge([d, stray]) for d in detections], truths, iou_thresholds=AT)
         assert all(after[t].ap <= before[t].ap for t in AT)
-
-
-def test_what_the_published_protocol_counts():
-    detections = [Detections(CAR, np.array([0.9])), Detections(CAR, np.array([0.8]))]
-    truths = [Objects.empty(), Objects(CAR)]
-    assert metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
-    assert metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
-    # The stray box overlaps nothing, its arg-max is truth 0, and it claims that.
-    detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
-    assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
-    assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5], protocol="published")[0.5].ap == 0.0
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -36,7 +36,7 @@ def place(request):
     return site, seen_empty(site, request.param), site_background(site)
 
 
-def test_what_sensors_see_of_the_site_is_background_and_who_drives_is_not(place):
+def test_the_site_is_background_or_else_what_is_behind_all_that_moves(place):
     site, frames, background = place
     clouds = frame_points(frames[0], area=site, rng=np.random.default_rng(0))
     points = level_rows(np.concatenate(clouds), site.relief.slope)
@@ -53,6 +53,15 @@ def test_what_sensors_see_of_the_site_is_background_and_who_drives_is_not(place)
     site, _, background = place
     assert site_background(site).digest == background.digest
     assert random_site(3).relief.slope != LEVEL
+    site, frames, background = place
+    recording = Recorded(frames, site)
+    assert recording_background(recording).digest == background.digest
+    bare = Recorded(frames, Site("bare", site.area, relief=site.relief))
+    learnt = recording_background(bare)
+    assert learnt.digest == Background.learn(np.concatenate(list(empty_sweeps(bare)))).digest
+    assert len(list(empty_sweeps(bare))) == 4 * len(frames[0].sensors)
+    again = np.concatenate(frame_points(frames[1], area=site, rng=np.random.default_rng(9)))
+    assert learnt.holds(level_rows(again, site.relief.slope)).mean() > 0.97
 
 
 @pytest.mark.parametrize("side", [200.0, 500.0, 1000.0, 10_000.0])
@@ -70,18 +79,6 @@ def test_a_coarser_background_still_is_what_sensors_see_of_the_site(place, monke
     assert coarse.occupied.size < background.occupied.size / 4
     points = level_rows(np.concatenate(frame_points(frames[0], area=site)), site.relief.slope)
     assert coarse.holds(points).mean() > 0.99
-
-
-def test_of_a_recording_it_is_the_site_s_scenery_or_else_what_is_seen_behind_all_that_moves(place):
-    site, frames, background = place
-    recording = Recorded(frames, site)
-    assert recording_background(recording).digest == background.digest
-    bare = Recorded(frames, Site("bare", site.area, relief=site.relief))
-    learnt = recording_background(bare)
-    assert learnt.digest == Background.learn(np.concatenate(list(empty_sweeps(bare)))).digest
-    assert len(list(empty_sweeps(bare))) == 4 * len(frames[0].sensors)
-    again = np.concatenate(frame_points(frames[1], area=site, rng=np.random.default_rng(9)))
-    assert learnt.holds(level_rows(again, site.relief.slope)).mean() > 0.97
 
 
 class Recorded(CoopDataset):

@@ -45,7 +45,7 @@ def nothing(points):
     return Detections.empty()
 
 
-def test_survey_counts_what_stands_in_the_area():
+def test_surveys_count_what_stands_in_the_area_if_anything():
     found = survey(Recording(), reads=Reads(noise_seed=3))
     assert found.frames == 5
     assert found.objects_per_frame == {"vehicle": 4, "cyclist": 0, "pedestrian": 0, "heavy": 1}
@@ -59,17 +59,6 @@ def test_survey_counts_what_stands_in_the_area():
     assert found.as_dict([[0, 2]])["unseen"].keys() == {"0,2"}
     json.dumps(found.as_dict([[0]]))
     assert {"dataset", "frames", "noise_seed", "codec", "coview", "site"} <= found.as_dict([[0]])["provenance"].keys()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"), [({"reads": Reads(frames=0)}, "need one frame"), ({"codec": "paper"}, "codec")]
-)
-def test_bad_requests_are_refused(options, message):
-    with pytest.raises((ValueError, TypeError), match=message):
-        survey(Recording(), **options)
-
-
-def test_surveys_without_vehicles_or_with_errors():
     empty = survey(Recording(), reads=Reads(frames=1))
     nobody = replace(empty, counts=empty.counts[:0])
     assert np.isnan(nobody.unseen([0]))
@@ -80,6 +69,14 @@ def test_surveys_without_vehicles_or_with_errors():
     assert clean.provenance["errors"]["profile"] == "paper"
     with pytest.raises(ValueError, match="unknown error profile 'x'"):
         survey(Recording(), reads=Reads(errors="x"))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"), [({"reads": Reads(frames=0)}, "need one frame"), ({"codec": "paper"}, "codec")]
+)
+def test_bad_requests_are_refused(options, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        survey(Recording(), **options)
 
 
 def test_points_are_counted_for_each_class_that_is_asked_for():

@@ -101,7 +101,7 @@ def test_a_cloud_that_lost_points_on_the_way_is_another_and_else_the_same(watche
     assert calls.run[2:] == [[(0, ())]]
 
 
-def test_of_boxes_of_a_class_that_overlap_the_surest_stays():
+def test_points_that_share_pixels_stay_and_overlapping_boxes_do_not():
     boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
     kept = suppress(Detections(boxes, np.array([0.4, 0.6, 0.5])))
     assert kept.boxes[:, 0].tolist() == [0.5, 9]
@@ -110,6 +110,18 @@ def test_of_boxes_of_a_class_that_overlap_the_surest_stays():
     for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
         found = Detections(boxes[[0] * 3], np.full(3, 0.5), np.array([2, 0, 3]))[order]
         assert suppress(found).labels.tolist() == [0, 2, 3]
+    behind = sample()
+    cloud = behind.clouds[0]
+    doubled = np.concatenate([cloud.points, 1.01 * cloud.points[:7]]).astype(np.float32)
+    behind = Frame.of_clouds("3", (SensorCloud("a", doubled, cloud.world_SE3_sensor),), Objects.empty())
+    imaged = stand_view(replace(behind, index=9), Seen(), Stand(AREA_IMAGED, np.zeros(2)), scenes=given())
+    points, captured = imaged.cloud(0).points, imaged.captured(0)
+    assert len(points) == len(captured.pixels) == len(np.unique(captured.pixels))
+    assert (captured.frame.time, captured.frame.index) == (0.0, 9)
+    assert imaged.scene(0) is SCENES[0]
+    assert imaged.sensors[0].model == MODEL
+    np.testing.assert_allclose(captured.points(captured.sending(captured.pixels).measurement),
+                               points[np.argsort(captured.pixels)], atol=1e-4)  # fmt: skip
 
 
 class Dimmed(Halved):
@@ -267,21 +279,6 @@ def test_foreground_is_a_fraction_of_the_image_above_level_ground():
     heights = seen.points[0][:, 2]
     assert np.median(heights) == pytest.approx(FLOOR, abs=0.005)
     assert heights.max() < 4
-
-
-def test_points_that_share_a_pixel_stay_where_they_were_measured():
-    behind = sample()
-    cloud = behind.clouds[0]
-    doubled = np.concatenate([cloud.points, 1.01 * cloud.points[:7]]).astype(np.float32)
-    behind = Frame.of_clouds("3", (SensorCloud("a", doubled, cloud.world_SE3_sensor),), Objects.empty())
-    imaged = stand_view(replace(behind, index=9), Seen(), Stand(AREA_IMAGED, np.zeros(2)), scenes=given())
-    points, captured = imaged.cloud(0).points, imaged.captured(0)
-    assert len(points) == len(captured.pixels) == len(np.unique(captured.pixels))
-    assert (captured.frame.time, captured.frame.index) == (0.0, 9)
-    assert imaged.scene(0) is SCENES[0]
-    assert imaged.sensors[0].model == MODEL
-    np.testing.assert_allclose(captured.points(captured.sending(captured.pixels).measurement),
-                               points[np.argsort(captured.pixels)], atol=1e-4)  # fmt: skip
 
 
 AREA_VIEWS = np.array([-50.0, -50, 50, 50])

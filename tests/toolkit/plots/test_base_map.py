@@ -84,7 +84,7 @@ def test_a_long_legend_lies_below_the_map(count):
     assert box.x1 <= sheet.figure.bbox.x1
 
 
-def test_the_arrow_points_north():
+def test_arrows_point_north_and_holes_stay_open():
     with house_style():
         figure = blank_figure(2.0, 2.0)
         axes = figure.add_axes((0, 0, 1, 1))
@@ -94,9 +94,6 @@ def test_the_arrow_points_north():
     rows, columns = np.nonzero(dark)
     assert abs(rows.mean() - 100) < 3
     assert columns.max() - 100 > 1.3 * (100 - columns.min())  # the letter is at the right
-
-
-def test_holes_stay_open():
     ring = np.array([[0.0, 0], [10, 0], [10, 10], [0, 10]])
     shape = shapely.Polygon(ring, [ring * 0.5 + 2.5])
     with house_style():

@@ -28,38 +28,13 @@ def test_the_same_figure_is_the_same_file(tmp_path, ending):
     assert one.read_bytes().startswith(b"\x89PNG" if ending == "png" else b"<?xml")
 
 
-def test_no_setting_of_the_user_reaches_a_picture():
+def test_pictures_heed_no_user_and_stand_in_pages():
     with canvas.house_style():
         usual = canvas.svg_text(figure())
     with mpl.rc_context({"font.size": 30, "svg.fonttype": "none", "lines.linewidth": 9, "text.color": "red"}):
         with canvas.house_style():
             assert canvas.svg_text(figure()) == usual
         assert mpl.rcParams["font.size"] == 30
-
-
-@pytest.mark.parametrize("name", ["a.pdf", "a", "a.png.txt"])
-def test_other_endings_are_refused(tmp_path, name):
-    with pytest.raises(ValueError, match=r"end in \.png or \.svg"):
-        canvas.write_figure(figure(), tmp_path / name)
-    assert not list(tmp_path.iterdir())
-
-
-TEXTS = ["$x_1$", "a < b & c > d", "_hidden", "50 %", "$", "\\frac{", "a\x00b\nc", "-- -->", "日"]
-
-
-@pytest.mark.parametrize("text", TEXTS)
-def test_text_is_taken_as_it_is(text):
-    with canvas.house_style():
-        drawn = canvas.svg_text(figure(text), title=text)
-    root = ElementTree.fromstring(drawn)
-    assert root.tag == "{http://www.w3.org/2000/svg}svg"
-    assert root.find("{http://www.w3.org/2000/svg}title").text == canvas.plain(text)
-    assert root.get("role") == "img"
-    assert "<text" not in drawn
-    assert "<metadata" not in drawn
-
-
-def test_pictures_stand_in_pages_with_their_size_and_short_paths():
     with canvas.house_style():
         assert canvas.svg_text(figure("$x$")) != canvas.svg_text(figure("x"))
     with canvas.house_style():
@@ -82,6 +57,28 @@ def test_pictures_stand_in_pages_with_their_size_and_short_paths():
     assert pixels.shape == (100, 200, 3)
     assert pixels.dtype == np.uint8
     assert np.ptp(pixels) > 200
+
+
+@pytest.mark.parametrize("name", ["a.pdf", "a", "a.png.txt"])
+def test_other_endings_are_refused(tmp_path, name):
+    with pytest.raises(ValueError, match=r"end in \.png or \.svg"):
+        canvas.write_figure(figure(), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+TEXTS = ["$x_1$", "a < b & c > d", "_hidden", "50 %", "$", "\\frac{", "a\x00b\nc", "-- -->", "日"]
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_text_is_taken_as_it_is(text):
+    with canvas.house_style():
+        drawn = canvas.svg_text(figure(text), title=text)
+    root = ElementTree.fromstring(drawn)
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert root.find("{http://www.w3.org/2000/svg}title").text == canvas.plain(text)
+    assert root.get("role") == "img"
+    assert "<text" not in drawn
+    assert "<metadata" not in drawn
 
 
 @pytest.mark.parametrize(

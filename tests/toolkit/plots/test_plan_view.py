@@ -40,7 +40,7 @@ def bare(tmp_path_factory):
     return picture(path)
 
 
-def test_sites_are_drawn_the_same_with_a_legend(tmp_path):
+def test_sites_and_frames_are_drawn_the_same_again(tmp_path):
     bare = Site("square", SITE.area, lanes=SITE.lanes)
     poles = Site("square", SITE.area, lanes=SITE.lanes, mounts=(Mount("p", np.array([3.0, 3, 0])),))
     for name, site in (("with", SITE), ("without", bare), ("poles", poles)):
@@ -56,6 +56,17 @@ def test_sites_are_drawn_the_same_with_a_legend(tmp_path):
     assert names == ["pole with a sensor (2)", "pole without a sensor (3)"]
     assert [name for _, name in pole_entries(unused=1)] == ["pole (1)"]
     assert pole_entries() == []
+    cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
+    for name in ("a.png", "b.png"):
+        draw_frame(SITE, tmp_path / name, clouds=[cloud], outcome=FrameOutcome(0.7, YES, NO, YES, NO), **SEEN)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
+    draw_frame(SITE, tmp_path / "frame.svg", clouds=[cloud], title="a & b", **SEEN)
+    root = ElementTree.parse(tmp_path / "frame.svg").getroot()
+    assert len(root.findall(".//{*}image")) == 1
+    assert len(root.findall(".//{*}path")) > 30
+    with pytest.raises(ValueError, match="match the same frame"):
+        draw_frame(SITE, tmp_path / "a.png", outcome=FrameOutcome(0.7, YES[:1], NO[:1], YES, NO), **SEEN)
 
 
 @pytest.mark.parametrize(
@@ -74,20 +85,6 @@ def test_a_frame_shows_what_is_handed_over(tmp_path, bare, shown):
     draw_frame(SITE, tmp_path / "a.png", **shown)
     one = picture(tmp_path / "a.png")
     assert one.shape != bare.shape or (one != bare).any()
-
-
-def test_the_same_frame_is_the_same_file_and_lines_in_an_svg(tmp_path):
-    cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
-    for name in ("a.png", "b.png"):
-        draw_frame(SITE, tmp_path / name, clouds=[cloud], outcome=FrameOutcome(0.7, YES, NO, YES, NO), **SEEN)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
-    draw_frame(SITE, tmp_path / "frame.svg", clouds=[cloud], title="a & b", **SEEN)
-    root = ElementTree.parse(tmp_path / "frame.svg").getroot()
-    assert len(root.findall(".//{*}image")) == 1
-    assert len(root.findall(".//{*}path")) > 30
-    with pytest.raises(ValueError, match="match the same frame"):
-        draw_frame(SITE, tmp_path / "a.png", outcome=FrameOutcome(0.7, YES[:1], NO[:1], YES, NO), **SEEN)
 
 
 @pytest.mark.parametrize(

@@ -170,7 +170,7 @@ def cast(monkeypatch):
     return found
 
 
-def test_each_frame_has_its_strips_and_what_nothing_changes_is_not_cast(cast):
+def test_strips_of_frames_bodies_and_grids(cast):
     frames: list[tuple[list[Any], set[tuple[int, int]]]] = [
         ([NEAR, FAR, BESIDE], {(v, n) for v in (0, 1) for n in range(3)}),
         ([BESIDE, NEAR, FAR], set()),  # all of them stand, in another order
@@ -181,14 +181,11 @@ def test_each_frame_has_its_strips_and_what_nothing_changes_is_not_cast(cast):
     ]
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
     for places, expected in frames:
-        moment, fine = moment_of(places), np.ones(len(places), bool)
-        made = strips.of(moment, fine)
+        moment, all_fine = moment_of(places), np.ones(len(places), bool)
+        made = strips.of(moment, all_fine)
         assert cast[-1] == expected
-        assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, fine))
+        assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, all_fine))
     assert len(find_strips(RENDERER, moment_of([NEAR]), EYES, COUNTED, np.ones(1, bool)).item) > 50
-
-
-def test_another_body_or_grid_is_another_object(cast):
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
     for bodies, fine, count in (([0, 0], True, 4), ([0, 1], True, 2), ([0, 1], False, 4), ([0, 1], False, 0)):
         moment, looked = moment_of([BESIDE, AWAY], bodies), np.full(2, fine)
@@ -197,7 +194,7 @@ def test_another_body_or_grid_is_another_object(cast):
         assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, looked))
 
 
-def test_random_frames_are_the_same_also_of_nothing():
+def test_random_frames_are_the_same_and_touch_what_they_change():
     rng, strips = np.random.default_rng(0), SuccessiveStrips(RENDERER, EYES, COUNTED)
     places = np.column_stack([rng.uniform(-18, 18, (14, 2)), rng.uniform(-3, 3, 14)])
     for _ in range(6):
@@ -211,6 +208,17 @@ def test_random_frames_are_the_same_also_of_nothing():
         assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
     nowhere = SuccessiveStrips(RENDERER, np.zeros((0, 3)), COUNTED)
     assert [len(nowhere.of(moment_of([NEAR]), np.ones(1, bool)).item) for _ in range(2)] == [0, 0]
+    ground = moment_of([(10.0, 0.0, 0.0), (25.0, 0.0, 0.0), (14.5, 0.0, 0.0)]).ground
+    for height, expected in ((12.0, [[2, 0]]), (1.0, [[1, 0], [1, 2], [2, 0]])):
+        eye = np.array([[0.0, 0.0, height]])
+        found = may_hide(ground, eye, find_sectors(ground, eye, np.ones(3, bool)))
+        assert np.argwhere(found[0]).tolist() == expected
+    touching = [
+        *((0.0, 0.0, 0.0), (0.0, 2.1, 0.0), (0.0, -1.9, 0.0), (4.3, 2.2, np.pi / 4), (9.0, 0.0, 0.0), (13.0, 0.0, 0.5))
+    ]
+    assert find_touching(moment_of(touching).ground).tolist() == [True, False, True, False, True, True]
+    assert find_touching(moment_of(places[1:2]).ground).tolist() == [False]
+    assert find_touching(moment_of([]).ground).tolist() == []
 
 
 def test_what_may_hide_what(monkeypatch):
@@ -222,17 +230,3 @@ def test_what_may_hide_what(monkeypatch):
     assert not found[1, 3].any()  # right below: nothing begins nearer
     monkeypatch.setattr(module, "PAIRS_AT_ONCE", 1)
     np.testing.assert_array_equal(may_hide(ground, EYES, find_sectors(ground, EYES, fine)), found)
-
-
-def test_what_touches_what_and_is_seen_over_another():
-    ground = moment_of([(10.0, 0.0, 0.0), (25.0, 0.0, 0.0), (14.5, 0.0, 0.0)]).ground
-    for height, expected in ((12.0, [[2, 0]]), (1.0, [[1, 0], [1, 2], [2, 0]])):
-        eye = np.array([[0.0, 0.0, height]])
-        found = may_hide(ground, eye, find_sectors(ground, eye, np.ones(3, bool)))
-        assert np.argwhere(found[0]).tolist() == expected
-    places = [
-        *((0.0, 0.0, 0.0), (0.0, 2.1, 0.0), (0.0, -1.9, 0.0), (4.3, 2.2, np.pi / 4), (9.0, 0.0, 0.0), (13.0, 0.0, 0.5))
-    ]
-    assert find_touching(moment_of(places).ground).tolist() == [True, False, True, False, True, True]
-    assert find_touching(moment_of(places[1:2]).ground).tolist() == [False]
-    assert find_touching(moment_of([]).ground).tolist() == []

@@ -203,8 +203,12 @@ def test_arrays_come_to_lie_where_others_lay():
     assert few < many / 20
 
 
-def test_what_the_environment_says_wins():
+def test_the_environment_wins_and_needs_a_cluster():
     assert counted("keep", **OWN)[0] == "False"
+    pytest.importorskip("ray")
+    with pytest.raises(ConnectionError, match="ray start --head") as error:
+        next(spread(square, [1], ray="127.0.0.1:1"))
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("library", [None, object(), type("Refuses", (), {"mallopt": staticmethod(lambda *_: 0)}), "c"])
@@ -279,13 +283,6 @@ def test_ray_goes_on_when_one_of_two_nodes_is_killed_in_mid_run(two_nodes, tmp_p
 
 def begun(log: Path) -> list[list[str]]:
     return [line.split() for line in log.read_text().splitlines()] if log.exists() else []
-
-
-def test_an_address_without_a_cluster_is_told_in_one_line():
-    pytest.importorskip("ray")
-    with pytest.raises(ConnectionError, match="ray start --head") as error:
-        next(spread(square, [1], ray="127.0.0.1:1"))
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.slow

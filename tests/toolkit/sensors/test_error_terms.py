@@ -129,7 +129,7 @@ def test_share_and_range_take_pixels(read, street):
     assert not read(DropOut(0.5, 40.0), nothing).measurement.any()
 
 
-def test_shares_multiply_and_dead_rows_stay_dead(read, wall, sensor):
+def test_shares_and_laws_are_of_some_sensors(read, wall, sensor):
     truth = wall(sensor, 50.0)
     kept = read(DropOut(0.5, half_range=50.0), truth).valid.mean()
     assert kept == pytest.approx(0.5 * chance_of_return(truth.ranges, truth.cosines, 50.0, 2.0).mean(), rel=0.06)
@@ -142,6 +142,14 @@ def test_shares_multiply_and_dead_rows_stay_dead(read, wall, sensor):
     assert np.mean(shares) == pytest.approx(0.75, abs=0.01)
     assert len(set(shares)) > 5
     assert not read(DeadRows(1.0), truth).valid.any()
+    truth = wall(sensor, 10.0)
+    laws = {"depth": stereo_noise(baseline=1.0, focal=1000.0), "range": lidar_noise()}
+    for measures, term in laws.items():
+        same = np.array_equal(read(term, truth).measurement, truth.measurement)
+        assert same == (measures != sensor.model.measures)
+    truth = wall(sensor, 40.0)
+    kept = read(Weather(extinction=0.01), truth).valid.mean()
+    assert kept == pytest.approx(np.exp(-0.02 * truth.ranges).mean(), abs=0.012)
 
 
 @pytest.fixture
@@ -181,7 +189,7 @@ def angle_between(a, b):
     return np.arccos(np.clip((np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2, -1, 1))
 
 
-def test_rotation_about_is_a_rotation_by_its_length():
+def test_laws_multiply_and_rotations_are_by_their_length():
     rng = np.random.default_rng(0)
     for _ in range(50):
         vector = rng.normal(size=3)
@@ -192,6 +200,22 @@ def test_rotation_about_is_a_rotation_by_its_length():
         assert np.trace(turned) == pytest.approx(1 + 2 * np.cos(np.linalg.norm(vector)))
         assert np.allclose(turned @ make_rotation(-vector), np.eye(3))
     assert np.array_equal(make_rotation(np.zeros(3)), np.eye(3))
+    # dB per km: rain of 10 mm/h 5.03, dry snow of 1 mm/h 5.55, wet 3.88; fog of 100 m visibility 0.039 per
+    # metre.
+    per_km = 10 / np.log(10) * 1000
+    assert rain(10.0).extinction * per_km == pytest.approx(1.076 * 10**0.67)
+    assert rain(10.0).extinction * per_km == pytest.approx(5.03, abs=0.01)
+    assert snow(1.0).extinction * per_km == pytest.approx(5.545, abs=0.01)
+    assert snow(1.0, wet=True).extinction * per_km == pytest.approx(3.878, abs=0.01)
+    assert fog(100.0).extinction == pytest.approx(0.03912)
+    assert rain(10.0).share == pytest.approx(1 - np.exp(-0.03))
+    assert fog(50.0).reach == 5.0
+    shares = [rain(r).share for r in (0.0, 1.0, 10.0, 100.0)]
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    for wrong in (lambda: rain(-1.0), lambda: snow(float("nan")), lambda: fog(0.0)):
+        with pytest.raises(ValueError, match="must be"):
+            wrong()
 
 
 def test_calibration_has_its_root_mean_square_and_is_constant(read, street):
@@ -236,12 +260,21 @@ def test_a_pole_sways_with_time_about_a_level_axis(read, street):
     assert 60 / 4.0 * 2 - 1 <= crossings <= 60 / 2.0 * 2 + 1  # two a period of 2 to 4 s
 
 
-def test_sensors_of_a_pole_sway_together(read, street):
+def test_noise_and_sway_are_of_poles_frames_and_seeds(read, street):
     other = replace(street.sensor, name="other")
     said = [
         read(PoleSway(0.004), replace(street, sensor=s), number=n).pose for n, s in ((1, street.sensor), (2, other))
     ]
     assert np.array_equal(*said)
+    term = RangeNoise(constant=0.1)
+    said = [
+        read(term, street, **with_).measurement.tobytes()
+        for with_ in ({}, {"frame": 4}, {"seed": 1}, {"number": 6}, {})
+    ]
+    assert said[0] == said[4]
+    assert len(set(said)) == 4
+    said = read(OwnNoise(), street)
+    assert (said.measurement - street.measurement)[street.valid].std() == pytest.approx(0.015, rel=0.02)
 
 
 @pytest.mark.parametrize("metres", [5.0, 20.0, 60.0])
@@ -256,34 +289,11 @@ def test_sigma_by_range(read, wall, sensor, term, metres):
     assert abs(noise.mean()) < 4 * expected / np.sqrt(noise.size)
 
 
-def test_laws_for_some_sensors_and_beers_attenuation(read, wall, sensor):
-    truth = wall(sensor, 10.0)
-    laws = {"depth": stereo_noise(baseline=1.0, focal=1000.0), "range": lidar_noise()}
-    for measures, term in laws.items():
-        same = np.array_equal(read(term, truth).measurement, truth.measurement)
-        assert same == (measures != sensor.model.measures)
-    truth = wall(sensor, 40.0)
-    kept = read(Weather(extinction=0.01), truth).valid.mean()
-    assert kept == pytest.approx(np.exp(-0.02 * truth.ranges).mean(), abs=0.012)
-
-
 def test_what_returned_nothing_still_does_and_nothing_comes_from_behind(read, street, wall, sensor):
     assert not read(RangeNoise(constant=1.0), street).measurement[~street.valid].any()
     wild = read(RangeNoise(constant=30.0), wall(sensor, 10.0)).measurement
     assert (wild >= 0).all()
     assert wild.dtype == np.float32
-
-
-def test_noise_draws_anew_by_frame_and_seed(read, street):
-    term = RangeNoise(constant=0.1)
-    said = [
-        read(term, street, **with_).measurement.tobytes()
-        for with_ in ({}, {"frame": 4}, {"seed": 1}, {"number": 6}, {})
-    ]
-    assert said[0] == said[4]
-    assert len(set(said)) == 4
-    said = read(OwnNoise(), street)
-    assert (said.measurement - street.measurement)[street.valid].std() == pytest.approx(0.015, rel=0.02)
 
 
 def heights(truth):
@@ -327,7 +337,7 @@ def test_the_way_through_a_car_is_that_to_its_far_side(read, street):
         assert farthest >= entry + 0.8 * (leaves - entry) - 0.02
 
 
-def test_dark_cars_lose_more_the_same_ones_for_every_sensor(read, street, sensor):
+def test_dark_cars_lose_more_and_open_rays_return_a_share(read, street, sensor):
     many = np.arange(400)
     boxes = np.column_stack([20 + 0 * many, 0 * many, *np.tile([[0.75], [4], [2], [1.5], [0]], 400)])
     crowd = Objects(boxes, np.full(400, VEHICLE), many)
@@ -341,6 +351,10 @@ def test_dark_cars_lose_more_the_same_ones_for_every_sensor(read, street, sensor
     assert np.array_equal(*dark)
     assert dark[0].mean() == pytest.approx(0.3, abs=0.07)
     assert lost[0].sum() > 1000
+    sky = replace(street, sensor=sensor, measurement=np.zeros(sensor.model.shape, np.float32))
+    said = read(Weather(share=0.3, reach=4.0), sky)
+    assert said.valid.mean() == pytest.approx(0.3, abs=0.012)
+    assert np.percentile(ranges_of(said)[said.valid], 90) < 12
 
 
 def test_wetness_and_rain_take_more_by_the_law(read, street):
@@ -379,31 +393,6 @@ def test_near_returns_have_the_law_of_range(read, wall, sensor, metres):
             expected = 1 - 0.5 ** (1 - np.exp(-(r - 0.3) / 6.0))
             assert (early & (said < r)).mean() == pytest.approx(expected, abs=0.012)
     assert said[early].min() > 0.29
-
-
-def test_of_rays_into_the_open_the_share_returns(read, street, sensor):
-    sky = replace(street, sensor=sensor, measurement=np.zeros(sensor.model.shape, np.float32))
-    said = read(Weather(share=0.3, reach=4.0), sky)
-    assert said.valid.mean() == pytest.approx(0.3, abs=0.012)
-    assert np.percentile(ranges_of(said)[said.valid], 90) < 12
-
-
-def test_the_laws_of_rain_snow_and_fog():
-    """dB per km: rain of 10 mm/h 5.03, dry snow of 1 mm/h 5.55, wet 3.88; fog of 100 m visibility 0.039 per metre."""
-    per_km = 10 / np.log(10) * 1000
-    assert rain(10.0).extinction * per_km == pytest.approx(1.076 * 10**0.67)
-    assert rain(10.0).extinction * per_km == pytest.approx(5.03, abs=0.01)
-    assert snow(1.0).extinction * per_km == pytest.approx(5.545, abs=0.01)
-    assert snow(1.0, wet=True).extinction * per_km == pytest.approx(3.878, abs=0.01)
-    assert fog(100.0).extinction == pytest.approx(0.03912)
-    assert rain(10.0).share == pytest.approx(1 - np.exp(-0.03))
-    assert fog(50.0).reach == 5.0
-    shares = [rain(r).share for r in (0.0, 1.0, 10.0, 100.0)]
-    assert shares == sorted(shares)
-    assert shares[0] == 0
-    for wrong in (lambda: rain(-1.0), lambda: snow(float("nan")), lambda: fog(0.0)):
-        with pytest.raises(ValueError, match="must be"):
-            wrong()
 
 
 @pytest.mark.parametrize(

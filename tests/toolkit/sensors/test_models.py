@@ -30,7 +30,7 @@ from toolkit.sites.site import Site
 CAMERA = DepthCamera(width=120, height=90, stride=2)
 
 
-def test_every_stride_th_pixel_is_measured_and_a_right_angle_is_two_focal_lengths():
+def test_strides_and_right_angles_fill_the_view():
     for width, height, stride, shape in ((400, 300, 2, (150, 200)), (41, 30, 3, (10, 14)), (5, 5, 9, (1, 1))):
         camera = DepthCamera(width=width, height=height, stride=stride)
         assert camera.shape == shape
@@ -38,16 +38,6 @@ def test_every_stride_th_pixel_is_measured_and_a_right_angle_is_two_focal_length
     camera = DepthCamera(width=200, height=200, fov=np.pi / 2)
     assert camera.intrinsic[0, 0] == pytest.approx(100)
     assert camera.horizontal_fov == pytest.approx(camera.vertical_fov) == pytest.approx(np.pi / 2)
-
-
-def polar(*rows):
-    """Points (azimuth, elevation, distance) in x, y, z."""
-    azimuth, elevation, distance = np.array(rows, float).T
-    flat = np.cos(elevation)
-    return (distance * [flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]).T
-
-
-def test_what_falls_into_the_view():
     inside = [(0, 0, 10), (9.9, 0, 10), (0, 7.4, 10), (0, 0, 999)]
     outside = [(10.1, 0, 10), (0, 7.6, 10), (0, 0, -10), (0, 0, 1001)]
     assert CAMERA.in_view(np.array([*inside, *outside], float)).tolist() == [True] * 4 + [False] * 4
@@ -66,6 +56,13 @@ def test_what_falls_into_the_view():
     inside = polar((1.5, 0, 10), (2.49, 0, 10), (1.5, -0.29, 10), (1.5, 0, 199))
     outside = polar((2.51, 0, 10), (0.49, 0, 10), (1.5, 0.11, 10), (1.5, -0.31, 10), (1.5, 0, 201))
     assert SIDEWAYS.in_view(np.concatenate([inside, outside])).tolist() == [True] * 4 + [False] * 5
+
+
+def polar(*rows):
+    """Points (azimuth, elevation, distance) in x, y, z."""
+    azimuth, elevation, distance = np.array(rows, float).T
+    flat = np.cos(elevation)
+    return (distance * [flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]).T
 
 
 def test_windows_of_cameras_hold_boxes_ahead_and_around():
@@ -172,7 +169,7 @@ def test_solid_state_lidars_measure_in_their_field_and_windows():
     assert not found[slope > 0].any()
 
 
-def test_noise_of_solid_state_grows_with_the_range_and_that_of_rows_does_not():
+def test_lidars_by_rows_have_headings_noise_and_names():
     model = SolidStateLidar(rows=100, columns=100, sigma=0.01, sigma_per_metre=0.001)
     near, far = (np.full(model.shape, metres, np.float32) for metres in (10.0, 90.0))
     assert (model.noisy(near, np.random.default_rng(0)) - near).std() == pytest.approx(0.02, rel=0.05)
@@ -181,6 +178,24 @@ def test_noise_of_solid_state_grows_with_the_range_and_that_of_rows_does_not():
     wide, clean = replace(ROWS, columns=4000, sigma=0.03), np.full((4, 4000), 20.0, np.float32)
     assert (wide.noisy(clean, np.random.default_rng(0)) - 20).std() == pytest.approx(0.03, rel=0.05)
     assert not wide.noisy(np.zeros_like(clean), np.random.default_rng(0)).any()
+    ahead = SIDEWAYS.body_SE3_sensor[:3, :3] @ [np.cos(1.5), np.sin(1.5), 0.0]
+    np.testing.assert_allclose(ahead, [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(ROWS.body_SE3_sensor, np.eye(4))
+    site = replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),))
+    content = document(site)
+    (model,) = [f["properties"]["model"] for f in content["features"] if f["properties"]["layer"] == "sensor"]
+    assert model["elevations_deg"] == pytest.approx(np.rad2deg(SIDEWAYS.elevations).tolist())
+    (back,) = parse(content).sensors
+    np.testing.assert_allclose(back.model.rays(), SIDEWAYS.rays(), atol=1e-6)
+    assert back.model.deviation(np.ones(1)) == SIDEWAYS.deviation(np.ones(1))
+    assert back.model.max_range == SIDEWAYS.max_range
+    assert make_model("RowLidar", {"elevations": [0.2, 0.05, 0.0, -0.4], "columns": 90}) == ROWS
+    assert find_model("row-lidar") == RowLidar()
+    assert RowLidar().shape == (32, 1800)
+    assert {"depth-camera", "spinning-lidar", "solid-state-lidar"} <= set(MODELS)
+    assert find_model("solid-state-lidar") == find_model("solid_state_lidar") == SolidStateLidar()
+    assert make_model("DepthCamera", {"centre": [30.0, 20.0]}) == DepthCamera(centre=(30.0, 20.0))
+    assert make_model("DepthCamera", {"centre": None, "width": 300}) == DepthCamera(width=300)
 
 
 ROWS = RowLidar((0.2, 0.05, 0.0, -0.4), columns=90)
@@ -197,23 +212,6 @@ def test_rays_lie_in_its_rows_and_columns(lidar):
     azimuth = np.unwrap(np.arctan2(rays[0, :, 1], rays[0, :, 0]))
     np.testing.assert_allclose(np.diff(azimuth), lidar.azimuth_fov / lidar.columns, atol=1e-5)
     assert azimuth.mean() == pytest.approx(lidar.heading, abs=1e-5)
-
-
-def test_row_lidars_look_along_their_heading_also_from_files():
-    ahead = SIDEWAYS.body_SE3_sensor[:3, :3] @ [np.cos(1.5), np.sin(1.5), 0.0]
-    np.testing.assert_allclose(ahead, [1, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(ROWS.body_SE3_sensor, np.eye(4))
-    site = replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),))
-    content = document(site)
-    (model,) = [f["properties"]["model"] for f in content["features"] if f["properties"]["layer"] == "sensor"]
-    assert model["elevations_deg"] == pytest.approx(np.rad2deg(SIDEWAYS.elevations).tolist())
-    (back,) = parse(content).sensors
-    np.testing.assert_allclose(back.model.rays(), SIDEWAYS.rays(), atol=1e-6)
-    assert back.model.deviation(np.ones(1)) == SIDEWAYS.deviation(np.ones(1))
-    assert back.model.max_range == SIDEWAYS.max_range
-    assert make_model("RowLidar", {"elevations": [0.2, 0.05, 0.0, -0.4], "columns": 90}) == ROWS
-    assert find_model("row-lidar") == RowLidar()
-    assert RowLidar().shape == (32, 1800)
 
 
 @lidars
@@ -286,13 +284,6 @@ def test_shipped_models_have_a_name_in_files_and_one_in_words(model):
     assert model.__name__ in class_names()
     assert find_model_class(model.__name__) is model
     assert find_model(model.__name__) == model()
-
-
-def test_names_of_models_in_files_and_in_words():
-    assert {"depth-camera", "spinning-lidar", "solid-state-lidar"} <= set(MODELS)
-    assert find_model("solid-state-lidar") == find_model("solid_state_lidar") == SolidStateLidar()
-    assert make_model("DepthCamera", {"centre": [30.0, 20.0]}) == DepthCamera(centre=(30.0, 20.0))
-    assert make_model("DepthCamera", {"centre": None, "width": 300}) == DepthCamera(width=300)
 
 
 @pytest.mark.parametrize("name", ["radar", "", "os.system", "DepthCamera()", "toolkit.sensors.models"])

@@ -333,11 +333,34 @@ def test_objectives_and_environments_take_it(model):
     assert np.isfinite(reward)
 
 
-def test_a_model_of_ones_own_is_known_by_name():
+def test_sensors_compare_by_value_and_models_go_by_name():
     assert find_model("fisheye-camera") == FisheyeCamera() == find_model("FisheyeCamera")
     assert make_model("FisheyeCamera", {"offset": [1.0, 2.0]}) == FisheyeCamera(offset=(1.0, 2.0))
     assert register_sensor_model(FisheyeCamera) is FisheyeCamera
     assert list(MODELS.values()).count(FisheyeCamera) == 1
+    one, other = (Sensor("s", DepthCamera(), pose(1.0, 2.0, 3.0)) for _ in range(2))
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != Sensor("s", DepthCamera(), pose(1.0, 2.0, 4.0)) != "s"
+    mine = pose(1.0, 2.0, 3.0)
+    sensor = Sensor("s", CAMERA, mine)
+    mine[0, 3] = 99
+    assert sensor.position[0] == 1
+    with pytest.raises(ValueError, match="read-only"):
+        sensor.pose[0, 3] = 5
+    sensor = Sensor("s", DepthCamera(), look((1.0, 2.0, 3.0), 0.4, 0.2))
+    assert np.allclose(sensor.world_SE3_body, pose(1.0, 2.0, 3.0, yaw=0.4, pitch=0.2))
+    assert np.allclose(invert(sensor.world_SE3_body) @ sensor.pose, BODY_SE3_CAMERA)
+    lidar, place = SpinningLidar(), pose(1.0, 2.0, 3.0)
+    sensor = Sensor("a", lidar, place)
+    assert sensor.digest == Sensor("b", SpinningLidar(), place.copy()).digest
+    others = [
+        Sensor("a", CAMERA, place),
+        Sensor("a", SpinningLidar(sigma=0.5), place),
+        Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)),
+        Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9)),
+    ]
+    assert len({sensor.digest, *(other.digest for other in others)}) == 5
 
 
 CAMERA = DepthCamera()
@@ -398,32 +421,6 @@ def test_noise_has_the_models_deviation_is_reproducible_and_keeps_nothing_nothin
     assert abs((noisy - clean).std() / model.sigma - 1) < 0.05
     assert abs((noisy - clean).mean()) < model.sigma / 20
     np.testing.assert_array_equal(noisy, model.noisy(clean, np.random.default_rng(3)))
-
-
-def test_sensors_compare_by_value_with_digests_of_model_and_pose():
-    one, other = (Sensor("s", DepthCamera(), pose(1.0, 2.0, 3.0)) for _ in range(2))
-    assert one == other
-    assert hash(one) == hash(other)
-    assert one != Sensor("s", DepthCamera(), pose(1.0, 2.0, 4.0)) != "s"
-    mine = pose(1.0, 2.0, 3.0)
-    sensor = Sensor("s", CAMERA, mine)
-    mine[0, 3] = 99
-    assert sensor.position[0] == 1
-    with pytest.raises(ValueError, match="read-only"):
-        sensor.pose[0, 3] = 5
-    sensor = Sensor("s", DepthCamera(), look((1.0, 2.0, 3.0), 0.4, 0.2))
-    assert np.allclose(sensor.world_SE3_body, pose(1.0, 2.0, 3.0, yaw=0.4, pitch=0.2))
-    assert np.allclose(invert(sensor.world_SE3_body) @ sensor.pose, BODY_SE3_CAMERA)
-    lidar, place = SpinningLidar(), pose(1.0, 2.0, 3.0)
-    sensor = Sensor("a", lidar, place)
-    assert sensor.digest == Sensor("b", SpinningLidar(), place.copy()).digest
-    others = [
-        Sensor("a", CAMERA, place),
-        Sensor("a", SpinningLidar(sigma=0.5), place),
-        Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)),
-        Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9)),
-    ]
-    assert len({sensor.digest, *(other.digest for other in others)}) == 5
 
 
 @pytest.mark.parametrize(

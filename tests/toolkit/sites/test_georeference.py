@@ -58,7 +58,7 @@ def test_projections_are_those_of_proj():
     )
 
 
-def test_sites_lie_on_earth_or_nowhere():
+def test_sites_lie_on_earth_in_boxes_with_bearings_or_nowhere():
     xy = np.array([[0.0, 0.0], [100.0, 0.0], [-4.0, 3.0]])
     degrees = longitude_latitude(TURNED, xy)
     assert degrees is not None
@@ -74,6 +74,16 @@ def test_sites_lie_on_earth_or_nowhere():
     site = replace(TURNED, geo_reference="+proj=merc +datum=WGS84")
     with pytest.raises(ValueError, match=r"does not reach \[0.0, 95.0\]"):
         site_metres(site, np.array([[0.0, 0.0], [0.0, 95.0]]))
+    assert bearing_deg(TURNED, float(np.nextafter(0.0, 1.0))) == 0.0
+    assert min(bearing_deg(TURNED, h) for h in np.linspace(-7, 7, 500).tolist()) >= 0
+    assert json.loads(feature_collection([], name="none", note="Straße")) == {
+        "type": "FeatureCollection",
+        "name": "none",
+        "note": "Straße",
+        "features": [],
+    }
+    with pytest.raises(ValueError, match="JSON compliant"):
+        feature_collection([], price=float("nan"))
 
 
 @pytest.mark.parametrize(
@@ -113,19 +123,6 @@ def test_without_pyproj_only_foreign_maps_are_refused(monkeypatch):
 def test_bearings_are_clockwise_from_the_maps_north(heading_deg, map_yaw_deg, bearing):
     site = replace(TURNED, map_SE3_site=pose(104.0, -196.0, yaw=np.deg2rad(map_yaw_deg)))
     assert bearing_deg(site, float(np.deg2rad(heading_deg))) == pytest.approx(bearing, abs=1e-9)
-
-
-def test_bearings_and_boxes_at_their_ends():
-    assert bearing_deg(TURNED, float(np.nextafter(0.0, 1.0))) == 0.0
-    assert min(bearing_deg(TURNED, h) for h in np.linspace(-7, 7, 500).tolist()) >= 0
-    assert json.loads(feature_collection([], name="none", note="Straße")) == {
-        "type": "FeatureCollection",
-        "name": "none",
-        "note": "Straße",
-        "features": [],
-    }
-    with pytest.raises(ValueError, match="JSON compliant"):
-        feature_collection([], price=float("nan"))
 
 
 @pytest.fixture

@@ -279,7 +279,7 @@ def test_roads_are_whole_and_footways_yield():
     assert walk.bounds == pytest.approx((-40, 9, 40, 12), abs=0.02)
 
 
-def test_fillings_yield_and_kerbs_stand_on_the_footway():
+def test_roads_yield_and_bays_are_free():
     lanes, walk = [shapely.box(-60, -4, 60, 4)], [shapely.box(-60, 4, 60, 6)]
     fillings = shapely.box(-10, -12, 10, 5), shapely.box(-10, -14, 10, -12)
     lanes_there, footways = maps.whole_road(lanes, walk, shapely.Polygon(), WINDOW, fillings=fillings)
@@ -294,9 +294,6 @@ def test_fillings_yield_and_kerbs_stand_on_the_footway():
     lowered = shape([s.footprint for s in maps.kerbstones(driven, footways, shapely.box(-3, 0, 3, 9))])
     assert lowered.area == pytest.approx(14 * 0.14, abs=0.1)
     assert not lowered.intersects(shapely.box(-2.9, 0, 2.9, 9))
-
-
-def test_bays_are_free_and_along_lanes():
     bays = [(0.0, 9.0, 0.0), (10.0, 9.0, 0.0), (20.0, 9.0, 0.0), (38.0, 9.0, 0.0)]
     window = shapely.box(-40, -40, 40, 40)
     rows = maps.free_bays(bays, window, [post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20))

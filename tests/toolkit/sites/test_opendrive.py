@@ -104,13 +104,24 @@ def test_what_is_no_number(text):
     assert number(ElementTree.fromstring("<a/>"), "s", 2.5) == 2.5
 
 
-def test_damaged_geometry():
+def test_damaged_geometry_and_what_would_stop_traffic():
     with pytest.raises(ValueError, match="road '7' has no <geometry>"):
         line_of()
     with pytest.raises(ValueError, match="holds <loop>, not one of line, arc"):
         line_of((5.0, "<loop/>"))
     with pytest.raises(ValueError, match="length of 0 to 100000 m, got -3"):
         line_of((-3.0, "<line/>"))
+    there = Standing(
+        groups=[[post(0.0, 9.0, 3.0)], [post(0.0, 0.0, 3.0), post(0.0, 8.0, 3.0)], [post(90.0, 0.0, 3.0)], []]
+    )
+    there.unknown.update({"dragon": 2, "elf": 1})
+    kept, notes = off_the_road(there, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon())
+    assert kept == there.groups[0]
+    assert notes == [
+        "1 objects or signals stand on the carriageway and were left out",
+        "objects of types that are not known were left out: 2 'dragon', 1 'elf'",
+    ]
+    assert off_the_road(Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()) == ([], [])
 
 
 WINDOW = shapely.box(-40, -40, 40, 40)
@@ -234,7 +245,7 @@ def test_boxes_barriers_and_bays_are_turned_and_run_along_the_road(found):
     assert made.unknown == {"dragon": 2, "-1 Speed_30": 1}
 
 
-def test_outlines_on_the_road_and_about_the_object(found):
+def test_outlines_and_repeated_objects_stand_beside_the_road(found):
     road = "".join(f'<cornerRoad s="{s}" t="{t}"/>' for s, t in ((10, 9), (20, 9), (20, 12)))
     local = "".join(f'<cornerLocal u="{u}" v="{v}"/>' for u, v in ((0, 0), (2, 0), (2, 1), (0, 1)))
     here = '<object type="{}" s="50" t="-10" hdg="{}" height="2"><{}</object>'
@@ -243,9 +254,6 @@ def test_outlines_on_the_road_and_about_the_object(found):
     first, second = (group[0] for group in found(corners + turned).groups)
     assert (first.kind, bounds(first)) == ("wall", (-40, 9, -30, 12, 0, 2))
     assert bounds(second) == (-1, -10, 0, -8, 0, 2)
-
-
-def test_trees_poles_and_what_repeats_them(found):
     repeat = '<repeat s="20" length="30" distance="10" tStart="8" tEnd="11"/>'
     made = found(f'<object type="tree" s="0" t="0" radius="1.5" height="6">{repeat}</object>')
     feet = [tuple(group[0].footprint.mean(axis=0).round(2)) for group in made.groups]
@@ -284,17 +292,3 @@ def test_signals_face_those_they_are_for(found, attributes, depth, levels):
 def test_damaged_objects(found, inside, message):
     with pytest.raises(ValueError, match=message):
         found(inside)
-
-
-def test_what_would_stop_traffic_is_left_out_and_said():
-    there = Standing(
-        groups=[[post(0.0, 9.0, 3.0)], [post(0.0, 0.0, 3.0), post(0.0, 8.0, 3.0)], [post(90.0, 0.0, 3.0)], []]
-    )
-    there.unknown.update({"dragon": 2, "elf": 1})
-    kept, notes = off_the_road(there, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon())
-    assert kept == there.groups[0]
-    assert notes == [
-        "1 objects or signals stand on the carriageway and were left out",
-        "objects of types that are not known were left out: 2 'dragon', 1 'elf'",
-    ]
-    assert off_the_road(Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()) == ([], [])

@@ -75,7 +75,7 @@ def test_parking_bays_and_mounts_are_free_of_the_street(site, union):
     assert present <= {tuple(place) for place in np.round(places[:, :2])}
 
 
-def test_shipped_files_and_areas_are_the_published_ones():
+def test_areas_and_poses_are_the_published_ones():
     """Recordings and tables refer to these sites, so the files change by no byte."""
     shipped = {name: sha256((FOLDER / f"{name}.json").read_bytes()).hexdigest()[:16] for name in sorted(BUILT_IN)}
     assert shipped == {"roundabout": "4a9ab46d1475b148", "tjunction": "04ad7bbaea6fac5b"}
@@ -89,6 +89,18 @@ def test_shipped_files_and_areas_are_the_published_ones():
     x, y, _ = transform(site.map_SE3_site, np.array([a, b, 0.0]))
     assert (a, b) == pytest.approx((196 + y, 104 - x))  # a = 196 - y_carla, b = 104 - x_carla
     assert np.array_equal(load_site("roundabout").map_SE3_site, np.eye(4))
+    site = load_site("tjunction")
+    published = [
+        *((40.9, 8.1, 155), (-7.7, 21.9, 295), (-45.6, 10.1, 15), (8, 5.6, 52), (-8.3, 18.5, 208), (-5.5, -27.5, 64))
+    ]
+    places = np.array([s.position[:2] for s in site.sensors])
+    assert np.allclose(places, [p[:2] for p in published])
+    assert np.allclose((headings(site) - [p[2] for p in published] + 180) % 360, 180)
+    site = load_site("roundabout")
+    for i, sensor in enumerate(site.sensors):
+        outwards = sensor.pose[:2, 2] @ (sensor.position[:2] / np.linalg.norm(sensor.position[:2]))
+        assert outwards < -0.95 if i % 2 else outwards > 0.95
+    assert np.allclose([s.position[:2] for s in site.sensors[::2]], [(29, -2), (-28, 1), (0, 30), (-1.5, -30)])
 
 
 def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path, union):
@@ -123,21 +135,6 @@ def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path, union)
 
 def headings(site):
     return np.rad2deg([np.arctan2(s.pose[1, 2], s.pose[0, 2]) for s in site.sensors])
-
-
-def test_sensor_poses_are_the_papers():
-    site = load_site("tjunction")
-    published = [
-        *((40.9, 8.1, 155), (-7.7, 21.9, 295), (-45.6, 10.1, 15), (8, 5.6, 52), (-8.3, 18.5, 208), (-5.5, -27.5, 64))
-    ]
-    places = np.array([s.position[:2] for s in site.sensors])
-    assert np.allclose(places, [p[:2] for p in published])
-    assert np.allclose((headings(site) - [p[2] for p in published] + 180) % 360, 180)
-    site = load_site("roundabout")
-    for i, sensor in enumerate(site.sensors):
-        outwards = sensor.pose[:2, 2] @ (sensor.position[:2] / np.linalg.norm(sensor.position[:2]))
-        assert outwards < -0.95 if i % 2 else outwards > 0.95
-    assert np.allclose([s.position[:2] for s in site.sensors[::2]], [(29, -2), (-28, 1), (0, 30), (-1.5, -30)])
 
 
 def test_streets_and_ring_lie_where_the_paper_has_them(union):

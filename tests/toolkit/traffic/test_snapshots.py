@@ -202,8 +202,14 @@ def test_a_mix_refuses(wrong, says):
         Mix(**wrong)
 
 
-def test_no_frames(site):
+def test_parked_vehicles_go_when_they_should_or_there_are_no_frames(site):
     assert list(simulate(site, BODIES, frames=0, seed=0)) == []
+    parked = [parked_in(site, each) for each in simulate(site, BODIES, frames=33, seed=7, mix=Mix(stay=4))]
+    blocks = [parked[first : first + 4] for first in range(0, 33, 4)]
+    assert all(each == block[0] for block in blocks for each in block)
+    assert not any(before[0] & after[0] for before, after in pairwise(blocks))
+    assert len({len(block[0]) for block in blocks}) > 1, "more or fewer of them"
+    assert max(map(len, parked)) <= MOST_OBJECTS // 5
 
 
 def parked_in(site, snapshot):
@@ -211,15 +217,6 @@ def parked_in(site, snapshot):
     far = np.hypot(*(snapshot.objects.boxes[:, None, :2] - site.parking[None, :, :2]).transpose(2, 0, 1))
     rows = np.flatnonzero((far < 0.2).any(axis=1))
     return set(zip(snapshot.objects.ids[rows].tolist(), snapshot.bodies[rows].tolist(), strict=True))
-
-
-def test_all_who_park_go_at_once_where_it_is_said_how_long_they_stay(site):
-    parked = [parked_in(site, each) for each in simulate(site, BODIES, frames=33, seed=7, mix=Mix(stay=4))]
-    blocks = [parked[first : first + 4] for first in range(0, 33, 4)]
-    assert all(each == block[0] for block in blocks for each in block)
-    assert not any(before[0] & after[0] for before, after in pairwise(blocks))
-    assert len({len(block[0]) for block in blocks}) > 1, "more or fewer of them"
-    assert max(map(len, parked)) <= MOST_OBJECTS // 5
 
 
 def test_of_a_drawn_fleet_everyone_has_a_body_of_its_own_and_some_walk_together(site):
@@ -269,7 +266,7 @@ def cars(*offsets):
     return CAR + [[x, y, 0, 0, 0, 0, yaw] for x, y, yaw in offsets]
 
 
-def test_the_later_row_steps_aside_or_is_dropped():
+def test_later_rows_step_aside_and_heaps_end_apart():
     boxes = cars((0, 0, 0), (0, 2.0 + 2 * GAP, 0), (10, 0, 1))
     settled, kept, repaired = separate(boxes, FREE)
     assert settled is boxes
@@ -288,6 +285,14 @@ def test_the_later_row_steps_aside_or_is_dropped():
     settled, kept, repaired = separate(np.zeros((0, 7)), FREE)
     assert (settled.shape, kept.shape, repaired) == ((0, 7), (0,), 0)
     assert overlaps(settled).shape == (0, 0)
+    rng = np.random.default_rng(0)
+    obstacles = Obstacles(Site("walled", AREA, solids=(wall(-3, -3, 3, -2), wall(4, -9, 5, 9))))
+    for _ in range(50):
+        boxes = cars(*rng.uniform([-12, -12, -4], [12, 12, 4], (25, 3)))
+        settled, kept, _ = separate(boxes, obstacles)
+        assert not overlaps(settled[kept]).any()
+        assert not obstacles.hit(settled[kept]).any()
+        assert kept[0] or obstacles.hit(boxes[:1]).any()
 
 
 @pytest.mark.parametrize(
@@ -304,17 +309,6 @@ def test_obstacles(solid, moves):
     _, kept, repaired = separate(cars((0, 0, 0)), Obstacles(Site("walled", AREA, solids=(solid,))))
     assert kept.all()
     assert repaired == moves
-
-
-def test_random_heaps_end_apart():
-    rng = np.random.default_rng(0)
-    obstacles = Obstacles(Site("walled", AREA, solids=(wall(-3, -3, 3, -2), wall(4, -9, 5, 9))))
-    for _ in range(50):
-        boxes = cars(*rng.uniform([-12, -12, -4], [12, 12, 4], (25, 3)))
-        settled, kept, _ = separate(boxes, obstacles)
-        assert not overlaps(settled[kept]).any()
-        assert not obstacles.hit(settled[kept]).any()
-        assert kept[0] or obstacles.hit(boxes[:1]).any()
 
 
 TYPES = VehicleTypes.of(catalogue())

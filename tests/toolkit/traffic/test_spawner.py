@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic ne
 BODIES = catalogue()
 
 
-def test_headings_turn_continuously_and_point_where_it_goes(site):
+def test_all_are_spawned_turn_continuously_and_leave(site):
     types, rng = VehicleTypes.of(BODIES), np.random.default_rng(3)
     track = {}
     with running(site.network, types.sumo_types(rng), seed=3, step=0.1) as sumo:
@@ -47,9 +47,6 @@ def test_headings_turn_continuously_and_point_where_it_goes(site):
                 assert np.cos(course - yaw2) > np.cos(np.deg2rad(35))
         turned.append(abs((steps[-1][3] - steps[0][3] + np.pi) % (2 * np.pi) - np.pi))
     assert np.sum(np.array(turned) > 1.2) >= 5, "some went round the corner"
-
-
-def test_so_many_are_spawned_and_gone_after_their_last_frame(site):
     types, rng = VehicleTypes.of(BODIES), np.random.default_rng(0)
     with running(site.network, types.sumo_types(rng), seed=0) as sumo:
         spawner = Spawner(sumo, site, types, rng, count(), most=12)

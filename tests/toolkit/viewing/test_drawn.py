@@ -121,7 +121,7 @@ def test_classes_sensors_and_areas_are_drawn_as_asked(samples, finds_the_car):
     np.testing.assert_allclose(drawn.truth["vehicle"][0, :3], [2, 5, 0.75])
 
 
-def test_map_coordinates_are_counted_from_an_origin_near_by(samples):
+def test_samples_are_coloured_and_counted_from_an_origin_near_by(samples):
     far = moved(samples[0], [600_000.0, 5_500_000.0, 130.0])
     drawing = Drawing()
     assert drawing.origin(far).tolist() == [600_000, 5_500_000, 130]
@@ -129,6 +129,20 @@ def test_map_coordinates_are_counted_from_an_origin_near_by(samples):
     np.testing.assert_allclose(there.clouds[0].points, here.clouds[0].points, atol=1e-4)
     np.testing.assert_allclose(there.truth["others"], here.truth["others"], atol=1e-6)
     np.testing.assert_allclose(there.clouds[0].place, here.clouds[0].place, atol=1e-6)
+    (cloud,) = Drawing().draw_all(samples[:1])[0].clouds
+    few = thinned(cloud, 4)
+    assert few.intensity.tolist() == [0, 100, 200, 300]
+    np.testing.assert_array_equal(few.points, cloud.points[::100])
+    np.testing.assert_array_equal(few.time, np.asarray(cloud.time)[::100])
+    assert thinned(cloud, 400) is cloud
+    first, second = Drawing().draw_all(samples)
+    assert list_colourings([first]) == ("sensor", "height", "intensity", "age")
+    bare = replace(second, clouds=second.clouds[1:])
+    assert list_colourings([bare]) == ("sensor", "height")
+    assert list_colourings([bare, first])[2:] == ("intensity", "age")
+    seen = []
+    Drawing().draw_all(samples, progress=seen.append)
+    assert seen == [1, 2]
 
 
 def test_ground_far_below_is_put_on_zero_or_warned_of(samples, finds_the_car):
@@ -169,23 +183,6 @@ def test_colours_scales_and_empty_samples():
     assert shades(CLOUD, "height", flat, index=0, newest=0.0).shape == (4, 3)
     said = [SCALES.describe(colouring) for colouring in ("sensor", "height", "intensity", "age")]
     assert said == ["sensor", "height, 0 to 2 m", "intensity, 1 to 4", "age, 0 to 0.1 s"]
-
-
-def test_samples_have_their_colourings_thinned_with_their_columns(samples):
-    (cloud,) = Drawing().draw_all(samples[:1])[0].clouds
-    few = thinned(cloud, 4)
-    assert few.intensity.tolist() == [0, 100, 200, 300]
-    np.testing.assert_array_equal(few.points, cloud.points[::100])
-    np.testing.assert_array_equal(few.time, np.asarray(cloud.time)[::100])
-    assert thinned(cloud, 400) is cloud
-    first, second = Drawing().draw_all(samples)
-    assert list_colourings([first]) == ("sensor", "height", "intensity", "age")
-    bare = replace(second, clouds=second.clouds[1:])
-    assert list_colourings([bare]) == ("sensor", "height")
-    assert list_colourings([bare, first])[2:] == ("intensity", "age")
-    seen = []
-    Drawing().draw_all(samples, progress=seen.append)
-    assert seen == [1, 2]
 
 
 POINTS = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 2], [0, 0, 9]], np.float32)

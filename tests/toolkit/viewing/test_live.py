@@ -39,7 +39,7 @@ FIRST = {
 }
 
 
-def test_it_opens_with_the_first_sample_and_shows_another(view):
+def test_it_shows_samples_and_colourings_in_turn(view):
     assert view.said == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
     assert shown(view) == FIRST
     assert set(view.groups) >= {"/grid", "/sensors/0", "/truth/heavy", "/detections/others"}
@@ -50,9 +50,6 @@ def test_it_opens_with_the_first_sample_and_shows_another(view):
     assert view.style.sensors == ("north", "south")
     view.show(0)
     assert shown(view) == FIRST
-
-
-def test_samples_and_colourings_take_each_others_place(view):
     view.show(2)
     assert view.said == "sample 2 cannot be shown: labels.json is *damaged*"
     assert view._line.content.endswith(r"labels\.json is \*damaged\*")

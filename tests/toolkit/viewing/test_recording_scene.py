@@ -43,7 +43,7 @@ def test_sensors_keep_numbers_and_the_first_view_has_most_points(drawn):
     assert find_view_area(DrawnSample("nothing", 0.0, (), {}, {})) == (-10.0, -10.0, 10.0, 10.0)
 
 
-def test_samples_have_a_node_for_all_that_is_in_them_after_their_groups(api, drawn):
+def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, drawn):
     made = {handle.name: handle.visible for handle in add_groups(api, style(drawn))}
     assert [name for name in made if name.count("/") == 1] == [
         *("/sensors", "/truth", "/detections", "/hits", "/missed", "/false_alarms")
@@ -64,6 +64,13 @@ def test_samples_have_a_node_for_all_that_is_in_them_after_their_groups(api, dra
     np.testing.assert_array_equal(made["/sensors/0/sensor/7"].points, drawn[1].clouds[0].points)
     assert made["/truth/vehicle/7"].points.shape == (13, 2, 3)  # twelve edges and a heading
     assert len(made["/detections/vehicle/7"].points) > 40  # dashes
+    made = {h.name: h for h in add_sample(api, drawn[0], style(drawn, most=50, colourings=("height",)))}
+    assert set(made) == {
+        *("/sensors/0/place/0", "/sensors/0/height/0", "/detections/vehicle/0"),
+        *(f"/truth/{kind}/0" for kind in ("vehicle", "pedestrian", "others")),
+    }
+    assert made["/sensors/0/height/0"].points.shape == made["/sensors/0/height/0"].colors.shape == (50, 3)
+    assert made["/sensors/0/height/0"].visible
 
 
 def test_outcomes_have_nodes_and_marks_of_their_own(api, touched, finds_the_car):
@@ -87,13 +94,3 @@ def test_the_grid_lies_on_the_area_and_kinds_can_be_hidden(api):
     grid = add_grid(api, (-20.0, 0.0, 40.0, 30.0))
     assert (grid.name, grid.width, grid.height, grid.cell_size) == ("/grid", 60.0, 30.0, 10.0)
     np.testing.assert_allclose(grid.position[:2], [10, 15])
-
-
-def test_one_colouring_and_few_points(api, drawn):
-    made = {h.name: h for h in add_sample(api, drawn[0], style(drawn, most=50, colourings=("height",)))}
-    assert set(made) == {
-        *("/sensors/0/place/0", "/sensors/0/height/0", "/detections/vehicle/0"),
-        *(f"/truth/{kind}/0" for kind in ("vehicle", "pedestrian", "others")),
-    }
-    assert made["/sensors/0/height/0"].points.shape == made["/sensors/0/height/0"].colors.shape == (50, 3)
-    assert made["/sensors/0/height/0"].visible

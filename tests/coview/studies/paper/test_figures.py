@@ -58,7 +58,7 @@ def test_curves_have_their_rows_and_files(stored):
     assert last == pytest.approx((curve.score[-1], curve.precision[-1], curve.recall[-1]), abs=1e-6)
 
 
-def test_pictures_of_the_roundabout_lack_the_papers_figures(stored_roundabout, tmp_path):
+def test_pictures_of_the_roundabout_and_their_bins(stored_roundabout, tmp_path):
     figures.curve_experiment(stored_roundabout, "roundabout", "").draw(tmp_path / "curves.svg")
     assert (tmp_path / "curves.svg").stat().st_size > 5000
     made = figures.density_experiment(stored_roundabout, "roundabout", "")
@@ -66,6 +66,14 @@ def test_pictures_of_the_roundabout_lack_the_papers_figures(stored_roundabout, t
     assert made.conclusion.endswith("The paper shows this for the T-junction alone.")
     made.draw(tmp_path / "density.svg")
     assert (tmp_path / "density.svg").stat().st_size > 5000
+    made = figures.iou_experiment(stored_roundabout, "roundabout", "")
+    ((name, rows),) = made.curves
+    assert (name, rows[0][2]) == ("iou_density_bins", "vehicles")
+    density, _ = figures.densities_and_ious(stored_roundabout, "roundabout")
+    assert sum(float(row[2]) for row in rows[1:]) == (density > 0).sum()
+    made.draw(tmp_path / "iou.svg")
+    assert (tmp_path / "iou.svg").stat().st_size > 5000
+    assert made.conclusion.endswith("T-junction alone.")
 
 
 def test_curve_and_density_rows_are_cumulative_shares(stored):
@@ -154,14 +162,3 @@ def test_iou_rows(stored):
     assert f"200 bins up to {density.max():.0f} points" in made.basis
     low, high = rows["mean, above 100 points"].interval or (1.0, 0.0)
     assert low < iou[density > 100].mean() < high
-
-
-def test_bins_in_file_and_picture(stored_roundabout, tmp_path):
-    made = figures.iou_experiment(stored_roundabout, "roundabout", "")
-    ((name, rows),) = made.curves
-    assert (name, rows[0][2]) == ("iou_density_bins", "vehicles")
-    density, _ = figures.densities_and_ious(stored_roundabout, "roundabout")
-    assert sum(float(row[2]) for row in rows[1:]) == (density > 0).sum()
-    made.draw(tmp_path / "iou.svg")
-    assert (tmp_path / "iou.svg").stat().st_size > 5000
-    assert made.conclusion.endswith("T-junction alone.")

@@ -48,7 +48,7 @@ def test_each_sensor_and_pair_fails_in_turn():
         assert all(each.channel == PERFECT and not each.tracks for each in made)
 
 
-def test_channels_come_without_tracks_and_with_them():
+def test_channels_and_schemes_come_in_their_kinds():
     delays = make_conditions("delay", [])
     assert [(each.level, each.channel.delay, each.tracks) for each in delays[2:4]] == [
         ("0.2 s", 0.2, False),
@@ -62,13 +62,6 @@ def test_channels_come_without_tracks_and_with_them():
         "30% in bursts of 5, tracks",
     ]
     assert [each.channel.every for each in make_conditions("rate", [])] == [2, 2, 5, 5]
-
-
-def names(schemes, kind="bytes"):
-    return [(each.scheme.name, each.name) for each in make_systems(schemes, kind)]
-
-
-def test_schemes_are_sent_in_encodings_of_their_kind():
     steps = ["2 cm", "4 cm", "8 cm"]
     assert names([Late()]) == [("late", "paper"), ("late", "bytes")]
     assert names([Early()]) == [("early", each) for each in ("paper", *steps)]
@@ -77,3 +70,7 @@ def test_schemes_are_sent_in_encodings_of_their_kind():
     assert [each.scheme for each in make_systems([Foreground()], "bytes")] == [Foreground(x) for x in STEPS]
     assert [each.codec for each in make_systems([Early()], "bytes")[1:]] == [RangeImages(x) for x in STEPS]
     assert names([Late(), Early()], "delay") == [(n, "2 cm") for n in ("late", "early")]
+
+
+def names(schemes, kind="bytes"):
+    return [(each.scheme.name, each.name) for each in make_systems(schemes, kind)]

@@ -50,25 +50,24 @@ def test_levels_between_two_where_schemes_change_places():
     assert found.high == pytest.approx(0.3)  # of the better ones: 1, 0.8, 0.4
 
 
-def test_a_level_beyond_those_tried_is_infinite_and_null_in_json():
+def test_best_schemes_cross_at_infinity_by_kind_or_not():
     unsure = [row("late", x, ap) for x, ap in zip(LEVELS, (0.2, 0.2, 0.5), strict=True)]
     always = [row("early", x, ap) for x, ap in zip(LEVELS, (1.0, 1.0, 0.0), strict=True)]
     last = StressRow(**{**vars(always[2]), "tally": row("early", 0.4, 0.5).tally})  # as good in every draw
     (found,) = find_crossings([*unsure, *always[:2], last])  # the figure itself is never left out
     assert (found.low, found.high, found.share) == (found.level, math.inf, 0)
-
-
-def test_best_schemes_cross_by_kind_and_iou_or_not():
-    found = best_schemes(rows(early=(0.9, 0.6, 0.2), hybrid=(0.8, 0.7, 0.3), late=(0.6, 0.6, 0.5)))
-    assert [(each.scheme, round(each.start, 3), round(each.end, 3)) for each in found] == [
+    assert found.as_dict()["high"] is None
+    assert found.as_dict()["level"] == pytest.approx(found.level)
+    best = best_schemes(rows(early=(0.9, 0.6, 0.2), hybrid=(0.8, 0.7, 0.3), late=(0.6, 0.6, 0.5)))
+    assert [(each.scheme, round(each.start, 3), round(each.end, 3)) for each in best] == [
         ("early", 0, 0.1), ("hybrid", 0.1, 0.267), ("late", 0.267, 0.4)
     ]  # fmt: skip
     assert best_schemes([row("early", None, 0.5), row("late", None, 0.5)]) == ()
     assert find_crossings(rows(early=(1.0, 0.9, 0.5), late=(0.996, 0.9, 0.6))) == ()
     assert find_crossings(rows(early=(1.0, 0.9, 0.596), late=(0.9, 0.9, 0.6))) == ()
     assert len(find_crossings(rows(early=(1.0, 0.9, 0.594), late=(0.9, 0.9, 0.6)))) == 1
-    found = best_schemes(rows(early=(0.9, 0.6, 0.2), foreground=(0.899, 0.604, 0.202)))
-    assert [(each.scheme, each.start, each.end) for each in found] == [("early", 0, 0.4)]
+    best = best_schemes(rows(early=(0.9, 0.6, 0.2), foreground=(0.899, 0.604, 0.202)))
+    assert [(each.scheme, each.start, each.end) for each in best] == [("early", 0, 0.4)]
     two = rows(early=(0.9, 0.6, 0.2), late=(0.7, 0.6, 0.5))
     strict = [StressRow(**{**vars(each), "iou": 0.9}) for each in two]
     other = [StressRow(**{**vars(each), "kind": "mounting"}) for each in two]

@@ -66,7 +66,7 @@ def test_they_are_counted(model, tilt):
     assert (np.abs(whole(RayTable(model, tilt, 0.0), rects) - expected) <= 1 + 0.01 * expected).all()
 
 
-def test_headings_rolls_and_a_little_tilt_are_made_up_for():
+def test_sensors_are_looked_up_by_tilt_and_turned_back():
     rects, table = rectangles(np.random.default_rng(2), 300), RayTable(CAMERA, 0.3, 0.2)
     heading = np.pi / 2
     expected = counted(CAMERA, rects, heading, 0.3, 0.2)
@@ -82,6 +82,13 @@ def test_headings_rolls_and_a_little_tilt_are_made_up_for():
     assert np.abs(near - exact).mean() < 0.3 * np.abs(far - exact).mean()
     large = exact > 100
     assert np.abs(near[large] / exact[large] - 1).mean() < 0.02
+    steady, tilted = (
+        Lookup.of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt)))) for tilt in (15.0, 15.4)
+    )
+    assert steady.table is tilted.table
+    assert tuple(steady[:3]) == (CAMERA, pytest.approx(np.deg2rad(15.0)), 0.0)
+    np.testing.assert_allclose([steady.heading / PER_TURN, tilted.heading / PER_TURN], 0.5, atol=1e-5)
+    np.testing.assert_allclose([steady.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5)
 
 
 def test_rays_of_cells_are_counted_once_in_numbers_wide_enough():
@@ -118,13 +125,3 @@ def test_an_aim_is_that_of_the_pose(model, heading, tilt, roll):
     np.testing.assert_allclose(again, at, atol=1e-6)
     if tilt < 1.5:
         assert aim == pytest.approx((heading, tilt, roll))
-
-
-def test_a_sensor_is_looked_up_in_the_table_of_nearest_tilt():
-    level, tilted = (
-        Lookup.of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt)))) for tilt in (15.0, 15.4)
-    )
-    assert level.table is tilted.table
-    assert level[:3] == (CAMERA, pytest.approx(np.deg2rad(15.0)), 0.0)
-    np.testing.assert_allclose([level.heading / PER_TURN, tilted.heading / PER_TURN], 0.5, atol=1e-5)
-    np.testing.assert_allclose([level.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5)

@@ -56,7 +56,7 @@ def test_the_same_plan_has_the_same_scene_and_says_nothing(example, scene, capsy
     assert capsys.readouterr() == ("", "")
 
 
-def test_ports_may_be_taken_and_views_end_where_something_stands(example):
+def test_ports_may_be_taken_and_sensors_be_none(example):
     """viser listens while the scene is written, on this machine alone, and at no port of ours."""
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

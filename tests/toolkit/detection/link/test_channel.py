@@ -18,7 +18,7 @@ def arrivals(channel, n=4000, seed=0):
     return np.array([line.arrival(0.1 * k) for k in range(n)]) - 0.1 * np.arange(n)
 
 
-def test_delays_rates_and_seeds_of_channels():
+def test_channels_have_delays_rates_and_sensors_that_freeze():
     np.testing.assert_allclose(arrivals(LinkChannel(), 50), 0, atol=1e-12)
     late = arrivals(LinkChannel(delay=0.2, jitter=0.05))
     assert late.min() == pytest.approx(0.2)
@@ -29,6 +29,17 @@ def test_delays_rates_and_seeds_of_channels():
     a, b = (arrivals(LinkChannel(delay=delay, loss=0.2), 300, seed=4) for delay in (0.0, 0.3))
     np.testing.assert_array_equal(np.isinf(a), np.isinf(b))
     assert not np.array_equal(np.isinf(a), np.isinf(arrivals(LinkChannel(loss=0.2), 300, seed=5)))
+    which, lagged = shown(LinkChannel(), frozen=(1,))
+    assert which == [[k, 0] for k in range(12)]
+    assert lagged[9].ages.tolist() == [0, 0]
+    lagged = list(delay_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
+    assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [[k, 0] for k in range(12)]
+    far = recording(apart=5.0)
+    assert shown(LinkChannel(), far)[0] == [[k, k] for k in range(12)]
+    with pytest.raises(ValueError, match="to show late or lost messages, got 5 s"):
+        shown(LinkChannel(delay=0.1), far)
+    assert len(shown(LinkChannel(), frames=recording(), seed=1)[0]) == 12
+    assert len(list(delay_frames(recording(), LinkChannel(), frames=3))) == 3
 
 
 @pytest.mark.parametrize("burst", [None, 5.0])
@@ -100,20 +111,6 @@ def test_channels_are_each_sensors_own_and_what_is_lost_leaves_the_one_before():
     which, lagged = shown(LinkChannel(delay=0.1), recording(anew=(6,)))
     assert which == [[-1, -1], *([k, k] for k in range(5)), [-1, -1], *([k, k] for k in range(6, 11))]
     assert [round(each.since, 1) for each in lagged] == [0, 0.1, 0.2, 0.3, 0.4, 0.5] * 2
-
-
-def test_frozen_sensors_repeat_and_far_frames_cannot_be_late():
-    which, lagged = shown(LinkChannel(), frozen=(1,))
-    assert which == [[k, 0] for k in range(12)]
-    assert lagged[9].ages.tolist() == [0, 0]
-    lagged = list(delay_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
-    assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [[k, 0] for k in range(12)]
-    far = recording(apart=5.0)
-    assert shown(LinkChannel(), far)[0] == [[k, k] for k in range(12)]
-    with pytest.raises(ValueError, match="to show late or lost messages, got 5 s"):
-        shown(LinkChannel(delay=0.1), far)
-    assert len(shown(LinkChannel(), frames=recording(), seed=1)[0]) == 12
-    assert len(list(delay_frames(recording(), LinkChannel(), frames=3))) == 3
 
 
 class Lossy:

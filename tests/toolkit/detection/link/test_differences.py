@@ -112,7 +112,7 @@ def test_messages_are_lost_alone_and_new_senders_not_taken_for_old():
     restored_alike(reader.read(first.write(image(1))), 1)
 
 
-def test_images_are_whole_where_numbers_do_not_go_on_nothing_stands_or_whole_is_less():
+def test_images_are_whole_where_that_is_less_and_pixels_may_be_missing():
     sender = differences.DifferenceSender(SCENE, key_every=10)
     assert kinds(written(sender, 3)) == [2, 5, 5]
     assert kinds([sender.write(image(2)), sender.write(image(1)), sender.write(image(2))]) == [2, 2, 5]
@@ -123,9 +123,6 @@ def test_images_are_whole_where_numbers_do_not_go_on_nothing_stands_or_whole_is_
     few[8:11, 8:12] = 9.0
     assert kinds([sender.write(RangeImage(SENSOR, few, number=50 + k)) for k in range(2)]) == [2, 2]
     assert kinds(written(differences.DifferenceSender(SCENE, key_every=1), 3)) == [2, 2, 2]
-
-
-def test_missing_pixels_arrive_with_differences():
     missing = np.zeros(SENSOR.model.shape, bool)
     missing[:, 60:] = True
     sender, reader = differences.DifferenceSender(SCENE), differences.DifferenceReader(SCENE)
@@ -189,7 +186,7 @@ def test_what_no_sender_writes_is_refused():
     restored_alike(reader.read(message), 1)
 
 
-def test_what_a_reference_knows_is_in_its_checksum():
+def test_references_average_few_images_under_a_checksum():
     first, _, third = written(differences.DifferenceSender(SCENE, refers_to="key"), 3)
     one = image(0)
     steps, sent = to_steps(one.measurement, one.measurement > 0, 0.02), one.measurement > 0
@@ -206,6 +203,19 @@ def test_what_a_reference_knows_is_in_its_checksum():
         replace(known, step_mm=40), replace(known, images=2 * known.images), reference_of([[100, 7]]),
     ]  # fmt: skip
     assert len({each.checksum for each in (known, *others)}) == 7
+    reference = reference_of([[100, 100, 100]])
+    fine = [[100 * 16.0], [100 * 16.0]]
+    for more, value in enumerate([102, 98, 101, 101, 100, 99, 104, 104, 104, 104]):
+        reference = reference.after(4 + more, np.array([[value, 300, 100]]), np.array([[True, True, False]]))
+        share = min(more + 2, 8)
+        fine[0].append(fine[0][-1] + (16 * value - fine[0][-1]) / share)
+        assert abs(reference.fine[0, 0] - fine[0][-1]) <= 1 + more * 0.5
+        assert reference.images[0].tolist() == [share, 1 if more == 0 else min(more + 1, 8), 0]
+    assert reference.fine[0, 1:].tolist() == [300 * 16, 0]
+    assert reference.number == 13
+    exact = reference_of([[10]]).after(4, np.array([[11]]), np.ones((1, 1), bool))
+    assert (exact.fine.tolist(), exact.whole_steps.tolist()) == ([[168]], [[11]])  # 10.5, rounded half up
+    assert exact.after(5, np.array([[10]]), np.ones((1, 1), bool)).fine.tolist() == [[165]]  # 168 - 8/3, rounded
 
 
 @pytest.mark.parametrize(
@@ -251,22 +261,6 @@ def test_every_image_comes_back_exactly(seed, any_squares):
             assert end == len(content) + 2
         before = reference or differences.Reference.of(number, 20, steps, sent)
         reference = before.after(number, steps, sent)
-
-
-def test_means_of_what_stands_still_are_of_eight_images_at_most():
-    reference = reference_of([[100, 100, 100]])
-    fine = [[100 * 16.0], [100 * 16.0]]
-    for image, value in enumerate([102, 98, 101, 101, 100, 99, 104, 104, 104, 104]):
-        reference = reference.after(4 + image, np.array([[value, 300, 100]]), np.array([[True, True, False]]))
-        share = min(image + 2, 8)
-        fine[0].append(fine[0][-1] + (16 * value - fine[0][-1]) / share)
-        assert abs(reference.fine[0, 0] - fine[0][-1]) <= 1 + image * 0.5
-        assert reference.images[0].tolist() == [share, 1 if image == 0 else min(image + 1, 8), 0]
-    assert reference.fine[0, 1:].tolist() == [300 * 16, 0]
-    assert reference.number == 13
-    exact = reference_of([[10]]).after(4, np.array([[11]]), np.ones((1, 1), bool))
-    assert (exact.fine.tolist(), exact.whole_steps.tolist()) == ([[168]], [[11]])  # 10.5, rounded half up
-    assert exact.after(5, np.array([[10]]), np.ones((1, 1), bool)).fine.tolist() == [[165]]  # 168 - 8/3, rounded
 
 
 @pytest.mark.parametrize(("step_mm", "most"), [(20, 4), (40, 2), (80, 1), (200, 1), (5, 16), (30, 3)])

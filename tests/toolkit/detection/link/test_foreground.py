@@ -175,7 +175,7 @@ def test_the_scheme_detects_in_clouds_like_those_of_early_fusion():
     assert len(calls) == 3
 
 
-def test_where_the_ground_slopes_the_scene_is_cropped_as_the_points_are():
+def test_schemes_need_scenes_cropped_as_points_are():
     site = Site("hill", np.array(AREA), relief=Relief(slope=(0.05, 0.0)))
     seen, (detector, calls) = frame(), watched()
     scenes = [learnt(sensor, seed=k) for k, sensor in enumerate(seen.sensors)]
@@ -184,9 +184,6 @@ def test_where_the_ground_slopes_the_scene_is_cropped_as_the_points_are():
     Foreground().fuse(view, [0, 1])
     assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
     assert 0 < len(calls[0]) < len(frame_points(seen, area=AREA)[0]) + len(frame_points(seen, area=AREA)[1]) - 20
-
-
-def test_it_is_a_scheme_that_needs_a_scene_and_checks_its_parameters():
     sensor = stand(MODELS[0])
     seen = Frame((sensor,), (ground(sensor),), Objects.empty())
     scene, (detector, calls) = learnt(sensor), watched()
@@ -223,7 +220,7 @@ def test_missing_pixels_arrive_as_nothing(model):
     assert not decode_foreground(without, scene).missing.any()
 
 
-def test_a_blinded_sensor_empties_its_view_and_a_partly_blinded_one_that_part():
+def test_sensors_blinded_in_part_or_dropping_out():
     seen = frame()
     scenes = [learnt(sensor, seed=k) for k, sensor in enumerate(seen.sensors)]
     half = seen.measurements[0].copy()
@@ -238,34 +235,6 @@ def test_a_blinded_sensor_empties_its_view_and_a_partly_blinded_one_that_part():
         assert got.bits[0] < 100 * 8
         assert len(calls[3]) == pytest.approx(len(calls[2]), abs=2)
         assert len(calls[2]) == 0 if blinded is not half else len(calls[2]) > 100
-
-
-WIDE = (-30.0, -30.0, 30.0, 30.0)
-CAMERA = Sensor("c", DepthCamera(width=80, height=60), look((0.0, 0.0, 5.0), 0.0, 0.5))
-LIDAR = Sensor("l", SpinningLidar(channels=30, azimuth_step=0.1, fov_up=-0.2, fov_down=-0.8), pose(0.0, 0.0, 5.0))
-
-
-def out_of(image, sensor=CAMERA, scene=None):
-    captured = Captured(Frame((sensor,), (image,), Objects.empty()), 0, WIDE)
-    scene = EmptyScene.of(sensor, wide_ground(sensor)) if scene is None else scene
-    return standing_out(captured, scene), draw_scene(captured, scene).pixels
-
-
-def test_the_scene_itself_sends_nothing_and_a_blinded_sensor_misses_all_that_would_be_drawn():
-    out, drawn = out_of(wide_ground(CAMERA))
-    assert (len(out.pixels), out.missing.sum()) == (0, 0)
-    assert len(drawn) > 500
-    close = np.full(CAMERA.model.shape, 0.3, np.float32)  # outside the crop, and hides the scene
-    blind = [(sensor, np.zeros(sensor.model.shape, np.float32)) for sensor in (CAMERA, LIDAR)]
-    for sensor, image in (*blind, (CAMERA, close)):
-        out, drawn = out_of(image, sensor)
-        np.testing.assert_array_equal(np.flatnonzero(out.missing), drawn)
-        assert not len(out.pixels)
-    assert (wide_ground(CAMERA)[:3] == 0).all()
-    assert not out_of(blind[0][1])[0].missing[:3].any()  # the sky is not missed
-
-
-def test_partly_blinded_sensors_and_drop_outs():
     image = wide_ground(CAMERA)
     image[:, :20] = 0
     image[15:20, 30:35] = 4.0
@@ -289,8 +258,31 @@ def test_partly_blinded_sensors_and_drop_outs():
         assert not missing or out.missing[21:23, 16:18].all()
 
 
-def test_where_nothing_may_return_nothing_is_missed_unless_all_about_is():
-    """The scene of a pixel whose second mode is nothing: alone it shows the scene, in a blinded part it is missing."""
+WIDE = (-30.0, -30.0, 30.0, 30.0)
+CAMERA = Sensor("c", DepthCamera(width=80, height=60), look((0.0, 0.0, 5.0), 0.0, 0.5))
+LIDAR = Sensor("l", SpinningLidar(channels=30, azimuth_step=0.1, fov_up=-0.2, fov_down=-0.8), pose(0.0, 0.0, 5.0))
+
+
+def out_of(image, sensor=CAMERA, scene=None):
+    captured = Captured(Frame((sensor,), (image,), Objects.empty()), 0, WIDE)
+    scene = EmptyScene.of(sensor, wide_ground(sensor)) if scene is None else scene
+    return standing_out(captured, scene), draw_scene(captured, scene).pixels
+
+
+def test_empty_scenes_and_open_rays_send_and_miss_nothing():
+    out, drawn = out_of(wide_ground(CAMERA))
+    assert (len(out.pixels), out.missing.sum()) == (0, 0)
+    assert len(drawn) > 500
+    close = np.full(CAMERA.model.shape, 0.3, np.float32)  # outside the crop, and hides the scene
+    blind = [(sensor, np.zeros(sensor.model.shape, np.float32)) for sensor in (CAMERA, LIDAR)]
+    for sensor, image in (*blind, (CAMERA, close)):
+        out, drawn = out_of(image, sensor)
+        np.testing.assert_array_equal(np.flatnonzero(out.missing), drawn)
+        assert not len(out.pixels)
+    assert (wide_ground(CAMERA)[:3] == 0).all()
+    assert not out_of(blind[0][1])[0].missing[:3].any()  # the sky is not missed
+    # The scene of a pixel whose second mode is nothing: alone it shows the scene, in a blinded part it is
+    # missing.
     scene = EmptyScene.of(CAMERA, wide_ground(CAMERA))
     second = np.full(scene.first.shape, np.nan, np.float32)
     second[15:25, 10:20] = 0

@@ -107,7 +107,7 @@ def test_every_pixel_arrives_within_half_a_step(model, step):
     assert message.bits == 8 * len(message.content)
 
 
-def test_codecs_of_images_refuse_others_and_go_by_name():
+def test_codecs_of_images_refuse_points_alone_and_go_by_name():
     mask = np.array([[True, True, True, False]])
     got = range_images.from_steps(np.array([[0, 1, 10**9, 5]]), mask, 0.08, DepthCamera(max_range=50.0))
     np.testing.assert_allclose(got, [[0.02, 0.08, 50.0, 0.0]])
@@ -133,9 +133,6 @@ def test_codecs_of_images_refuse_others_and_go_by_name():
         range_images.find_codec("zip")
     with pytest.raises(ValueError, match="step must be"):
         range_images.find_codec("range-images", step=0.0)
-
-
-def test_it_is_a_codec_of_images_and_refuses_points_alone():
     codec = range_images.RangeImages(0.04)
     assert isinstance(codec, Codec)
     assert isinstance(codec, ImageCodec)

@@ -21,7 +21,7 @@ def drive(speed, noise=0.05, frames=20, seed=0):
     return tracks
 
 
-def test_cars_are_where_they_will_be_or_stay():
+def test_tracks_go_on_by_the_books_filter_or_stay():
     tracks = drive(10.0)
     ahead = tracks.at(1.9 + 0.3).boxes[0]
     assert ahead[0] == pytest.approx(19 + 3, abs=0.35)
@@ -36,10 +36,7 @@ def test_cars_are_where_they_will_be_or_stay():
     np.testing.assert_array_equal(shown.boxes, here.boxes)
     assert (shown.scores.tolist(), shown.labels.tolist()) == ([0.9, 0.2], [0, 2])
     np.testing.assert_array_equal(tracks.at(2.3).boxes[1], here.boxes[1])
-
-
-def test_the_filter_is_that_of_the_book():
-    """Two measurements, by hand: the prior of the speed and the measured difference."""
+    # Two measurements, by hand: the prior of the speed and the measured difference.
     tracks = Tracks()
     tracks.update(cars([[0.0, 0.0]]), 0.0)
     tracks.update(cars([[1.0, 0.0]]), 0.1)
