@@ -182,6 +182,6 @@ def test_references_keep_docstrings_signatures_and_help(extension):
     assert shown[0] == "coview site"
     assert [line for line in shown if line.startswith("coview site ")] >= ["coview site import", "coview site random"]
     there = shown.index("``--centre FLOAT FLOAT``")
-    assert shown[there + 1].strip().startswith("Of the detection area: metres of an OpenDRIVE map")
+    assert shown[there + 1].strip().startswith("Centre of the detection area: metres of an OpenDRIVE map")
     assert "``SITE``" in shown
     assert "``--drop-invalid``" in list(extension("commands").section("evaluate"))

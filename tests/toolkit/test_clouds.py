@@ -8,24 +8,20 @@ import pytest
 from toolkit.clouds import (
     attributes,
     crop,
-    density_cdf,
     density_map,
     down_sample,
-    frame_cloud,
     from_attributes,
     from_depth,
     from_points,
     fuse,
     load,
-    outside_radius,
     points_per_box,
     positions,
     save,
     sensor_numbers,
 )
-from toolkit.frame import Frame
 from toolkit.geometry import look, pose, transform
-from toolkit.objects import Objects
+from toolkit.points import is_beyond
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -83,16 +79,9 @@ def test_fused_and_empty_clouds_keep_points_and_sensors():
     fused = fuse(parts)
     np.testing.assert_array_equal(positions(fused), np.concatenate([positions(part) for part in parts]))
     np.testing.assert_array_equal(sensor_numbers(fused), np.concatenate([sensor_numbers(part) for part in parts]))
-    frame = Frame((CAMERA, LIDAR), (random_depth(CAMERA), random_depth(LIDAR)), Objects.empty())
-    for chosen in ([0, 1], [1], []):
-        parts = [crop(from_depth(frame.sensors[k], frame.measurements[k], sensor_id=k), AREA) for k in chosen]
-        expected, cloud = fuse(parts), frame_cloud(frame, chosen, area=AREA)
-        np.testing.assert_array_equal(positions(cloud), positions(expected))
-        np.testing.assert_array_equal(sensor_numbers(cloud), sensor_numbers(expected))
     for empty in (fuse([]), crop(random_cloud(), (90, 90, 91, 91)), o3d.t.geometry.PointCloud()):
         assert positions(fuse([empty, empty])).shape == (0, 3)
         assert positions(crop(empty, AREA)).shape == (0, 3)
-        assert positions(outside_radius(empty, CAMERA, 1.0)).shape == (0, 3)
         assert points_per_box(empty, np.array([[0, 0, 1, 4, 2, 1.5, 0]])).tolist() == [0]
         assert not density_map(empty, AREA).points_per_m2.any()
 
@@ -117,22 +106,20 @@ def test_an_area_that_encloses_nothing_is_refused(area):
 
 def test_radii_are_horizontal_published_or_refused():
     points = np.array([[5, 7.1, 90], [5, 6.9, -90], [15.1, -3, 0], [5, -3, 100]], np.float32)
-    kept = positions(outside_radius(from_points(points), CAMERA, 10.0))
-    np.testing.assert_array_equal(kept, points[[0, 2]])
+    assert is_beyond(points, CAMERA, 10.0).tolist() == [True, False, True, False]
     cloud = random_cloud(2000)
     in_camera = (positions(cloud) - CAMERA.position) @ CAMERA.pose[:3, :3]
     expected = np.hypot(in_camera[:, 0], in_camera[:, 2]) > 20
     for camera in (CAMERA, CAMERA.pose):
-        kept = positions(outside_radius(cloud, camera, 20.0, "published"))
-        np.testing.assert_array_equal(kept, positions(cloud)[expected])
+        np.testing.assert_array_equal(is_beyond(positions(cloud), camera, 20.0, "published"), expected)
     level = Sensor("level", DepthCamera(), look((5.0, -3.0, 5.2), heading=1.0))
     for sensor in (level, LIDAR):
-        both = [positions(outside_radius(cloud, sensor, 20.0, metric)) for metric in ("horizontal", "published")]
+        both = [is_beyond(positions(cloud), sensor, 20.0, metric) for metric in ("horizontal", "published")]
         np.testing.assert_array_equal(*both)
     with pytest.raises(ValueError, match=r"'c' measures \(150, 200\) pixels"):
         from_depth(CAMERA, np.ones((3, 4), np.float32))
     with pytest.raises(ValueError, match="radius"):
-        outside_radius(random_cloud(), CAMERA, -1.0)
+        is_beyond(positions(random_cloud()), CAMERA, -1.0)
     with pytest.raises(ValueError, match="intensity must have one row for each of 3 points, got 2"):
         from_attributes({"positions": np.zeros((3, 3)), "intensity": np.zeros(2)})
 
@@ -143,14 +130,6 @@ def test_points_per_box_and_density_by_hand():
     counts = points_per_box(cloud, boxes)
     np.testing.assert_array_equal(counts, points_per_box(positions(cloud), boxes))
     assert counts[1] > 0 == counts[2]
-    counts = np.random.default_rng(0).integers(0, 30, 200)
-    d, share = density_cdf(counts)
-    assert d[0] == 0
-    assert share[-1] == 1
-    for k in range(len(d)):
-        assert share[k] == (counts <= d[k]).mean()
-    assert density_cdf(np.array([5]))[1].tolist() == [0, 1]
-    assert [len(part) for part in density_cdf(np.zeros(0, np.int64))] == [0, 0]
     points = np.array([[-40, -20, 1], [-39, -19.5, 1], [-39, -19.5, 2], [40, 20, 1], [41, 0, 1]], np.float32)
     grid = density_map(from_points(points, np.array([0, 0, 3, 1, 1])), AREA, cell=2.0)
     assert grid.points_per_m2.shape == grid.sensors.shape == (20, 40)

@@ -68,7 +68,7 @@ def test_axes_of_sensors_and_what_does_not_fit():
     assert [len(each) for each in aims([])] == [0, 0]
     good = pool(square())
     twice = (good.sensors[0], *good.sensors[:-1])
-    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"mount": good.mount + 1}, {"mounts": ()}):
+    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"factors": good.factors + 1}, {"mounts": ()}):
         with pytest.raises(ValueError):
             replace(good, **broken)
     assert find_repeat(["a", "b", "c", "b", "a"]) == "b"

@@ -100,7 +100,7 @@ def test_mounts_of_sites_come_once_and_of_no_set_none():
         m.name for m in site.mounts
     }
     none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
-    empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
+    empty = Candidates((), (NORTH,), np.zeros((0, 5), np.int64), none)
     assert mounted.format_sensors(SITE, empty, [], kbit=np.zeros((0, 1))) == ()
 
 

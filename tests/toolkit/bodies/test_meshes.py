@@ -215,8 +215,8 @@ def test_tables_turn_scale_name_and_overrule_sizes(tmp_path):
     assert taken.how == f"{said}, mirrors left out of its box"
     (tmp_path / "meshes.toml").unlink()
     assert meshes.read_mesh_table(tmp_path) == {}
-    assert not meshes.NOTHING_SAID.has_frame
-    assert np.array_equal(meshes.NOTHING_SAID.turn, np.eye(3))
+    assert not meshes.MeshEntry().has_frame
+    assert np.array_equal(meshes.MeshEntry().turn, np.eye(3))
     text = '[[mesh]]\nfile = "a.obj"\nlabel = "heavy"\nup = "y"\nforward = "-z"\nscale = 0.0254\n'
     (read,) = table_mesh_table(tmp_path, text).values()
     assert read == meshes.MeshEntry(HEAVY, "y", "-z", 0.0254)

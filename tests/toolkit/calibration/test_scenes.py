@@ -144,4 +144,4 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
 )
 def test_large_images_are_kept_in_smaller_numbers(columns, asked, kept):
     grid = LidarGrid(RowLidar(tuple(np.linspace(0.3, -0.5, 64).tolist()), columns=columns))
-    assert sample_scenes._Learner("north", grid, asked)._scene.sample == kept
+    assert sample_scenes._Learner("north", grid, asked).learner.sample == kept

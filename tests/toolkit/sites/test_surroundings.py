@@ -74,7 +74,7 @@ def test_shoulders_may_be_built_on_and_bays_are_claimed():
         bays = surroundings.kerb_bays(ground, {"in0": (LINE, 5.2)}, {"in0": 90, "out7": 0}, np.random.default_rng(seed))
         again = surroundings.kerb_bays(plot(), {"in0": (LINE, 5.2)}, {"in0": 90}, np.random.default_rng(seed))
         assert np.array_equal(bays, again)
-        assert not ground.claim(surroundings.outline(*bays[0]).buffer(-0.5), shoulder=True), "taken"
+        assert not ground.claim(surroundings.outline(bays[0]).buffer(-0.5), shoulder=True), "taken"
         counts.append(len(bays))
     assert 5 < min(counts) < 15
     assert 15 < max(counts) < 25
@@ -103,10 +103,7 @@ def test_bays_are_headed_for_the_kerb_on_the_right_and_do_not_overlap(angle):
     assert rows[:, 1] == pytest.approx(-6.1)
     assert rows[:, 0].max() < 80 - 6 - surroundings.BAY[0] / 2 + 0.01, "clear of the junction at the end"
     assert rows[:, 0].min() > 80 - 76
-    shapes = [
-        surroundings.outline(row[0], row[1], row[2], (surroundings.BAY[0] - 0.2, surroundings.BAY[1] - 0.2))
-        for row in rows
-    ]
+    shapes = [surroundings.outline(row, (surroundings.BAY[0] - 0.2, surroundings.BAY[1] - 0.2)) for row in rows]
     assert max(a.intersection(b).area for a, b in pairwise(shapes)) < 1e-6
 
 
@@ -123,4 +120,4 @@ def test_bays_and_forecourts_keep_clear_of_street_and_junctions(angle):
     assert -80 + 6 + surroundings.BAY[0] / 2 - 0.01 < rows[:, 0].min() < rows[:, 0].max() < -80 + 76
     for seed in range(6):
         bays = surroundings.forecourts(plot(), np.random.default_rng(seed))
-        assert all(surroundings.outline(*bay).intersection(ROAD_BAYS.surface).is_empty for bay in bays)
+        assert all(surroundings.outline(bay).intersection(ROAD_BAYS.surface).is_empty for bay in bays)

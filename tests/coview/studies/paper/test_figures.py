@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import isotonic_regression
 
 from coview.studies.paper import figures
-from coview.studies.paper.detections import count_hits, score_run, visible_share
+from coview.studies.paper.detections import score_run, visible_share
 from placement_env.analysis.intervals import ratio_interval
 from toolkit.detection.metrics import Curve
 
@@ -46,14 +46,14 @@ def test_curves_have_their_rows_and_files(stored):
     everyone = rows["precision at recall 0.95", "0,1,2,3,4,5"]
     assert (everyone.relation, everyone.paper) == ("more than", 0.95)
     assert everyone.ours == figures.interpolate_precision(
-        count_hits(stored, figures.curve_runs("tjunction")[0]).curve, 0.95
+        score_run(stored, figures.curve_runs("tjunction")[0]).curve, 0.95
     )
     assert visible_share(stored, (4,)) > 0.3
     assert one.reason == ""
     ((name, lines),) = figures.curve_experiment(stored, "tjunction", "").curves
     assert name == "pr_curves_points"
     assert lines[0] == ("sensors", "score", "precision", "recall")
-    curve = count_hits(stored, figures.curve_runs("tjunction")[-1]).curve
+    curve = score_run(stored, figures.curve_runs("tjunction")[-1]).curve
     last = [row[1:] for row in lines if row[0] == "4"][-1]
     assert last == pytest.approx((curve.score[-1], curve.precision[-1], curve.recall[-1]), abs=1e-6)
 

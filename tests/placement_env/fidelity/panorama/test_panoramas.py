@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.panorama import panoramas
-from placement_env.fidelity.panorama.panoramas import choose_quick, look_round
+from placement_env.fidelity import seeing
+from placement_env.fidelity.seeing import choose_quick, look_round
 from toolkit.geometry import look
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import SuccessiveStrips
@@ -49,23 +49,23 @@ def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_tra
     ]  # 42 by 30 m, and height
     first, second, *_ = small_traffic.snapshots
     traffic = replace(small_traffic, snapshots=(first, first, second, first))
-    job = panoramas._Look(traffic, tuple(SENSORS), (VEHICLE,))
+    job = seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,))
     for block in ((0, 4), (2, 4), (1, 2)):
-        assert same(job(block), panoramas._Look(traffic, tuple(SENSORS), (VEHICLE,))(block))
+        assert same(job.look(block), seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,)).look(block))
 
 
 def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatch):
-    monkeypatch.setattr(panoramas, "FRAMES_AT_ONCE", 2)
+    monkeypatch.setattr(seeing, "FRAMES_AT_ONCE", 2)
     told: list[int] = []
     assert same(
         look_round(small_traffic, SENSORS, (VEHICLE,), Run(progress=lambda *stage: told.append(stage[1]))), seen
     )
     assert told == [1, 3, 4]
-    job = panoramas._Look(small_traffic, tuple(SENSORS), (VEHICLE,))
-    job((0, 1))
+    job = seeing._RoundLook(small_traffic, tuple(SENSORS), (VEHICLE,))
+    job.look((0, 1))
     again = pickle.loads(pickle.dumps(job))
     assert "_stills" not in vars(again)
-    assert same(again((0, 2)), job((0, 2)))
+    assert same(again.look((0, 2)), job.look((0, 2)))
 
 
 def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
@@ -76,7 +76,7 @@ def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
 
 def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_path):
     run = Run(cache=tmp_path)
-    monkeypatch.setattr(panoramas, "FRAMES_AT_ONCE", 4)
+    monkeypatch.setattr(seeing, "FRAMES_AT_ONCE", 4)
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
     assert len(run.memo) == 2
 
@@ -94,6 +94,6 @@ def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_pa
     ):
         with pytest.raises(AssertionError, match="made again"):
             look_round(traffic, sensors, labels, run)
-    monkeypatch.setattr(panoramas, "code_digest", lambda *modules: "other")
+    monkeypatch.setattr(seeing, "code_digest", lambda *modules: "other")
     with pytest.raises(AssertionError, match="made again"):
         look_round(small_traffic, SENSORS, (VEHICLE,), run)

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from placement_env.search.portfolio.evaluators import Evaluated
-from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
+from placement_env.search.portfolio.evaluators import Evaluated, Schedule, TimedEvaluator
 from toolkit.runtime.run import Run
 
 SETS = np.eye(3, dtype=bool)
@@ -72,11 +71,15 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     whole, slow = Schedule(100.0), Slow()
     assert whole.searching(5) == pytest.approx(6.0)
     now, least = time.monotonic(), []
-    for each, seconds in ((whole.racing(slow), 50), (whole.racing(slow, 3), 25), (whole.judging(slow), 100)):
+    for each, seconds in (
+        (whole.limit(slow, 1 / 2, 1), 50),
+        (whole.limit(slow, 1 / 4, 1), 25),
+        (whole.limit(slow), 100),
+    ):
         assert isinstance(each, TimedEvaluator)
         assert each.until - now == pytest.approx(seconds, abs=1)
         least.append(each.least)
     assert least == [1, 1, 8]
     free = Schedule()
     assert (free.searching(5), free.left) == (None, np.inf)
-    assert free.racing(slow) is free.judging(slow) is slow
+    assert vars(free.limit(slow)) is vars(slow)
