@@ -155,7 +155,7 @@ def test_several_classes_crowded_voxels_and_many_clouds(trained):
     clouds = [torch.from_numpy(heap.astype(np.float32)) for heap in (*heaps, rng.normal((35, 4, 1), 0.5, (9, 3)))]
     unions = rng.permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))[:40]
     network = SparseVoxelNet(trained(config))
-    assert len(TiledVoxelNet(network).plan(clouds, unions).crowded.dropped)
+    assert len(TiledVoxelNet(network).plan(clouds, unions).dropped)
     assert_maps_are_those_of_the_network(network, clouds, unions)
 
 

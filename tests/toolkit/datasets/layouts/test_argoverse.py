@@ -5,17 +5,7 @@ import numpy as np
 import pytest
 
 from toolkit.boxes import count_points
-from toolkit.clouds import positions, sensor_numbers
-from toolkit.datasets.layouts.argoverse import (
-    LASERS,
-    argoverse,
-    count_labels,
-    fuse_sweep,
-    read_calibration,
-    split_sweep,
-    sweep_times,
-    write_argoverse,
-)
+from toolkit.datasets.layouts.argoverse import LASERS, argoverse, check_log, sweep_times, write_argoverse
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
@@ -25,25 +15,37 @@ recorded = pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not her
 
 
 @recorded
-def test_every_cuboid_holds_its_points_of_two_lidars():
+def test_every_cuboid_holds_the_points_that_the_recording_says():
     pytest.importorskip("pyarrow")
-    agreed = []
-    for time in sweep_times(LOG):
-        labels, counts = count_labels(LOG, time)
-        assert len(labels.boxes) == len(labels.categories) == len(counts)
-        agreed.extend(counts == labels.interior_points)
-    assert len(agreed) == 162
-    assert all(agreed)
+    rows = check_log(LOG)
+    assert len(rows) == 162
+    assert {row.sweep for row in rows} <= set(sweep_times(LOG))
+    assert all(row.points == row.recorded for row in rows)
+
+
+@recorded
+def test_the_two_lidars_are_apart():
     pytest.importorskip("pyarrow")
-    time = sweep_times(LOG)[0]
-    parts, calibration, fused = split_sweep(LOG, time), read_calibration(LOG), fuse_sweep(LOG, time)
-    assert parts.keys() == LASERS.keys()
-    for number, (name, part) in enumerate(parts.items()):
+    clouds = argoverse(LOG)[0].clouds
+    assert [cloud.name for cloud in clouds] == list(LASERS)
+    for cloud in clouds:
         # A spinning lidar's frame is its own: each laser sweeps a cone about the axis, so nothing lies near the axis.
-        assert np.hypot(part[:, 0], part[:, 1]).min() > 0.5
-        back = part @ calibration[name][:3, :3].T + calibration[name][:3, 3]
-        np.testing.assert_allclose(positions(fused)[sensor_numbers(fused) == number], back, atol=1e-9)
-    assert sum(map(len, parts.values())) == len(positions(fused))
+        assert np.hypot(*cloud.in_sensor()[:, :2].T).min() > 0.5
+
+
+def test_folders_that_are_no_log_and_three_lidars_are_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no Argoverse 2 log"):
+        sweep_times(tmp_path)
+    clouds = tuple(SensorCloud(name, np.ones((1, 3), np.float32), np.eye(4)) for name in "abc")
+    with pytest.raises(ValueError, match="has two lidars, but '0' has 3"):
+        write_argoverse([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path)
+
+
+pytest.importorskip("pyarrow")
+
+
+@recorded
+def test_every_cuboid_holds_the_points_that_the_recording_says_as_a_sample():
     agreed = []
     for sample in argoverse(LOG):
         points = sample.points()
@@ -51,6 +53,10 @@ def test_every_cuboid_holds_its_points_of_two_lidars():
         agreed += (count_points(points, sample.others.boxes) == sample.others.counts).tolist()
     assert len(agreed) == 162
     assert all(agreed)
+
+
+@recorded
+def test_the_lidars_are_two_and_say_when_each_point_was_measured():
     sample = argoverse(LOG)[0]
     assert [cloud.name for cloud in sample.clouds] == ["up_lidar", "down_lidar"]
     for cloud in sample.clouds:
@@ -60,12 +66,7 @@ def test_every_cuboid_holds_its_points_of_two_lidars():
     assert sample.time == pytest.approx(315966265.26)
 
 
-def test_logs_without_labels_and_folders_that_are_none(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no Argoverse 2 log"):
-        sweep_times(tmp_path)
-    clouds = tuple(SensorCloud(name, np.ones((1, 3), np.float32), np.eye(4)) for name in "abc")
-    with pytest.raises(ValueError, match="has two lidars, but '0' has 3"):
-        write_argoverse([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path)
+def test_a_log_without_labels(tmp_path):
     cloud = SensorCloud("a", np.ones((1, 3), np.float32), np.eye(4))
     write_argoverse([Frame.of_clouds("0", (cloud,), Objects.empty(), time=2.0)], tmp_path)
     (tmp_path / "annotations.feather").unlink()
@@ -74,6 +75,3 @@ def test_logs_without_labels_and_folders_that_are_none(tmp_path):
     assert len(sample.objects) == 0
     assert sample.time == 2.0
     assert sample.map_SE3_world.tolist() == np.eye(4).tolist()
-
-
-pytest.importorskip("pyarrow")
