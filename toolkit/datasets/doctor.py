@@ -1,10 +1,5 @@
-"""Doctor of stored images: suspicious sensors and objects.
-
-Sensors that fail within the recording are
-
-frozen    an image repeats an earlier one pixel for pixel, although its objects have left
-blind     far fewer returns than in most frames, while other sensors see as before
-"""
+"""Doctor of stored images: suspicious sensors and objects. A sensor is frozen where an image repeats an earlier one,
+although its objects have left, and blind where it returns far less than usual while other sensors do not."""
 
 from __future__ import annotations
 

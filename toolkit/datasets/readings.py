@@ -1,7 +1,5 @@
-"""A frame as real sensors would measure it, with errors that are drawn when the frame is read.
-
-Sensors stand at their believed poses, and their measurements are those of their true poses. Objects stay the truth.
-"""
+"""A frame as real sensors would measure it, with errors that are drawn when the frame is read. Sensors stand at their
+believed poses, and their measurements are those of their true poses. Objects stay the truth."""
 
 from __future__ import annotations
 

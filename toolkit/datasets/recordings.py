@@ -1,8 +1,5 @@
-"""Recordings in any layout: opened, written and cut.
-
-A layout is a module of `toolkit.datasets.layouts`, or plugs in by an entry point of the group `coview.layouts`, whose
-name is the layout's and whose value is a `Layout`.
-"""
+"""Recordings in any layout: opened, written and cut. A layout is a module of `toolkit.datasets.layouts`, or plugs in by
+an entry point of the group `coview.layouts`, whose name is the layout's and whose value is a `Layout`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""Shared reading tools of all layouts: records, poses, labels, clouds and our own files of boxes.
-
-Damage becomes one line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and rotations may be a
-little off; anything worse is a ValueError.
-"""
+"""Shared reading tools of all layouts: records, poses, labels, clouds and our own files of boxes. Damage becomes one
+line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and rotations may be a little off; anything
+worse is a ValueError."""
 
 from __future__ import annotations
 

@@ -1,10 +1,8 @@
-"""Map of a site from above, under its title: streets, solids and the detection area.
-
-The strip below the map holds scale bar, north arrow and legend, so that none of them covers the map. A sensor is a disc
-with its number or short name, because there may be more sensors than colours. An object is filled by its class. Each
-outcome has a line of its own besides a colour: a hit is solid, a miss dashed with a cross, a false alarm dash-dotted
-with a triangle, an object that does not count dotted.
-"""
+"""Map of a site from above, under its title: streets, solids and the detection area. The strip below the map holds
+scale bar, north arrow and legend, so that none of them covers the map. A sensor is a disc with its number or short
+name, because there may be more sensors than colours. An object is filled by its class. Each outcome has a line of its
+own besides a colour: a hit is solid, a miss dashed with a cross, a false alarm dash-dotted with a triangle, an object
+that does not count dotted."""
 
 from __future__ import annotations
 

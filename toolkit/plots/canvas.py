@@ -1,7 +1,5 @@
-"""Canvas of all pictures: the same fonts and lines on every machine, literal text, reproducible PNG and SVG.
-
-Pictures are drawn and written inside `house_style()`, so that no setting of the user affects them.
-"""
+"""Canvas of all pictures: the same fonts and lines on every machine, literal text, reproducible PNG and SVG. Pictures
+are drawn and written inside `house_style()`, so that no setting of the user affects them."""
 
 from __future__ import annotations
 

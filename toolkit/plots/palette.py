@@ -1,9 +1,7 @@
-"""Colours of all pictures: of sensors, classes, outcomes and ground, and scales for counts.
-
-Sensors, classes and outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and
-for protanopia, deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it.
-No meaning depends on colour alone: sensors have labels, outcomes lines and marks of their own, scales grow darker.
-"""
+"""Colours of all pictures: of sensors, classes, outcomes and ground, and scales for counts. Sensors, classes and
+outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and for protanopia,
+deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it. No meaning
+depends on colour alone: sensors have labels, outcomes lines and marks of their own, scales grow darker."""
 
 from __future__ import annotations
 

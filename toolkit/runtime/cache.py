@@ -1,9 +1,7 @@
 """`Cache`: arrays that took long to compute, by a key (`make_key`) that says all they depend on, so they never change.
-
 The file is an SQLite database with a write-ahead log, so that several processes read and write it at once, and a
 process killed while writing leaves it as it was before. Each value has a checksum over key and value; one that does not
-fit is computed again. A damaged file is put aside under another name, with a warning, and begun anew.
-"""
+fit is computed again. A damaged file is put aside under another name, with a warning, and begun anew."""
 
 from __future__ import annotations
 

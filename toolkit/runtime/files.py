@@ -1,9 +1,7 @@
-"""Files written whole and read with care: JSON, NumPy's and our own of named arrays.
-
-A file is written beside its place under another name, synced to disk and renamed, so that no reader, kill or full disk
-ever meets half of one. A symbolic link stays, its target is replaced. On failure nothing is left behind, and one
-OSError names file and reason. Damage met in reading becomes one ValueError in one line.
-"""
+"""Files written whole and read with care: JSON, NumPy's and our own of named arrays. A file is written beside its place
+under another name, synced to disk and renamed, so that no reader, kill or full disk ever meets half of one. A symbolic
+link stays, its target is replaced. On failure nothing is left behind, and one OSError names file and reason. Damage met
+in reading becomes one ValueError in one line."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
-"""HDF5 files read and written with care.
-
-Damage makes h5py raise errors of many kinds from any access, even from `in`. Every access here stands in `reading`,
-which turns them into one OSError that names the place. HDF5 ends the process when it cannot write a file to its end:
-`hdf5_file` therefore writes through a file object that keeps the first error to itself and lets all later writes pass.
-"""
+"""HDF5 files read and written with care. Damage makes h5py raise errors of many kinds from any access, even from `in`.
+Every access here stands in `reading`, which turns them into one OSError that names the place. HDF5 ends the process
+when it cannot write a file to its end: `hdf5_file` therefore writes through a file object that keeps the first error to
+itself and lets all later writes pass."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
-"""One function over many inputs: in this process, in several on this machine, or on a Ray cluster.
-
-The results are the same everywhere. Work that a process or a machine had begun when it died is done again.
-"""
+"""One function over many inputs: in this process, in several on this machine, or on a Ray cluster. The results are the
+same everywhere. Work that a process or a machine had begun when it died is done again."""
 
 from __future__ import annotations
 

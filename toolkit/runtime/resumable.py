@@ -60,10 +60,8 @@ class ShardFolder:
             found = json.loads(note.read_text())
         differences = "" if found is None else describe_differences(found, self.plan)
         if differences and not overwrite:
-            raise FileExistsError(
-                f"{self.path} holds an unfinished run made from {differences}:"
-                " finish that one first, write to another file, or --overwrite it"
-            )
+            remedy = "finish that one first, write to another file, or --overwrite it"
+            raise FileExistsError(f"{self.path} holds an unfinished run made from {differences}: {remedy}")
         if found is None or differences:
             self._clear()
             write_text(note, json.dumps(self.plan, indent=1))
@@ -131,11 +129,9 @@ class ShardFolder:
         except OSError as error:
             if error.errno not in DISK_ERRORS:
                 raise
-            safe, free = frames(self.shards()), shutil.disk_usage(self.path).free
-            explained = OSError(
-                f"cannot write {out}: {os.strerror(error.errno)} ({free / 1e6:.0f} MB free); {safe} frames are safe in"
-                f" {self.path}, make room and start again to go on"
-            )
+            reason = f"{os.strerror(error.errno)} ({shutil.disk_usage(self.path).free / 1e6:.0f} MB free)"
+            safe = f"{frames(self.shards())} frames are safe in {self.path}, make room and start again to go on"
+            explained = OSError(f"cannot write {out}: {reason}; {safe}")
             explained.errno = error.errno
             raise explained from error
 

@@ -1,8 +1,6 @@
-"""Frames as drawn: clouds, boxes and outcomes, counted from one origin, on level ground if wanted.
-
-Outcomes are by the rule `measured` of `toolkit.detection.evaluation`: a detection is true if its IoU by volume with a
-label of its class, which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`.
-"""
+"""Frames as drawn: clouds, boxes and outcomes, counted from one origin, on level ground if wanted. Outcomes are by the
+rule `measured` of `toolkit.detection.evaluation`: a detection is true if its IoU by volume with a label of its class,
+which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""A recording as one page of HTML that works from disk, without server or network: frames, switches and the scene.
-
-The scene holds every frame as nodes of their own; the page shows one at a time and plays them. Points are stored once,
-whatever they are coloured by, and thinned to what a page can hold.
-"""
+"""A recording as one page of HTML that works from disk, without server or network: frames, switches and the scene. The
+scene holds every frame as nodes of their own; the page shows one at a time and plays them. Points are stored once,
+whatever they are coloured by, and thinned to what a page can hold."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""Scenes of viser: empty, filled, and written as pages.
-
-Meshes and lines are added to them. viser builds the scene and writes it, with its viewer, as one page of HTML. Its
-server does nothing else; it listens on 127.0.0.1, at a port of the system's choice, while the scene is written.
-"""
+"""Scenes of viser: empty, filled, and written as pages. Meshes and lines are added to them. viser builds the scene and
+writes it, with its viewer, as one page of HTML. Its server does nothing else; it listens on 127.0.0.1, at a port of the
+system's choice, while the scene is written."""
 
 from __future__ import annotations
 

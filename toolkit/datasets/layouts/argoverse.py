@@ -1,8 +1,6 @@
-"""Argoverse 2 logs with two real lidars: lasers 0-31 of a sweep are `up_lidar`'s, 32-63 `down_lidar`'s.
-
-World frame: the ego vehicle's. `check_log` fuses the two lidars as any two sensors, and counts the points in every
-labelled cuboid beside the recording's own count.
-"""
+"""Argoverse 2 logs with two real lidars: lasers 0-31 of a sweep are `up_lidar`'s, 32-63 `down_lidar`'s. World frame:
+the ego vehicle's. `check_log` fuses the two lidars as any two sensors, and counts the points in every labelled cuboid
+beside the recording's own count."""
 
 from __future__ import annotations
 
