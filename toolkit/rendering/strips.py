@@ -48,6 +48,10 @@ class Strips(NamedTuple):
     top: Float32[np.ndarray, " n"]
     shows: Int32[np.ndarray, " n"]  # `OUTSIDE`, `WITHIN` or `BEYOND`
 
+    def take(self, rows: Int64[np.ndarray, " m"]) -> Strips:
+        """Choose some strips."""
+        return Strips(*(each.take(rows) for each in self))
+
 
 class Counted(NamedTuple):
     """Points that count: those in the crop, far beyond the radius (m, seen from above) from the viewpoint."""
@@ -240,13 +244,11 @@ def counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
 OVERLAP_SLACK = 1e-3  # rad, and m, within which objects are taken to overlap
 PAIRS_AT_ONCE = 1_000_000  # of objects, seen from all of some viewpoints
 
-PlacedBody = tuple[Body, bytes, bool]  # a body, its box, and whether it is looked at finely
-
 
 class _Last(NamedTuple):
-    """Frame before: its objects, `may_hide` and strips."""
+    """Frame before: its objects (body, box, and whether it is looked at finely), `may_hide` and strips."""
 
-    objects: list[PlacedBody]
+    objects: list[tuple[Body, bytes, bool]]
     hiders: Bool[np.ndarray, "V n n"]
     strips: Strips
 
@@ -256,7 +258,7 @@ class SuccessiveStrips:
 
     def __init__(self, renderer: Renderer, viewpoints: Float64[np.ndarray, "V 3"], counted: Counted) -> None:
         self._renderer, self._viewpoints, self._counted = renderer, viewpoints, counted
-        self._last: _Last | None = None
+        self._last = self._none = _Last([], np.zeros((len(viewpoints), 0, 0), np.bool_), concatenate_strips([]))
 
     def of(self, moment: Moment, fine: Bool[np.ndarray, " n"]) -> Strips:
         """Strips of a frame; fine: as of `find_sectors`."""
@@ -264,40 +266,28 @@ class SuccessiveStrips:
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
         sectors = find_sectors(moment.ground, self._viewpoints, fine)
         hiders = may_hide(moment.ground, self._viewpoints, sectors)
-        kept, again = self._find_unchanged(objects, hiders, ~find_touching(moment.ground))
-        some = sectors.take(np.flatnonzero(~kept))
-        strips = cast_strips(self._renderer, moment, self._viewpoints, self._counted, some)
-        if len(again.item):
-            strips = concatenate_strips([again, strips])
-            pair = strips.viewpoint.astype(np.int64) * len(objects) + strips.item
-            order = np.argsort(pair, kind="stable")
-            strips = Strips(*(each.take(order) for each in strips))
-        alike = len(set(objects)) < len(objects)  # one in the other: which of them is which cannot be said
-        self._last = None if alike else _Last(objects, hiders, strips)
-        return strips
-
-    def _find_unchanged(
-        self, objects: list[PlacedBody], hiders: np.ndarray, free: np.ndarray
-    ) -> tuple[np.ndarray, Strips]:
-        """Mask of pairs of viewpoint and object without change, and their strips. free: objects that touch no other."""
         kept, last = np.zeros(hiders.shape[:2], np.bool_), self._last
-        if last is None:
-            return kept, concatenate_strips([])
         rows = {each: row for row, each in enumerate(last.objects)}
         before = np.array([rows.get(each, -1) for each in objects], np.int64)
         stands, come = np.flatnonzero(before >= 0), before < 0
-        if not len(stands):
-            return kept, concatenate_strips([])
         before = before[stands]
         now = np.full(len(rows), -1, np.int32)
         now[before] = stands
         newly = hiders[:, stands][:, :, come].any(axis=2)
         formerly = last.hiders[:, before][:, :, now < 0].any(axis=2)
-        kept[:, stands] = ~(newly | formerly) & free[stands]
-        item = now.take(last.strips.item)
-        rows_kept = np.flatnonzero((item >= 0) & kept[last.strips.viewpoint, item])
-        same = last.strips._replace(item=item)
-        return kept, Strips(*(each.take(rows_kept) for each in same))
+        kept[:, stands] = ~(newly | formerly) & ~find_touching(moment.ground)[stands]
+        again = last.strips._replace(item=now.take(last.strips.item))
+        again = again.take(np.flatnonzero(again.item >= 0))
+        again = again.take(np.flatnonzero(kept[again.viewpoint, again.item]))
+        some = sectors.take(np.flatnonzero(~kept))
+        strips = cast_strips(self._renderer, moment, self._viewpoints, self._counted, some)
+        if len(again.item):
+            strips = concatenate_strips([again, strips])
+            pair = strips.viewpoint.astype(np.int64) * len(objects) + strips.item
+            strips = strips.take(np.argsort(pair, kind="stable"))
+        alike = len(set(objects)) < len(objects)  # one in the other: which of them is which cannot be said
+        self._last = self._none if alike else _Last(objects, hiders, strips)
+        return strips
 
 
 def may_hide(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], sectors: Sectors) -> Bool[np.ndarray, "V n n"]:
@@ -306,10 +296,15 @@ def may_hide(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], sectors
     found = np.zeros((*shape, shape[1]), np.bool_)
     half = (sectors.width * sectors.columns / 2).reshape(shape)
     middle = sectors.start.reshape(shape) + half
+    radius = np.hypot(ground.rectangles[:, 2], ground.rectangles[:, 3])
     step = max(1, PAIRS_AT_ONCE // max(1, shape[1] ** 2))
     for first in range(0, shape[0], step):
         some = slice(first, first + step)
-        near, far, low, high = _extents(ground, viewpoints[some])
+        distance = np.hypot(*(ground.rectangles[:, :2] - viewpoints[some, None, :2]).transpose(2, 0, 1))
+        near, far = np.maximum(distance - radius, 0), distance + radius
+        below, above = (each - viewpoints[some, 2:] for each in (ground.low, ground.high))
+        low = np.arctan2(below, np.where(below < 0, near, far))
+        high = np.arctan2(above, np.where(above < 0, far, near))
         apart = np.abs((middle[some, :, None] - middle[some, None] + np.pi) % (2 * np.pi) - np.pi)
         found[some] = apart <= half[some, :, None] + half[some, None] + OVERLAP_SLACK
         found[some] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
@@ -329,16 +324,3 @@ def find_touching(ground: Footprints) -> Bool[np.ndarray, " n"]:
     meets = ~(apart | apart.T)
     np.fill_diagonal(meets, False)
     return np.asarray(meets.any(axis=1))
-
-
-def _extents(
-    ground: Footprints, viewpoints: Float64[np.ndarray, "v 3"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Near and far end and elevations of each object, taken generously."""
-    x, y, half_length, half_width, *_ = ground.rectangles.T
-    distance = np.hypot(x - viewpoints[:, :1], y - viewpoints[:, 1:2])
-    radius = np.hypot(half_length, half_width)
-    near, far = np.maximum(distance - radius, 0), distance + radius
-    below, above = (each - viewpoints[:, 2:] for each in (ground.low, ground.high))
-    low = np.arctan2(below, np.where(below < 0, near, far))
-    return near, far, low, np.arctan2(above, np.where(above < 0, far, near))

@@ -258,14 +258,14 @@ class Spawner:
     ) -> None:
         self.step = step
         self.sumo, self.area, self.rng, self.ids, self.most = sumo, site.area, rng, ids, most
+        self.domains = {False: sumo.vehicle, True: sumo.person}  # True: on foot
         self.types, self.supply = types, supply or Supply(len(types.labels))
         self.roads = Roads.read(sumo)
         self.places = {kind: self.roads.places(site.area, SPAWN_REACH, kind) for kind in sorted(set(types.classes))}
         if not len(self.places["passenger"]):
-            raise ValueError(
-                f"site {site.name!r}: no lane open to cars within {SPAWN_REACH:.0f} m of the area "
-                f"{site.area.tolist()}: give the network in site coordinates, or move the area onto the road"
-            )
+            where = f"within {SPAWN_REACH:.0f} m of the area {site.area.tolist()}"
+            remedy = "give the network in site coordinates, or move the area onto the road"
+            raise ValueError(f"site {site.name!r}: no lane open to cars {where}: {remedy}")
         possible = np.array([len(self.places[kind]) > 0 for kind in types.classes])
         rows = {label: np.flatnonzero(possible & (types.labels == label)) for label in SHARES}
         self.choices = {label: found for label, found in rows.items() if len(found)}
@@ -281,12 +281,31 @@ class Spawner:
         for _ in range(round(seconds / self.step)):
             self._spawn()
             self.sumo.simulationStep()
-            self._remove_arrived()
+            there = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
+            for name, spawned in list(self.spawned.items()):
+                if str(name if spawned.leader is None else spawned.leader) in there:
+                    spawned.inserted = True
+                    continue
+                del self.spawned[name]  # it arrived, or SUMO could not insert it: then it is due again
+                if not spawned.inserted:
+                    self.supply.give_back(spawned.body)
+                    self.due += [int(self.types.labels[spawned.body])] if spawned.leader is None else []
+            for known in self.sumo.vehicle.getIDList():  # none may come later
+                if int(known) not in self.spawned:
+                    self.sumo.vehicle.remove(known)
         self.due = []
 
     def state(self) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float64[np.ndarray, "n 3"]]:
         """Ids, bodies and poses (x, y, yaw of the middle), the oldest first."""
-        poses = {name: self._pose(name, spawned) for name, spawned in self.spawned.items()}
+        poses = {}
+        for name, spawned in self.spawned.items():
+            domain, known = self.domains[spawned.walks], str(name if spawned.leader is None else spawned.leader)
+            x, y = domain.getPosition(known)
+            yaw = np.pi / 2 - np.radians(domain.getAngle(known))  # SUMO: clockwise from north
+            back = spawned.behind if spawned.walks else self.types.sizes[spawned.body, 0] / 2
+            x -= back * np.cos(yaw) + spawned.aside * np.sin(yaw)
+            y -= back * np.sin(yaw) - spawned.aside * np.cos(yaw)
+            poses[name] = np.array([x, y, yaw + spawned.turn])
         points = np.array([pose[:2] for pose in poses.values()]).reshape(-1, 2)
         distant = distance_to_area(points, self.area) > SPAWN_REACH + _LEEWAY
         self.remove(np.array(list(poses), np.int64)[distant])
@@ -300,7 +319,7 @@ class Spawner:
             spawned = self.spawned.pop(name, None)
             self.spawned = {other: each for other, each in self.spawned.items() if each.leader != name}
             if spawned and spawned.leader is None:
-                (self.sumo.person if spawned.walks else self.sumo.vehicle).remove(str(name))
+                self.domains[spawned.walks].remove(str(name))
 
     def count_frame(self, ids: Int64[np.ndarray, " n"]) -> None:
         """Count a frame for objects that were seen; remove those at their last."""
@@ -317,7 +336,10 @@ class Spawner:
             self.due += self.rng.choice(list(self.choices), missing, p=self.shares).tolist()
         if not self.due:
             return
-        positions = {walks: self._positions(walks) for walks in (False, True)}
+        positions = {}
+        for walks, domain in self.domains.items():
+            names = [name for name, each in self.spawned.items() if each.walks == walks and each.leader is None]
+            positions[walks] = np.array([domain.getPosition(str(name)) for name in names]).reshape(-1, 2)
         waiting, self.due = self.due, []
         for label in waiting:
             walks = label == PEDESTRIAN
@@ -379,33 +401,3 @@ class Spawner:
             turn = first.turn + float(np.radians(self.rng.normal(0, SWAY[PEDESTRIAN])))
             behind = self.rng.uniform(-0.4, 0.4)
             self.spawned[next(self.ids)] = Spawned(body, True, first.aside + beside, turn, behind=behind, leader=leader)
-
-    def _positions(self, walks: bool) -> Float64[np.ndarray, "n 2"]:
-        domain = self.sumo.person if walks else self.sumo.vehicle
-        names = [name for name, each in self.spawned.items() if each.walks == walks and each.leader is None]
-        return np.array([domain.getPosition(str(name)) for name in names]).reshape(-1, 2)
-
-    def _pose(self, name: int, spawned: Spawned) -> Float64[np.ndarray, "3"]:
-        domain = self.sumo.person if spawned.walks else self.sumo.vehicle
-        known = str(name if spawned.leader is None else spawned.leader)
-        x, y = domain.getPosition(known)
-        yaw = np.pi / 2 - np.radians(domain.getAngle(known))  # SUMO: clockwise from north
-        back = spawned.behind if spawned.walks else self.types.sizes[spawned.body, 0] / 2
-        x -= back * np.cos(yaw) + spawned.aside * np.sin(yaw)
-        y -= back * np.sin(yaw) - spawned.aside * np.cos(yaw)
-        return np.array([x, y, yaw + spawned.turn])
-
-    def _remove_arrived(self) -> None:
-        """Drop objects that arrived; those that SUMO could not insert are due again, and must not come later."""
-        there = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
-        for name, spawned in list(self.spawned.items()):
-            if str(name if spawned.leader is None else spawned.leader) in there:
-                spawned.inserted = True
-                continue
-            del self.spawned[name]
-            if not spawned.inserted:
-                self.supply.give_back(spawned.body)
-                self.due += [int(self.types.labels[spawned.body])] if spawned.leader is None else []
-        for name in self.sumo.vehicle.getIDList():
-            if int(name) not in self.spawned:
-                self.sumo.vehicle.remove(name)
