@@ -165,7 +165,19 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     """Columns of the upright prisms on the footprints' rectangles."""
     window = np.repeat(np.arange(len(windows.columns)), windows.columns)
     azimuth = windows.start[window] + (counting(windows.columns) + 0.5) * windows.width[window]
-    near, far = _cross_rectangles(ground, viewpoints, windows, window, azimuth)
+    # distances at which each column's ray enters and leaves its rectangle, seen from above
+    x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
+    away = viewpoints[windows.viewpoint, :2] - np.stack([x, y], axis=1)
+    along, aside = away[:, 0] * cos + away[:, 1] * sin, away[:, 1] * cos - away[:, 0] * sin
+    ahead, left, cos, sin = np.cos(azimuth), np.sin(azimuth), cos[window], sin[window]
+    near, far = np.zeros(len(window)), np.full(len(window), np.inf)
+    ways = (along, ahead * cos + left * sin, half_length), (aside, left * cos - ahead * sin, half_width)
+    for place, way, half in ways:
+        way = np.where(np.abs(way) < 1e-9, 1e-9, way)
+        middle, reach = -place[window] / way, half[window] / np.abs(way)
+        near, far = np.maximum(near, middle - reach), np.minimum(far, middle + reach)
+    near = np.maximum(near - EDGE, 0)
+    far = np.maximum(far, near) + EDGE
     eye = viewpoints[windows.viewpoint, 2]
     below, above = ((each[windows.item] - eye)[window] for each in (ground.low, ground.high))
     low = np.arctan2(below, np.where(below < 0, near, far))
@@ -174,27 +186,6 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     found = 0.5**HALVINGS  # of a step: how near an edge is found, so that one at the end of a column lies in the middle
     step = (high - low) / (rows + 1 - found)
     return _Columns(window, azimuth, low - step * found / 2, step, rows)
-
-
-def _cross_rectangles(
-    ground: Footprints, viewpoints: np.ndarray, windows: Sectors, window: np.ndarray, azimuth: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Distance at which each column's ray enters and leaves its rectangle, seen from above."""
-    x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
-    away = viewpoints[windows.viewpoint, :2] - np.stack([x, y], axis=1)
-    along, aside = away[:, 0] * cos + away[:, 1] * sin, away[:, 1] * cos - away[:, 0] * sin
-    ahead, left = np.cos(azimuth), np.sin(azimuth)
-    cos, sin = cos[window], sin[window]
-    near, far = np.zeros(len(window)), np.full(len(window), np.inf)
-    for place, way, half in (
-        (along, ahead * cos + left * sin, half_length),
-        (aside, left * cos - ahead * sin, half_width),
-    ):
-        way = np.where(np.abs(way) < 1e-9, 1e-9, way)
-        middle, reach = -place[window] / way, half[window] / np.abs(way)
-        near, far = np.maximum(near, middle - reach), np.minimum(far, middle + reach)
-    near = np.maximum(near - EDGE, 0)
-    return near, np.maximum(far, near) + EDGE
 
 
 def _strips(
@@ -221,15 +212,9 @@ def _strips(
     of = of[begun]
     window, half = window[of], windows.width[window[of]] / 2
     left, right = (columns.azimuth[of] + side for side in (-half, half))
-    return Strips(
-        windows.viewpoint[window].astype(np.int32),
-        windows.item[window].astype(np.int32),
-        left.astype(np.float32),
-        right.astype(np.float32),
-        place[begun],
-        place[begun + 1],
-        above[begun].astype(np.int32),
-    )
+    pair = windows.viewpoint[window].astype(np.int32), windows.item[window].astype(np.int32)
+    ends = left.astype(np.float32), right.astype(np.float32), place[begun], place[begun + 1]
+    return Strips(*pair, *ends, above[begun].astype(np.int32))
 
 
 def counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
