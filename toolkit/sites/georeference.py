@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 from shapely.geometry import mapping
-from shapely.geometry.polygon import orient
 
 from toolkit.arrays import Float, Float64
 from toolkit.geometry import invert, transform
@@ -53,9 +52,7 @@ def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.nda
     Raises ValueError for a site without a known place on earth, and the errors of `longitude_latitude`.
     """
     if site.geo_reference is None:
-        raise ValueError(
-            f"site {site.name!r} does not say where on earth it is (geo_reference): give the site's metres"
-        )
+        raise ValueError(f"site {site.name!r} does not say where on earth it is (geo_reference): give site metres")
     on_map = _convert(site, site.geo_reference, np.asarray(lon_lat, np.float64), inverse=False)
     return transform(invert(site.map_SE3_site), np.column_stack([on_map, np.zeros(len(on_map))]))[:, :2]
 
@@ -178,11 +175,7 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
         degrees = longitude_latitude(site, xy)
         return (xy if degrees is None else degrees).round(decimals) + 0.0
 
-    placed = shapely.transform(shapely.force_2d(geometry), moved)
-    if isinstance(placed, shapely.Polygon):
-        placed = orient(placed)
-    elif isinstance(placed, shapely.MultiPolygon):
-        placed = shapely.MultiPolygon([orient(part) for part in placed.geoms])
+    placed = shapely.orient_polygons(shapely.transform(shapely.force_2d(geometry), moved))
     return {"type": "Feature", "properties": properties, "geometry": mapping(placed)}
 
 

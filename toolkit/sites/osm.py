@@ -189,19 +189,10 @@ def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
 
 
 # class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
-ROADS = {
-    "motorway": (2, 36.1, 14, False),
-    "trunk": (2, 27.8, 13, False),
-    "primary": (1, 13.9, 12, True),
-    "secondary": (1, 13.9, 11, True),
-    "tertiary": (1, 13.9, 10, True),
-    "unclassified": (1, 13.9, 8, True),
-    "residential": (1, 8.3, 7, True),
-    "living_street": (1, 2.8, 6, True),
-    "busway": (1, 8.3, 5, False),
-    "service": (1, 5.6, 4, False),
-    "cycleway": (1, 5.6, 2, False),
-}
+ROADS = {"motorway": (2, 36.1, 14, False), "trunk": (2, 27.8, 13, False), "primary": (1, 13.9, 12, True)}
+ROADS |= {"secondary": (1, 13.9, 11, True), "tertiary": (1, 13.9, 10, True), "unclassified": (1, 13.9, 8, True)}
+ROADS |= {"residential": (1, 8.3, 7, True), "living_street": (1, 2.8, 6, True), "busway": (1, 8.3, 5, False)}
+ROADS |= {"service": (1, 5.6, 4, False), "cycleway": (1, 5.6, 2, False)}
 ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
 _PATHS = ("footway", "path", "pedestrian", "steps", "corridor")
 _SIDES = ("both", "left", "right", "no")
@@ -335,15 +326,9 @@ def _sidewalk(tags: Tags) -> str | None:
 DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m
 FARTHEST_END = 60.0  # m beyond the window where a long building ends
 _NO_BUILDING = ("", "no", "none", "demolished", "entrance")
-_BARRIERS = {
-    "wall": (f.wall, 1.8),
-    "city_wall": (f.wall, 4.0),
-    "retaining_wall": (f.wall, 1.0),
-    "fence": (f.railing, 1.2),
-    "guard_rail": (f.railing, 0.8),
-    "handrail": (f.railing, 1.0),
-    "hedge": (f.hedge, 1.4),
-}
+_BARRIERS = {"wall": (f.wall, 1.8), "city_wall": (f.wall, 4.0), "retaining_wall": (f.wall, 1.0)}  # usual height (m)
+_BARRIERS |= {"fence": (f.railing, 1.2), "guard_rail": (f.railing, 0.8), "handrail": (f.railing, 1.0)}
+_BARRIERS["hedge"] = (f.hedge, 1.4)
 
 
 def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
@@ -355,7 +340,8 @@ def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
     parts = [(shape, tags) for shape, tags in near if tags.get("building:part", "") not in _NO_BUILDING]
     covered = shapely.union_all([shape for shape, _ in parts])
     whole = [(shape, tags) for shape, tags in near if tags.get("building", "") not in _NO_BUILDING]
-    whole = [(shape.difference(covered), tags) for shape, tags in whole if not _underground(tags)]
+    whole = [(s, tags) for s, tags in whole if tags.get("location") != "underground"]
+    whole = [(s.difference(covered), t) for s, t in whole if not t.get("layer", "0").strip().startswith("-")]
     solids, cut, reach = [], 0, window.buffer(FARTHEST_END)
     for shape, tags in [*parts, *whole]:
         storeys = metres(tags.get("building:levels"))
@@ -443,7 +429,3 @@ def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> 
             x, y = (float(c) for c in corners[:4].mean(axis=0))
             found.append((round(x, 3), round(y, 3), round(float(np.arctan2(ahead[1], ahead[0])), 4)))
     return found
-
-
-def _underground(tags: Tags) -> bool:
-    return tags.get("location") == "underground" or tags.get("layer", "0").strip().startswith("-")
