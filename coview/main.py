@@ -5,38 +5,38 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 
-GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands with their room of `coview.commands` and a line for --help
+GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands, their modules in `coview.commands`, a line for --help
     "Start here": {
-        "demo": ("placement", "record, evaluate and plan a T-junction in minutes"),
+        "demo": ("placement.demo", "record, evaluate and plan a T-junction in minutes"),
     },
     "Sites and recordings": {
-        "site": ("recordings", "import, draw, show or export a junction"),
-        "simulate": ("recordings", "record a site with simulated traffic and sensors"),
-        "survey": ("recordings", "count objects, points and kbit of a recording"),
-        "view": ("recordings", "look at a recording in the browser"),
-        "doctor": ("recordings", "check a recording for classic mistakes"),
-        "calibrate": ("recordings", "find sensors' poses by what stands still"),
-        "convert": ("recordings", "write a recording in another layout"),
-        "fuse": ("recordings", "fuse cloud files in one frame"),
+        "site": ("recordings.site", "import, draw, show or export a junction"),
+        "simulate": ("recordings.simulate", "record a site with simulated traffic and sensors"),
+        "survey": ("recordings.checks", "count objects, points and kbit of a recording"),
+        "view": ("recordings.view", "look at a recording in the browser"),
+        "doctor": ("recordings.checks", "check a recording for classic mistakes"),
+        "calibrate": ("recordings.checks", "find sensors' poses by what stands still"),
+        "convert": ("recordings.files", "write a recording in another layout"),
+        "fuse": ("recordings.files", "fuse cloud files in one frame"),
     },
     "Detection": {
-        "detect": ("detection", "find road users in anybody's clouds"),
-        "evaluate": ("detection", "score fusion schemes by AP and kbit"),
-        "pack": ("recordings", "pack recordings into one file to train from"),
-        "train": ("detection", "train a network of your own"),
+        "detect": ("detection.detect", "find road users in anybody's clouds"),
+        "evaluate": ("detection.evaluate", "score fusion schemes by AP and kbit"),
+        "pack": ("recordings.files", "pack recordings into one file to train from"),
+        "train": ("detection.train", "train a network of your own"),
     },
     "Placement": {
-        "search": ("placement", "search for the best set of sensors"),
-        "plan": ("placement", "plan what to build, with a report"),
-        "table": ("placement", "score every set of a recording's sensors"),
-        "surrogate": ("placement", "fit a fast surrogate of a detector"),
+        "search": ("placement.search", "search for the best set of sensors"),
+        "plan": ("placement.plan", "plan what to build, with a report"),
+        "table": ("placement.table", "score every set of a recording's sensors"),
+        "surrogate": ("placement.surrogate", "fit a fast surrogate of a detector"),
     },
     "Studies": {
-        "reproduce": ("placement", "run the paper's experiments"),
-        "stress": ("detection", "put fusion schemes under stress"),
+        "reproduce": ("placement.reproduce", "run the paper's experiments"),
+        "stress": ("detection.stress", "put fusion schemes under stress"),
     },
 }
-COMMANDS = {name: room for group in GROUPS.values() for name, (room, _) in group.items()}
+COMMANDS = {name: module for group in GROUPS.values() for name, (module, _) in group.items()}
 PACKAGES = ("toolkit", "models", "placement_env")
 USAGE = """usage: coview COMMAND [OPTIONS]
 
@@ -156,7 +156,7 @@ def command(name: str) -> Callable[..., int]:
     """Load the function of a command."""
     from importlib import import_module
 
-    return getattr(import_module(f"coview.commands.{COMMANDS[name]}.{name}"), name)
+    return getattr(import_module(f"coview.commands.{COMMANDS[name]}"), name)
 
 
 def refuse_hidden_packages() -> None:

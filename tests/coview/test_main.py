@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import coview
-import coview.commands.recordings.doctor
+import coview.commands.recordings.checks
 from coview.main import COMMANDS
 from toolkit.runtime.parallel import WorkLost
 from toolkit.runtime.run import Run
@@ -51,7 +51,7 @@ def test_an_error_by_its_type(error, code, debug, run, monkeypatch):
     def fail(dataset: str) -> int:
         raise error
 
-    monkeypatch.setattr(coview.commands.recordings.doctor, "doctor", fail)
+    monkeypatch.setattr(coview.commands.recordings.checks, "doctor", fail)
     result, _, err = run("doctor", *["--debug"] * debug, "--dataset", "x")
     assert result == code
     assert ("Traceback" in err) == ((debug or code == 70) and code != 141)

@@ -1,17 +1,99 @@
-"""`coview calibrate`: where the sensors of a recording really are."""
+"""`coview survey`, `doctor` and `calibrate`: what a recording holds, and whether it is sound."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import check_errors, sensor_set, site_file
+from coview.arguments import Label, check_errors, check_least, sensor_set, site_file
 from coview.detectors import recording_detector
 from coview.outputs import OK, SUSPECTED, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
+
+
+def survey(
+    dataset: Positional[Path],
+    /,
+    *,
+    sensors: tuple[str, ...] = ("all",),
+    classes: tuple[Label, ...] = ("vehicle", "cyclist", "pedestrian", "heavy"),
+    frames: int | None = None,
+    errors: str = "paper",
+    seed: int = 0,
+    json: bool = False,
+    opening: Opening = Opening(),
+) -> int:
+    """Count what a recording holds: objects per frame, kbit of early fusion, points on the objects of each class.
+
+    Counted is the site's area where that is known, else all that is there.
+
+    Example: coview survey tjunction.hdf5 --sensors 4 3,4 0,2,5 all
+
+    Example: coview survey my-log --layout argoverse
+
+    Args:
+        dataset: Recording in any layout.
+        sensors: Sensor sets, as in coview evaluate.
+        classes: Classes whose points are counted.
+        frames: Number of first frames to use; all when left out.
+        errors: Error profile, as in coview evaluate.
+        seed: Seed of the sensors' noise and errors.
+        json: Print as JSON.
+    """
+    from toolkit.datasets.readings import Reads
+    from toolkit.detection.survey import survey as count
+    from toolkit.frame import select_sensors
+
+    check_errors(errors)
+    with opening.open(dataset) as recording:
+        total = frame_count(recording, frames)
+        if not total:
+            raise ValueError("there is no frame to survey: check the path and the layout")
+        chosen = [select_sensors(recording[0].sensors, sensor_set(each)) for each in sensors]
+        with progress_bar("frame", total, hidden=json) as bar:
+            counted = count(recording, classes=classes, reads=Reads(errors, seed, total), progress=bar.to)
+    print_result(counted.as_dict(chosen), counted.text(chosen), as_json=json)
+    return OK
+
+
+def doctor(
+    dataset: Positional[Path],
+    /,
+    *,
+    site: str | None = None,
+    reference: str | None = None,
+    layout: str | None = None,
+    frames: int = 20,
+    json: bool = False,
+) -> int:
+    """Check a recording for the classic mistakes and say which are suspected and why. Exit code 1 if any is.
+
+    Example: coview doctor my-recording.hdf5
+
+    Example: coview doctor my-log --layout argoverse
+
+    Args:
+        dataset: Recording in any layout.
+        site: Name or file of the site, for hdf5, as in coview evaluate.
+        reference: Reference, as in coview calibrate, against which the sensors' poses are checked too.
+        layout: Layout, as in coview evaluate.
+        frames: Number of first frames whose labels are checked; of hdf5 all are.
+        json: Print as JSON.
+    """
+    from toolkit.calibration.poses import check_drift
+    from toolkit.detection.label_doctor import diagnose
+    from toolkit.sites.files import load_site
+
+    check_least("--frames", frames, 1)
+    place = load_site(site) if site else None
+    diagnosis = diagnose(dataset, layout, site=place, frames=frames)
+    findings = diagnosis.findings + (check_drift(dataset, reference, place) if reference else [])
+    text = "\n".join(map(str, findings)) or diagnosis.healthy
+    print_result([asdict(finding) for finding in findings], text, as_json=json)
+    return SUSPECTED if findings else OK
 
 
 @dataclass(frozen=True)

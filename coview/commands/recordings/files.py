@@ -1,0 +1,233 @@
+"""`coview convert`, `fuse` and `pack`: files made from recordings and clouds."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, cast
+
+from tyro.conf import Positional
+
+from coview.arguments import Label, check_errors, check_least, check_positive, refuse_given
+from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
+from coview.progress_bar import progress_bar
+from coview.recordings import Opening, count_passing, frame_count
+from toolkit.detection.place import Place
+from toolkit.runtime.run import Run
+
+if TYPE_CHECKING:
+    from toolkit.datasets.dataset import CoopDataset
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Contents to write."""
+
+    classes: tuple[Label, ...] | None = None
+    """Classes of objects to write; all when left out."""
+    frames: int | None = None
+    """Number of first frames to write; all when left out."""
+    errors: str | None = None
+    """Error profile of sensors that measured images, as in coview evaluate; none when left out."""
+    seed: int = 0
+    """Seed of these errors."""
+
+
+def convert(
+    recording: Positional[Path],
+    /,
+    *,
+    to: str,
+    out: Path,
+    contents: Contents = Contents(),
+    opening: Opening = Opening(),
+    writing: Writing = Writing(),
+) -> int:
+    """Write a recording in another layout: clouds, poses and labels.
+
+    Example: coview convert tjunction.hdf5 --to kitti --out as-kitti
+
+    Example: coview convert lidars.hdf5 --errors typical --to folder --out as-measured
+
+    Example: coview convert my-log --layout argoverse --to hdf5 --out my-log.hdf5
+
+    Args:
+        recording: Recording in any layout.
+        to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5 keeps everything.
+        out: Folder to write, or file for hdf5.
+    """
+    from toolkit.datasets.readings import ReadRecording, Reads
+    from toolkit.datasets.recordings import Part, filter_classes, find_layout
+
+    check_least("--frames", contents.frames, 1, "leave it out for all")
+    if contents.errors is not None:
+        check_errors(contents.errors)
+    target = find_layout(to)
+    write, problems = target.write, dict[str, int]()
+    with opening.open(recording) as opened:
+        check = check_file if target.file else check_new_folder
+        check(out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
+        errors = contents.errors
+        read = opened if errors is None else ReadRecording(opened, Reads(errors, contents.seed))
+        some = Part(read, contents.frames)
+        with progress_bar("frame", len(some), hidden=writing.json) as bar:
+            written = write(count_passing(filter_classes(some, contents.classes), problems, bar.to), out)
+    met = "".join(f"; {number} {kind}" for kind, number in problems.items())
+    summary = {"out": str(out), "samples": written, "problems": problems}
+    print_result(summary, f"{out}: {written} frames as {to}{met}", as_json=writing.json)
+    return OK
+
+
+@dataclass(frozen=True)
+class Crop:
+    """Part of the fused cloud to keep."""
+
+    area: tuple[float, float, float, float] | None = None
+    """Keep points in xmin ymin xmax ymax (m)."""
+    height: float = 4.0
+    """Keep points below this height (m), with --area."""
+    floor: float = 0.0
+    """Keep points above this height (m), with --area."""
+    voxel: float | None = None
+    """Keep one point of each sensor in every cube of this size (m)."""
+
+
+def fuse(
+    clouds: Positional[tuple[Path, ...]] = (),
+    /,
+    *,
+    poses: tuple[Path, ...] = (),
+    inverted: bool = False,
+    out: Path | None = None,
+    argoverse: Path | None = None,
+    crop: Crop = Crop(),
+    writing: Writing = Writing(),
+) -> int:
+    """Fuse cloud files in the frame of their poses; or take an Argoverse 2 log apart, fuse it back and check it.
+
+    Example: coview fuse north.ply south.pcd --poses poses.json --area -40 -20 40 20 --out junction.ply
+
+    Example: coview fuse --argoverse my-log
+
+    Args:
+        clouds: Cloud files: ply, pcd, xyz, txt, csv, npy, npz, KITTI bin or feather.
+        poses: One file with all poses, or one per cloud; pipes such as <(...) work too.
+        inverted: Take the poses as world to sensor (extrinsics) instead of sensor to world.
+        out: File for the fused cloud (ply, pcd or npz).
+        argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded counts.
+    """
+    from toolkit.clouds import down_sample, save
+    from toolkit.datasets.cloud_files import crop_area, fuse_files, load_poses
+
+    if argoverse is not None:
+        from toolkit.datasets.layouts.argoverse import check_log
+
+        rows = check_log(argoverse)
+        lines = [f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows]
+        text = "\n".join([*lines, f"{sum(row.points == row.recorded for row in rows)} of {len(rows)} cuboids agree"])
+        print_result({"rows": [row._asdict() for row in rows]}, text, as_json=writing.json)
+        return OK
+    if not clouds or not poses:
+        raise ValueError("give cloud files and --poses, or --argoverse LOG")
+    check_positive("--voxel", crop.voxel)
+    check_file(out, inputs=[*clouds, *poses], overwrite=writing.overwrite)
+    cloud = fuse_files(clouds, load_poses(clouds, poses, inverted=inverted))
+    if crop.area is not None:
+        check = "leave out --inverted" if inverted else "say --inverted if the poses are world to sensor"
+        remedy = f"give another --area, --height or --floor, or {check}"
+        cloud = crop_area(cloud, crop.area, crop.height, floor=crop.floor, remedy=remedy)
+    if crop.voxel is not None:
+        cloud = down_sample(cloud, crop.voxel)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        save(cloud, out)
+    points = len(cloud.point.positions)
+    summary = {"files": len(clouds), "points": points, "out": out and str(out)}
+    text = f"{points} points of {len(clouds)} files{f', written to {out}' if out else ''}"
+    print_result(summary, text, as_json=writing.json)
+    return OK
+
+
+@dataclass(frozen=True)
+class RandomSites:
+    """Random junctions to record instead of packing recordings."""
+
+    random_sites: int = 0
+    """Number of junctions to draw, with sensors and traffic."""
+    fleet: Literal["own", "catalogue"] = "own"
+    """Bodies of road users: all drawn afresh (own), or our 47, each a little stretched (catalogue)."""
+
+
+def pack(
+    datasets: Positional[tuple[Path, ...]] = (),
+    /,
+    *,
+    out: Path,
+    packed: tuple[Path, ...] = (),
+    sites: RandomSites = RandomSites(),
+    opening: Opening = Opening(),
+    place: Place = Place(),
+    run: Run = Run(workers=None),
+    writing: Writing = Writing(),
+) -> int:
+    """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
+
+    At a known site what differs from the empty site is kept; of other recordings their points, on level ground. If
+    killed while drawing random sites, it resumes and writes the same bytes. Of each random site 20 frames are recorded
+    when --frames is left out.
+
+    Example: coview pack tjunction.hdf5 --out tjunction.packed
+
+    Example: coview pack --random-sites 200 --frames 20 --seed 1 --out general.packed
+
+    Example: coview pack my-clouds --packed general.packed --out mixed.packed
+
+    Args:
+        datasets: Recordings, at the same or different sites.
+        out: Packed file to write.
+        packed: Packed files whose frames are appended, to train on simulated and recorded frames together.
+    """
+    from models.training.packing import dataset_recording, drawn_file, join_packed, read_recordings, sample_recordings
+    from models.training.packing import pack as write
+
+    random_sites = sites.random_sites
+    check_least("--random-sites", random_sites, 0)
+    if bool(datasets) == bool(random_sites):
+        raise ValueError("give recordings, or --random-sites N")
+    check_file(out, inputs=[*datasets, *packed, *opening.files], overwrite=writing.overwrite)
+    refuse_given({"--packed": bool(packed and random_sites)}, "is not for --random-sites")
+    if random_sites:
+        from toolkit.bodies.fleet import fleet_named
+        from toolkit.datasets.random_recordings import random_recordings_file
+
+        with progress_bar("site", random_sites, hidden=writing.json) as bar:
+            total = random_recordings_file(
+                random_sites,
+                out,
+                run=replace(run, progress=bar.stage),
+                encode=drawn_file,
+                join=join_packed,
+                fleet=fleet_named(sites.fleet),
+                overwrite=writing.overwrite,
+            )
+    else:
+        from toolkit.datasets.recordings import Part
+        from toolkit.detection.place import level_frames
+
+        with ExitStack() as stack:
+            opened = [stack.enter_context(opening.open(path)) for path in datasets]
+            count = sum(frame_count(recording, run.frames) for recording in opened)
+            bar = stack.enter_context(progress_bar("frame", count, hidden=writing.json))
+            made = (
+                [dataset_recording(cast("CoopDataset", recording), run.frames)]
+                if place.at(recording.site)
+                else sample_recordings(level_frames(Part(recording, run.frames), place))
+                for recording in opened
+            )
+            total = write(chain(*made, *map(read_recordings, packed)), out, progress=bar.to)
+    megabytes = out.stat().st_size / 1e6
+    summary = {"file": str(out), "frames": total, "mb": megabytes}
+    print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=writing.json)
+    return OK
