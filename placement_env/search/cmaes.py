@@ -110,9 +110,8 @@ def improve(
     built, and ImportError without `cma`.
     """
     if not len(start) or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any():
-        raise ValueError(
-            f"need sensors on mounts of their own, got {len(start)} on {np.unique(start.mount).size} mounts"
-        )
+        mounts = np.unique(start.mount).size
+        raise ValueError(f"need sensors on mounts of their own, got {len(start)} on {mounts} mounts")
     cma = _cma()
     limits = Limits(seconds, VECTORS if seconds is None and evaluations is None else evaluations)
     rng = np.random.default_rng(seed)
@@ -189,11 +188,8 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
         objective = Objective.of_moved(preparation, candidates, seen, weights)
         subsets = np.repeat(np.arange(len(sets)), [len(chosen) for chosen in sets]) == np.arange(len(sets))[:, None]
         objective.scores(subsets)
-        fits = objective.feasible(subsets)
-        return [
-            objective.score(np.flatnonzero(row).tolist()) if fit else None
-            for row, fit in zip(subsets, fits, strict=True)
-        ]
+        rows = zip(subsets, objective.feasible(subsets), strict=True)
+        return [objective.score(np.flatnonzero(row).tolist()) if fits else None for row, fits in rows]
 
     return score_poses
 

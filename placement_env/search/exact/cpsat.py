@@ -112,7 +112,8 @@ def cover_most(
     of each object to each of k parties, the least of whose sums counts (`compute_worth`), None to count objects. The
     solver starts from greedy's set, so the answer covers no less.
 
-    >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), Poles.single(np.array([0, 0, 1])), 2).chosen
+    >>> poles = Poles(np.array([0, 0, 1]), np.ones(3, int), np.zeros(3, int))
+    >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), poles, 2).chosen
     [0, 2]
     """
     check_whole("budget", budget, least=1)

@@ -137,11 +137,6 @@ class Poles(NamedTuple):
         load = np.zeros(len(candidates)) if sent is None else np.minimum(sent / candidates.capacity, 2.0)
         return Poles(candidates.mount, candidates.places[candidates.mount], _whole(load, 1 / LINK))
 
-    @staticmethod
-    def single(mount: Int64[np.ndarray, " C"]) -> Poles:
-        """Poles of mounts that have one place each."""
-        return Poles(mount, np.ones_like(mount), np.zeros_like(mount))
-
     @property
     def apart(self) -> Int64[np.ndarray, " C"]:
         """Mount of each candidate, for bounds: one of its own where its mount has several places."""
@@ -158,8 +153,7 @@ class Poles(NamedTuple):
         for here in np.unique(self.mount):
             own = np.flatnonzero(self.mount == here).tolist()
             variables = [built[c] for c in own]
-            places = int(self.places[own[0]])
-            if places == 1:
+            if (places := int(self.places[own[0]])) == 1:
                 model.add_at_most_one(variables)
                 continue
             model.add(linear.sum(variables) <= places)
@@ -186,10 +180,6 @@ class Levels(NamedTuple):
         """Worth of the levels that a set reaches, of the least party."""
         reached = self.known[chosen].sum(axis=0) >= self.threshold
         return int((self.parties @ (self.gain * reached).sum(axis=0)).min())
-
-    def surviving(self, chosen: list[int]) -> int:
-        """Worth that survives the worst failure of one sensor."""
-        return min((self.worth([c for c in chosen if c != gone]) for gone in chosen), default=0)
 
     @property
     def whole(self) -> int:
@@ -292,8 +282,7 @@ def solve(
         return Solved(None, 0, max(0, lowest) // (budget + 1), status == "INFEASIBLE")
     chosen = [c for c, x in enumerate(built) if solver.boolean_value(x)]
     if cost is None:
-        left = [[c for c in chosen if not gone[c]] for gone in programme.lost or ()] or [chosen]
-        figure = levels.surviving(chosen) if programme.failing else min(map(levels.worth, left))
+        figure = round(solver.objective_value)
         bound = max(figure, math.floor(solver.best_objective_bound + 1e-6))
     else:
         figure = cost.total(chosen)

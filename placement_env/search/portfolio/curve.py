@@ -17,7 +17,7 @@ from placement_env.analysis.intervals import figure_interval
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
-from placement_env.search.portfolio.entrants import Effort, Entrants
+from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
 from placement_env.search.portfolio.evaluators import Schedule, race_order
 from placement_env.search.portfolio.portfolio import (
     INTERVAL_SHARE,
@@ -26,7 +26,6 @@ from placement_env.search.portfolio.portfolio import (
     Judging,
     aps_at_profiles,
     contest,
-    find_entrants,
 )
 from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
@@ -146,11 +145,11 @@ def _groups(
     """Entrants of each amount of money with a set, or of each number of sensors."""
     for money in sorted(amounts):
         limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
-        found = find_entrants(limited, effort, seed, checkpoint.part(f"{money!r}"))
+        found = keep_entrants(limited, effort, seed=seed, checkpoint=checkpoint.part(f"{money!r}"))
         if len(found.sets):
             yield money, found
     if not amounts:
-        found = find_entrants(objective, effort, seed, checkpoint)
+        found = keep_entrants(objective, effort, seed=seed, checkpoint=checkpoint)
         sizes = found.sets.sum(axis=1)
         for rows in (np.flatnonzero(sizes == size) for size in np.unique(sizes)):
             searches = tuple(found.searches[row] for row in rows)

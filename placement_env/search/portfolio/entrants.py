@@ -80,17 +80,21 @@ class Effort:
 def keep_entrants(
     objective: Objective,
     effort: Effort,
-    cache: Cache | None,
+    cache: Cache | None = None,
     *,
-    depends_on: str,
+    depends_on: str = "",
     seed: int = 0,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """Entrants, from the cache where possible. depends_on: digest of the objective's traffic and other inputs."""
+    """Entrants, from a cache where possible; an objective made from a site knows its own.
+
+    depends_on: digest of the objective's traffic and other inputs.
+    """
+    if (made := objective.preparation) is not None:
+        cache, depends_on = objective.run.memo, made.traffic.digest()
     asked = (objective.provenance, objective.most_price, vars(effort), seed)
     key = make_key("entrants", code_digest(__name__), depends_on, *asked)
-    kept = None if cache is None else cache.get([key])[0]
-    if kept is not None:
+    if cache is not None and (kept := cache.get([key])[0]) is not None:
         return Entrants.of(kept)
     found = entrants(objective, effort, seed=seed, checkpoint=checkpoint)
     if cache is not None:

@@ -103,7 +103,7 @@ def search(
     schedule = Schedule.of(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
     effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, judging.neighbours)
-    found = find_entrants(objective, effort, seed, checkpoint)
+    found = keep_entrants(objective, effort, seed=seed, checkpoint=checkpoint)
     limits.count = found.considered
 
     def answer(subset: list[int], note: str) -> Result:
@@ -151,13 +151,6 @@ def weigh_costs(objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"
     """Costs of communication and building, in AP. kbit: total that each set sends."""
     per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
     return np.asarray(objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets))
-
-
-def find_entrants(objective: Objective, effort: Effort, seed: int, checkpoint: Checkpoint = NOWHERE) -> Entrants:
-    """Entrants of an objective, from the cache of its run where possible."""
-    made = objective.preparation
-    cache, depends_on = (None, "") if made is None else (objective.run.memo, made.traffic.digest())
-    return keep_entrants(objective, effort, cache, depends_on=depends_on, seed=seed, checkpoint=checkpoint)
 
 
 def _assess(

@@ -16,6 +16,10 @@ from placement_env.setting import Setting
 pytest.importorskip("ortools")
 
 
+def single(mount):
+    return Poles(mount, np.ones_like(mount), np.zeros_like(mount))
+
+
 def most(seen, mount, budget, views):
     """Coverage of the best set, by trying all."""
     best = 0
@@ -35,7 +39,7 @@ def test_equals_trying_all(seed, mounts, poses, budget, views, density):
     rng = np.random.default_rng(seed)
     mount = np.repeat(np.arange(mounts), poses)
     seen = rng.random((len(mount), 25)) < density
-    cover = cpsat.cover_most(seen, Poles.single(mount), budget, views=views)
+    cover = cpsat.cover_most(seen, single(mount), budget, views=views)
     assert cover.optimal
     assert cover.covered == cover.bound == most(seen, mount, budget, views)
     assert len(set(mount[cover.chosen])) == len(cover.chosen) <= budget
@@ -45,7 +49,7 @@ def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
     rng = np.random.default_rng(0)
     seen, mount = rng.random((300, 400)) < 0.1, np.repeat(np.arange(30), 10)
     start = cpsat.greedy_cover(seen, np.ones(400, np.int64), mount, 5, 1)
-    cover = cpsat.cover_most(seen, Poles.single(mount), 5, limits=SolverLimits(seconds=1e-3))
+    cover = cpsat.cover_most(seen, single(mount), 5, limits=SolverLimits(seconds=1e-3))
     assert (seen[cover.chosen].sum(axis=0) > 0).sum() == cover.covered >= (seen[start].sum(axis=0) > 0).sum()
     assert cover.covered <= cover.bound <= 400
     assert not cover.optimal
@@ -106,6 +110,6 @@ def test_other_objectives_and_seeds_have_their_answers(make):
     first, again = (cpsat.search(objective, 3, visibility=seen, seed=3).best.subset for _ in range(2))
     assert first == again
     seen = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
-    cover = cpsat.cover_most(seen, Poles.single(np.arange(3)), 1, may_stand=np.array([False, True, True]))
+    cover = cpsat.cover_most(seen, single(np.arange(3)), 1, may_stand=np.array([False, True, True]))
     assert cover.covered == 1
     assert 0 not in cover.chosen

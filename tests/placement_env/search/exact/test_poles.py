@@ -26,4 +26,3 @@ def test_shared_poles_are_paid_once(make):
 
 def test_places_of_a_pole_are_apart_for_bounds():
     assert POLES.apart.tolist() == [2, 3, 4, 1]
-    assert Poles.single(np.array([0, 0, 1])).apart.tolist() == [0, 0, 1]

@@ -1,5 +1,6 @@
 """Programmes against trying all sets: of most worth, the cheapest of enough, whichever sensor fails."""
 
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -35,6 +36,15 @@ def levels_of_coverage(seen):
     return Levels(seen.astype(np.int64), ones, ones, ones > 0)
 
 
+def surviving(levels, chosen):
+    """Worth that the worst failure of one sensor leaves."""
+    return min((levels.worth([c for c in chosen if c != gone]) for gone in chosen), default=0)
+
+
+def single(mount):
+    return Poles(mount, np.ones_like(mount), np.zeros_like(mount))
+
+
 def priced(prices, mount):
     return Prices(prices, np.zeros_like(prices), mount, -1)
 
@@ -53,11 +63,11 @@ def test_equals_trying_all(seed, budget, failing):
     levels, mount, rng = some(seed, levels=1 if failing else 2)
     if failing:
         levels = levels._replace(threshold=np.ones_like(levels.threshold))
-    worth = levels.surviving if failing else levels.worth
+    worth = partial(surviving, levels) if failing else levels.worth
     stands = rng.random(6) < 0.8
     sets = [chosen for chosen in every(mount, budget) if stands[chosen].all()]
     best = max((worth(chosen) for chosen in sets), default=0)
-    programme = Programme(levels, budget, Poles.single(mount), stands, failing=failing)
+    programme = Programme(levels, budget, single(mount), stands, failing=failing)
     found = solve(programme)
     assert (found.figure, found.bound, found.optimal) == (best, best, True)
     assert not found.chosen or worth(found.chosen) == best
@@ -86,7 +96,7 @@ def test_what_is_left_without_some_equals_trying_all(seed):
 
     sets = list(every(mount, 3))
     need = max(1, max(map(left, sets)) // 2)
-    programme = Programme(levels, 3, Poles.single(mount), np.ones(6, bool), lost=lost)
+    programme = Programme(levels, 3, single(mount), np.ones(6, bool), lost=lost)
     found = solve(programme, at_least=need, cost=priced(prices, mount))
     able = [int(prices[chosen].sum()) for chosen in sets if left(chosen) >= need]
     if not able:
@@ -105,13 +115,13 @@ def test_steps_are_worth_no_less_and_survive_failures_or_stay_unproven():
     assert above.worth([0]) >= GAINS
     levels = levels_of_coverage(np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]], bool))
     assert levels.worth([0, 1]) == 3
-    assert levels.surviving([0, 1]) == 2
-    assert levels.surviving([0, 1, 2]) == 3  # without the first the first object is lost, and so on
-    assert (levels.surviving([0]), levels.whole) == (0, 4)
+    assert surviving(levels, [0, 1]) == 2
+    assert surviving(levels, [0, 1, 2]) == 3  # without the first the first object is lost, and so on
+    assert (surviving(levels, [0]), levels.whole) == (0, 4)
     rng = np.random.default_rng(0)
     levels = levels_of_coverage(rng.random((200, 300)) < 0.05)
     mount = np.arange(200)
-    programme = Programme(levels, 20, Poles.single(mount), np.ones(200, bool))
+    programme = Programme(levels, 20, single(mount), np.ones(200, bool))
     found = solve(programme, SolverLimits(seconds=0.01), at_least=290, cost=priced(np.ones(200, np.int64), mount))
     assert (found.chosen, found.optimal) == (None, False)
 
