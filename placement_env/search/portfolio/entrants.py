@@ -27,7 +27,7 @@ from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from placement_env.setting import Weights
 from toolkit.arrays import Bool, Float64
-from toolkit.runtime.cache import Arrays, Cache, make_key
+from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 
 ENTRANTS = 9  # neighbours for each number of sensors, beside the searches' own answers
@@ -50,18 +50,6 @@ class Entrants:
     predicted: Float64[np.ndarray, " n"]
     searches: tuple[tuple[str, ...], ...]
     considered: int
-
-    def arrays(self) -> Arrays:
-        """Arrays for a cache."""
-        names = np.array([json.dumps(each) for each in self.searches], np.str_)
-        return self.sets, self.predicted, names, np.array([self.considered])
-
-    @staticmethod
-    def of(arrays: Arrays) -> Entrants:
-        """Restore from what `arrays` gave."""
-        sets, predicted, names, considered = arrays
-        searches = tuple(tuple(json.loads(str(each))) for each in names)
-        return Entrants(sets, predicted, searches, int(considered[0]))
 
 
 @dataclass(frozen=True)
@@ -95,10 +83,12 @@ def keep_entrants(
     asked = (objective.provenance, objective.most_price, vars(effort), seed)
     key = make_key("entrants", code_digest(__name__), depends_on, *asked)
     if cache is not None and (kept := cache.get([key])[0]) is not None:
-        return Entrants.of(kept)
+        sets, predicted, names, considered = kept
+        return Entrants(sets, predicted, tuple(tuple(json.loads(str(each))) for each in names), int(considered[0]))
     found = entrants(objective, effort, seed=seed, checkpoint=checkpoint)
     if cache is not None:
-        cache.put({key: found.arrays()})
+        names = np.array([json.dumps(each) for each in found.searches], np.str_)
+        cache.put({key: (found.sets, found.predicted, names, np.array([found.considered]))})
     return found
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Objective
-from placement_env.search.portfolio.entrants import Effort, Entrants, entrants, keep_entrants
+from placement_env.search.portfolio.entrants import Effort, entrants, keep_entrants
 from placement_env.setting import Setting
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
@@ -74,7 +74,11 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
             keep_entrants(objective, effort, cache, **{"depends_on": "a", "seed": 1, **changes})
 
 
-def test_none_are_kept_too():
-    none = Entrants(np.zeros((0, 4), bool), np.zeros(0), (), 3)
-    assert Entrants.of(none.arrays()).searches == ()
-    assert Entrants.of(none.arrays()).sets.shape == (0, 4)
+def test_none_are_kept_too(street):
+    poor = Objective(
+        Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=1.0)
+    )
+    cache = Cache()
+    for _ in range(2):
+        none = keep_entrants(poor, TWO, cache)
+        assert (none.searches, none.sets.shape) == ((), (0, 4))
