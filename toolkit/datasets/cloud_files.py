@@ -177,7 +177,8 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
     try:
         table = feather.read_table(path, memory_map=False)
         table.validate(full=True)
-        return {name: table[name].to_numpy() for name in table.column_names}
+        columns = {name: table[name].to_numpy() for name in table.column_names}
+        return {name: each.astype(np.float32) if each.dtype == np.float16 else each for name, each in columns.items()}
     except (pyarrow.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError) as error:
         reason = " ".join(str(error).split())[:200]
         raise ValueError(f"{path} is no feather file that can be read: {reason}") from None
@@ -192,7 +193,16 @@ def _read(path: Path) -> Attributes:
     if ending in (".xyz", ".txt", ".csv"):
         return name_attributes(_columns_of_text(path))
     if ending == ".npy":
-        return _array(path)
+        table = load_arrays(path).get("")
+        if table is None:
+            raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
+        if table.dtype.names is not None and table.ndim == 1 and not missing_axes(table.dtype.names):
+            return name_attributes({name: table[name] for name in table.dtype.names if table[name].ndim == 1})
+        if table.ndim != 2 or table.shape[1] < 3:
+            raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
+        if table.dtype.kind not in "fiu":
+            raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
+        return {"positions": table[:, :3]}
     if ending == ".bin":
         names = ("x", "y", "z", "intensity", "ring")[: 5 if path.name.lower().endswith(".pcd.bin") else 4]
         size, count = path.stat().st_size, len(names)
@@ -200,27 +210,13 @@ def _read(path: Path) -> Attributes:
             raise ValueError(f"{path} must hold rows of {count} float32, but {size} bytes are no whole number of them")
         return name_attributes(dict(zip(names, np.fromfile(path, "<f4").reshape(-1, count).T, strict=True)))
     if ending == ".feather":
-        table = read_table(path)
-        if missing_axes(tuple(table)):
-            raise ValueError(f"{path} must have columns x, y and z, got {', '.join(table)}")
-        if any(table[axis].dtype.kind not in "fiu" for axis in "xyz"):
+        columns = read_table(path)
+        if missing_axes(tuple(columns)):
+            raise ValueError(f"{path} must have columns x, y and z, got {', '.join(columns)}")
+        if any(columns[axis].dtype.kind not in "fiu" for axis in "xyz"):
             raise ValueError(f"{path} must hold numbers in its columns x, y and z")
-        half = {name: column.astype(np.float32) for name, column in table.items() if column.dtype == np.float16}
-        return name_attributes(table | half)
+        return name_attributes(columns)
     raise ValueError(f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather")
-
-
-def _array(path: Path) -> Attributes:
-    table = load_arrays(path).get("")
-    if table is None:
-        raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
-    if table.dtype.names is not None and table.ndim == 1 and not missing_axes(table.dtype.names):
-        return name_attributes({name: table[name] for name in table.dtype.names if table[name].ndim == 1})
-    if table.ndim != 2 or table.shape[1] < 3:
-        raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
-    if table.dtype.kind not in "fiu":
-        raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
-    return {"positions": table[:, :3]}
 
 
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:

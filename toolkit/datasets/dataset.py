@@ -76,7 +76,12 @@ class CoopDataset(Sequence[Frame]):
             if len(set(lengths.values())) != 1:
                 raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")
             self._length = next(iter(lengths.values()))
-            _check_starts(self._starts, self._length)
+            starts, count = self._starts, self._length + 1
+            if starts is not None and (
+                starts.dtype.kind not in "iu" or len(starts) != count or (np.diff(starts.astype(np.int64)) < 0).any()
+            ):
+                got = f"{len(starts)} of {starts.dtype}"
+                raise ValueError(f"coview/object_start must be {count} whole numbers that ascend, got {got}")
             if drop_invalid:
                 self._warn_of_invalid(file)
         except (ValueError, OSError) as error:
@@ -356,13 +361,3 @@ def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
         reason = f"attributes of {where} describe no sensor ({error}): the file is damaged, restore it"
         raise ValueError(reason) from None
-
-
-def _check_starts(starts: np.ndarray | None, frames: int) -> None:
-    """Raise ValueError if `coview/object_start` does not cut the objects into `frames` parts."""
-    if starts is None:
-        return
-    if starts.dtype.kind not in "iu" or len(starts) != frames + 1 or (np.diff(starts.astype(np.int64)) < 0).any():
-        raise ValueError(
-            f"coview/object_start must be {frames + 1} whole numbers that ascend, got {len(starts)} of {starts.dtype}"
-        )

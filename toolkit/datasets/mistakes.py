@@ -15,7 +15,7 @@ import numpy as np
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.datasets import published_layout as published
 from toolkit.geometry import invert, transform
-from toolkit.objects import HEAVY, VEHICLE, Objects
+from toolkit.objects import HEAVY, VEHICLE
 from toolkit.sensors.sensor import Sensor
 
 CLEAR = 0.05  # least gain in fit that raises suspicion of a mistake
@@ -166,20 +166,17 @@ def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[
     """Share of points on the boxes of their frame. clouds: (n, 3) in the site's frame, one for each frame."""
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
-        if len(points) and len(table):
-            on_boxes += int(_on_boxes(points, published.parse_rows(table, map_SE3_site)).sum())
+        if not len(points) or not len(table):
+            continue
+        objects = published.parse_rows(table, map_SE3_site)
+        x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
+        cos, sin = np.cos(objects.boxes[:, 6]), np.sin(objects.boxes[:, 6])
+        offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
+        half = objects.boxes.T[3:6, None, :] / 2
+        inside = np.all(offsets <= half + _SLACK, axis=0)
+        core = np.all(offsets <= half * _CORE, axis=0) & np.isin(objects.labels, (VEHICLE, HEAVY))
+        on_boxes += int((np.any(inside, axis=1) & ~np.any(core, axis=1)).sum())
     return on_boxes / max(1, sum(map(len, clouds)))
-
-
-def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
-    """Mask of the points in a box, or at most `_SLACK` outside, and in no vehicle's core."""
-    x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
-    cos, sin = np.cos(objects.boxes[:, 6]), np.sin(objects.boxes[:, 6])
-    offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
-    half = objects.boxes.T[3:6, None, :] / 2
-    inside = np.all(offsets <= half + _SLACK, axis=0)
-    core = np.all(offsets <= half * _CORE, axis=0) & np.isin(objects.labels, (VEHICLE, HEAVY))
-    return np.any(inside, axis=1) & ~np.any(core, axis=1)
 
 
 def collect_clouds(

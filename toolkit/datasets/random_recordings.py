@@ -132,14 +132,15 @@ class _Job:
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
         """Return the function that makes a recording. There is nothing to prepare."""
-        return lambda number: iter([self._content(number)])
+
+        def make(number: int) -> Iterator[bytes]:
+            try:
+                yield self.encode_one(random_recording(self.seed, number, self.frames, fleet=self.fleet))
+            except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
+                yield _NOTE + f"{number} {type(error).__name__}: {error}".encode()[: _LONGEST_NOTE // 2]
+
+        return make
 
     def encode(self, items: Sequence[bytes]) -> bytes:
         """Return the file as it is."""
         return items[0]
-
-    def _content(self, number: int) -> bytes:
-        try:
-            return self.encode_one(random_recording(self.seed, number, self.frames, fleet=self.fleet))
-        except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
-            return _NOTE + f"{number} {type(error).__name__}: {error}".encode()[: _LONGEST_NOTE // 2]

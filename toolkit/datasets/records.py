@@ -303,15 +303,10 @@ _TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
 
 
 def read_cloud(
-    path: str | Path,
-    name: str,
-    world_SE3_sensor: Float64[np.ndarray, "4 4"],
-    problems: Problems,
-    *,
-    frame: Literal["sensor", "world"] = "sensor",
+    path: str | Path, name: str, world_SE3_sensor: Float64[np.ndarray, "4 4"], problems: Problems
 ) -> SensorCloud:
     """Read the cloud of a file. Raises FileNotFoundError, and ValueError for a file without readable points."""
-    return build_cloud(read_recorded(path), name, world_SE3_sensor, problems, frame=frame)
+    return build_cloud(read_recorded(path), name, world_SE3_sensor, problems)
 
 
 def build_cloud(
@@ -339,18 +334,15 @@ def build_cloud(
                 yield (column if column.ndim == 1 else column[:, 0])[keep]
 
     intensity = next(columns(_INTENSITIES, wide=True), None)  # OPV2V keeps it in the red
-    whole = (ring for ring in columns(_RINGS) if ring.dtype.kind in "iu" or _is_ring(ring))
-    time, ring = next(columns(_TIMES), None), next(whole, None)
+    rings = (each for each in columns(_RINGS) if each.dtype.kind in "iu" or (np.abs(each) < _MOST_RINGS).all())
+    ring = next((each for each in rings if (each % 1 == 0).all()), None)
+    time = next(columns(_TIMES), None)
     return SensorCloud(
         *(name, recorded[keep].astype(np.float32), world_SE3_sensor, frame),
         time=None if time is None else _seconds(time),
         intensity=None if intensity is None else intensity.astype(np.float32),
         ring=None if ring is None else ring.astype(np.int64),
     )
-
-
-def _is_ring(values: np.ndarray) -> bool:
-    return bool((np.abs(values) < _MOST_RINGS).all() and (values % 1 == 0).all())
 
 
 def _seconds(time: np.ndarray) -> np.ndarray:

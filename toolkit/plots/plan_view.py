@@ -76,12 +76,33 @@ def draw_frame(
     """Draw one frame. Clouds are coloured by sensor, truth is filled by class. The picture is PNG or SVG by the suffix.
     With an `outcome`, hits, misses and false alarms each have a line and a mark of their own. Raises ValueError for an
     outcome of other truths or detections."""
+    from matplotlib.patches import Patch
+
     shown = sensors or site.sensors
     truth, found = truth or Objects.empty(), detections or Detections.empty()
-    outlines = _outlines(truth, found, outcome)
-    scored = "" if outcome is None else f" ({(~outcome.truth_ignored).sum()} scored)"
+    scored, kinds = "", np.bincount(truth.labels, minlength=len(LABELS))
+    filled = zip(LABELS, kinds, strict=True)
+    look: PlotStyle = {"edgecolor": INK, "linewidth": 0.5}
+    legend: list[Entry] = [(Patch(facecolor=CLASS[name], **look), f"{name} ({n})") for name, n in filled if n]
+    if outcome is None:
+        outlines: dict[Outcome, np.ndarray] = {"detection": found.boxes} if len(found) else {}
+    elif len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(found):
+        given = f"{len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections"
+        raise ValueError(f"the outcome has {given}, the frame {len(truth)} and {len(found)}: match the same frame")
+    else:
+        scored = f" ({(~outcome.truth_ignored).sum()} scored)"
+        outlines = {
+            "hit": found.boxes[outcome.detection_hit],
+            "missed": truth.boxes[~outcome.truth_hit & ~outcome.truth_ignored],
+            "false alarm": found.boxes[~outcome.detection_hit & ~outcome.detection_ignored],
+            "not scored": found.boxes[outcome.detection_ignored],
+        }
+    for kind, boxes in outlines.items():
+        if len(boxes) or kind != "not scored":
+            rule = f", IoU ≥ {outcome.iou:g}" if outcome is not None and kind == "hit" else ""
+            legend.append(outcome_entry(kind, f"{kind}{rule} ({len(boxes)})"))
+    legend += sensor_entries(shown)
     count = f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points" if len(truth) or len(clouds) else ""
-    legend = [*_class_entries(truth), *_outcome_entries(outlines, outcome), *sensor_entries(shown)]
     with house_style():
         sheet = map_sheet(
             site, shorten(title or f"Site {site.name}", 110), count, holds=sensor_places(shown), legend=legend
@@ -102,7 +123,7 @@ def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
     """Legend entries of sensors whose discs carry numbers. Discs with names need none."""
     from matplotlib.lines import Line2D
 
-    names, entries = [sensor.name for sensor in sensors], []
+    names, entries = [sensor.name for sensor in sensors], list[Entry]()
     for index, (name, label) in enumerate(zip(names, sensor_labels(names), strict=True)):
         if name != label:
             mark: PlotStyle = {"marker": "o", "markersize": 8, "markeredgecolor": INK, "linestyle": "none"}
@@ -135,41 +156,6 @@ def ground_entries(site: Site) -> list[Entry]:
     edge: PlotStyle = {"edgecolor": "#b0b0b0", "linewidth": 0.5}
     entries = [(Patch(facecolor=colour, **edge), name) for name, colour, some in there if some]
     return [(Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"), *entries]
-
-
-def _outlines(truth: Objects, found: Detections, outcome: FrameOutcome | None) -> dict[Outcome, np.ndarray]:
-    """Boxes to outline, by outcome."""
-    if outcome is None:
-        return {"detection": found.boxes} if len(found) else {}
-    if len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(found):
-        given = f"{len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections"
-        raise ValueError(f"the outcome has {given}, the frame {len(truth)} and {len(found)}: match the same frame")
-    return {
-        "hit": found.boxes[outcome.detection_hit],
-        "missed": truth.boxes[~outcome.truth_hit & ~outcome.truth_ignored],
-        "false alarm": found.boxes[~outcome.detection_hit & ~outcome.detection_ignored],
-        "not scored": found.boxes[outcome.detection_ignored],
-    }
-
-
-def _class_entries(truth: Objects) -> list[Entry]:
-    from matplotlib.patches import Patch
-
-    counts = np.bincount(truth.labels, minlength=len(LABELS)) if len(truth) else np.zeros(len(LABELS), int)
-    return [
-        (Patch(facecolor=CLASS[name], edgecolor=INK, linewidth=0.5), f"{name} ({count})")
-        for name, count in zip(LABELS, counts, strict=True)
-        if count
-    ]
-
-
-def _outcome_entries(outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome | None) -> list[Entry]:
-    """Legend entries of the outcomes, with their numbers. "not scored" is there only if there are any."""
-
-    names = {name: f"{name} ({len(boxes)})" for name, boxes in outlines.items() if len(boxes) or name != "not scored"}
-    if outcome is not None:
-        names["hit"] = f"hit, IoU ≥ {outcome.iou:g} ({len(outlines['hit'])})"
-    return [outcome_entry(name, label) for name, label in names.items()]
 
 
 def outcome_entry(outcome: Outcome, label: str) -> Entry:

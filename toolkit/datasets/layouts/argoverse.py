@@ -101,8 +101,7 @@ def _sample(log: Path, name: str) -> Frame:
     file, clouds = log / "sensors" / "lidar" / f"{name}.feather", []
     with named_damage(file, "sweep"):
         table = read_table(file)
-        half = {key: column.astype(np.float32) for key, column in table.items() if column.dtype == np.float16}
-        recorded = name_attributes(table | half)
+        recorded = name_attributes(table)
         for lidar, lasers in LASERS.items():
             own = np.isin(table["laser_number"], lasers)
             if own.any() or lidar in calibration:
