@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, SupportsFloat, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -142,7 +142,7 @@ class ImageWedge(Region):
         return homogeneous[:, 0] / divisor, homogeneous[:, 1] / divisor, depth
 
 
-def _four(values: Sequence[SupportsFloat]) -> tuple[float, float, float, float]:
+def _four(values: Any) -> tuple[float, float, float, float]:
     a, b, c, d = (float(value) for value in values)
     return a, b, c, d
 

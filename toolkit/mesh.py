@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -117,7 +117,7 @@ def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
     return merge([sides, Mesh(high, lid.triangles), Mesh(low, lid.triangles[:, ::-1])])
 
 
-def triangulate(shape: Any) -> Mesh:
+def triangulate(shape: shapely.Geometry | np.ndarray) -> Mesh:
     """Triangles of polygons, holes and all, at z = 0 facing up."""
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
     if len(parts) == 0:

@@ -50,7 +50,7 @@ Format = Literal["boxes", "openlabel", "kitti"]
 
 
 def write_detections(
-    found: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: Any
+    found: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: object
 ) -> Iterator[Detected]:
     """Write detections as they arrive, and pass them on. out: one file of boxes, written at the end, or a folder with a
     file per frame for other formats; more: further entries of the file of boxes.

@@ -23,6 +23,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
@@ -139,7 +140,7 @@ class Evaluation(Sequence[Row]):
     """
 
     rows: tuple[Row, ...]
-    provenance: dict[str, Any]
+    provenance: dict[str, object]
     classes: tuple[ClassFigures, ...] = ()
     loads: tuple[SetLoad, ...] = ()
     schemes: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -248,7 +249,7 @@ def evaluate_recording(
         problems.update(each.problems)
     truths = [each.truth for each in scored]
     objects, counted = [truth.objects for truth in truths], [truth.counted for truth in truths]
-    counting: dict[str, Any] = {"metric": asked.metric, "protocol": "published" if protocol == "published" else "exact"}
+    counting: Literal["exact", "published"] = "published" if protocol == "published" else "exact"
     rows, classes, loads, groups = list[Row](), list[ClassFigures](), list[SetLoad](), list[GroupRow]()
     figures: dict[str, dict[str, Any]] = {}
     for name, chosen in scored[0].fused:
@@ -261,9 +262,8 @@ def evaluate_recording(
         ms = float(np.median([each.ms for each in fused]))
         for label, thresholds in ious.items():
             true_iou = true_ious[label]
-            scores = evaluate(
-                found, objects, counted=counted, label=label, iou_thresholds=[*thresholds, true_iou], **counting
-            )
+            score = partial(evaluate, found, objects, metric=asked.metric, protocol=counting, counted=counted)
+            scores = score(label=label, iou_thresholds=[*thresholds, true_iou])
             for iou in thresholds:
                 at = scores[iou]
                 shares = at.ap, at.recall, at.precision
@@ -292,8 +292,8 @@ def evaluate_recording(
             own["images"] = {sensor: {"points": learnt.points, **learnt.left_out} for sensor, learnt in every}
 
     placed = {"site": site and site.name, "hybrid_radius": site and site.hybrid_radius, "frames": total}
-    drawn = {"noise_seed": reads.noise_seed, "errors": errors.origin, "nms_iou": asked.nms_iou, **counting}
-    drawn |= {"protocol": protocol} | ({"empty_scenes": images.digests} if images.used else {})
+    drawn: dict[str, object] = {"noise_seed": reads.noise_seed, "errors": errors.origin, "nms_iou": asked.nms_iou}
+    drawn |= {"metric": asked.metric, "protocol": protocol} | ({"empty_scenes": images.digests} if images.used else {})
     drawn |= {"label": labels[0], "iou": list(ious[labels[0]])} if len(labels) == 1 else {"classes": ious}
     digests = {name: "all clouds at once" if each is None else each.digest for name, each in named.items()}
     origin = settings_origin(asked.codec, **placed, **drawn, schemes=digests)

@@ -20,7 +20,7 @@ def coview_version() -> str:
         return "unknown"
 
 
-def dataset_origin(dataset: object) -> dict[str, Any]:
+def dataset_origin(dataset: object) -> dict[str, object]:
     """Name and file of a recording. None for one in memory."""
     path = getattr(dataset, "path", None)
     return {"dataset": type(dataset).__name__ if path is None else Path(path).name, "dataset_path": path and str(path)}
@@ -32,16 +32,16 @@ def detector_origin(detector: Detector) -> dict[str, Any]:
     return {"detector": name, "detector_digest": getattr(detector, "digest", None)}
 
 
-def settings_origin(codec: Codec, **settings: Any) -> dict[str, Any]:
+def settings_origin(codec: Codec, **settings: object) -> dict[str, object]:
     """Settings, codec and version."""
     return {**settings, "codec": codec.digest, "coview": coview_version()}
 
 
-def with_file_digest(origin: Mapping[str, Any]) -> dict[str, Any]:
+def with_file_digest(origin: Mapping[str, object]) -> dict[str, object]:
     """Add the SHA-256 of the recording's file. None if the file does not exist."""
     path = origin.get("dataset_path")
     digest = None
-    if path and Path(path).is_file():
+    if isinstance(path, str) and path and Path(path).is_file():
         with Path(path).open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
     return {**origin, "dataset_sha256": digest}

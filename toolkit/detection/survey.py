@@ -38,7 +38,7 @@ class Survey:
     objects_per_frame: dict[str, float]
     kbit_per_sensor: Float64[np.ndarray, " sensors"]
     counts: Int64[np.ndarray, "vehicles sensors"]
-    provenance: dict[str, Any] = field(default_factory=dict)
+    provenance: dict[str, object] = field(default_factory=dict)
     by_class: dict[str, Int64[np.ndarray, "_ sensors"]] = field(default_factory=dict)
     points_per_cloud: dict[str, float] = field(default_factory=dict)
     agreeing: tuple[int, int] | None = None
