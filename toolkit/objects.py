@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,9 @@ def label_index(label: str | int) -> int:
     raise ValueError(f"label must be one of {LABELS} or its number 0..{len(LABELS) - 1}, got {label!r}")
 
 
+_Taken = TypeVar("_Taken", bound="_Rows")
+
+
 class _Rows:
     """Columns of one length."""
 
@@ -36,7 +39,7 @@ class _Rows:
     def __len__(self) -> int:
         return len(self.boxes)
 
-    def __getitem__(self, rows: object) -> Self:
+    def __getitem__(self: _Taken, rows: object) -> _Taken:
         """Return what is at a mask, slice or index array."""
         return type(self)(*(column[rows] for column in vars(self).values()))
 

@@ -96,7 +96,7 @@ class LabelMistake:
     remedy: str
     axes: bool = False
     order: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)
-    factor: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 1)
+    factor: tuple[int | float, ...] = (1, 1, 1, 1, 1, 1, 1)
     turn: float = 0.0
 
     def undo(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:

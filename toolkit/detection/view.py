@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from time import perf_counter
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -102,7 +102,8 @@ class Boxes:
     ms: float
 
 
-class Sent(NamedTuple, Generic[_Arrived]):
+@dataclass(frozen=True, eq=False)
+class Sent(Generic[_Arrived]):
     """Points or detections that arrived at the centre, and their cost."""
 
     arrived: _Arrived
