@@ -124,7 +124,7 @@ def find_middle(frame: Frame) -> Float64[np.ndarray, "2"]:
     return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
 
 
-def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarray, "n 3"]:
+def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarray, "_ 3"]:
     """Return the lifted points in an area, below 4 m."""
     return points[Crop.of(area, CROP_HEIGHT).holds(points)]
 
