@@ -299,24 +299,17 @@ def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[Stor
     if len(channels) < len(every):
         names = ", ".join(channel.sensor.name for channel in every)
         raise ValueError(f"every sensor needs a name of its own, got {names}")
-    order = _order(file)
-    if order and sorted(order) != sorted(channels):
-        raise ValueError(f"attribute coview:sensors names {order}, but measurements are there of {sorted(channels)}")
-    return tuple(channels[name] for name in order or channels)
-
-
-def _order(file: h5py.File) -> list[str]:
-    """Sensor names in the order of a frame's measurements. Empty if the file does not say."""
-    if not hdf5.contains(file, "coview"):
-        return []
-    written = hdf5.read_node_attributes(file["coview"], "coview").get("sensors", "[]")
+    own = hdf5.read_node_attributes(file["coview"], "coview") if hdf5.contains(file, "coview") else {}
+    written = own.get("sensors", "[]")  # in the order of a frame's measurements
     try:
         order = parse_json(written) if isinstance(written, str) else None
     except ValueError:
         order = None
     if not isinstance(order, list) or not all(isinstance(name, str) for name in order):
         raise ValueError(f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}")
-    return order
+    if order and sorted(order) != sorted(channels):
+        raise ValueError(f"attribute coview:sensors names {order}, but measurements are there of {sorted(channels)}")
+    return tuple(channels[name] for name in order or channels)
 
 
 def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sensor, int]:

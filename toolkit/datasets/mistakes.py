@@ -225,9 +225,8 @@ def suspect_sensor(
 
     def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
         pose = published.parse_extrinsic(matrix, map_SE3_site)
-        lengths = [np.linalg.norm(w.rays, axis=1, keepdims=True) if along_ray else 1.0 for w in chosen]
-        places = zip(chosen, lengths, strict=True)
-        clouds = [transform(pose, w.rays / length * w.depth[:, None]) for w, length in places]
+        rays = [w.rays / np.linalg.norm(w.rays, axis=1, keepdims=True) if along_ray else w.rays for w in chosen]
+        clouds = [transform(pose, ray * w.depth[:, None]) for ray, w in zip(rays, chosen, strict=True)]
         return fit(clouds, [rows[witness.frame] for witness in chosen], map_SE3_site)
 
     current = measure_fit(stored)

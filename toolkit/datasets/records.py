@@ -362,13 +362,13 @@ def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
     write_bytes(path, pcd_bytes(columns | {"intensity": get_intensity(cloud)} | ring))
 
 
-def one_cloud(sample: Frame, name: str = "lidar") -> SensorCloud:
+def one_cloud(sample: Frame) -> SensorCloud:
     """Merge all clouds of a frame in its world frame. Intensities are kept if all clouds have some."""
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
     whole = len(intensities) == len(sample.clouds) and len(intensities) > 0
     pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
     intensity = np.concatenate(intensities) if whole else None
-    return SensorCloud(name, sample.points().astype(np.float32), pose, "world", None, intensity)
+    return SensorCloud("lidar", sample.points().astype(np.float32), pose, "world", None, intensity)
 
 
 def get_intensity(cloud: SensorCloud) -> np.ndarray:

@@ -26,46 +26,28 @@ if TYPE_CHECKING:
 
 DPI = 150
 CHART_INCHES = 7.0  # width of a chart
-STYLE: dict[Any, Any] = {
-    "font.family": ["DejaVu Sans"],  # comes with matplotlib
-    "font.size": 9.0,
-    "axes.titlesize": 11.0,
-    "axes.labelsize": 9.0,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.unicode_minus": True,
-    "axes.formatter.use_mathtext": False,
-    "axes.formatter.useoffset": False,
-    "axes.facecolor": "white",
-    "figure.facecolor": "white",
-    "figure.dpi": 100.0,
-    "savefig.facecolor": "auto",
-    "savefig.bbox": None,
-    "savefig.transparent": False,
-    "grid.color": "#d5d5d5",
-    "grid.linewidth": 0.6,
-    "grid.alpha": 1.0,
-    "grid.linestyle": "-",
-    "hatch.linewidth": 0.8,
-    "image.composite_image": False,
-    "legend.fontsize": 8.0,
-    "legend.frameon": False,
-    "lines.linewidth": 1.6,
-    "path.simplify": True,
-    "svg.fonttype": "path",  # PDF makers need no font
-    "svg.hashsalt": "coview",
-    "text.color": INK,
-    "text.parse_math": False,  # a name may hold dollars
-    "text.usetex": False,
-    "xtick.color": INK,
-    "xtick.labelsize": 8.0,
-    "ytick.color": INK,
-    "ytick.labelsize": 8.0,
+_STYLE: dict[str, dict[str, Any]] = {
+    "font": {"family": ["DejaVu Sans"], "size": 9.0},  # comes with matplotlib
+    "axes": {
+        "titlesize": 11.0, "labelsize": 9.0, "edgecolor": INK, "labelcolor": INK, "linewidth": 0.8,
+        "axisbelow": True, "unicode_minus": True, "facecolor": "white",
+    },
+    "axes.spines": {"top": False, "right": False},
+    "axes.formatter": {"use_mathtext": False, "useoffset": False},
+    "figure": {"facecolor": "white", "dpi": 100.0},
+    "savefig": {"facecolor": "auto", "bbox": None, "transparent": False},
+    "grid": {"color": "#d5d5d5", "linewidth": 0.6, "alpha": 1.0, "linestyle": "-"},
+    "hatch": {"linewidth": 0.8},
+    "image": {"composite_image": False},
+    "lines": {"linewidth": 1.6},
+    "path": {"simplify": True},
+    "legend": {"fontsize": 8.0, "frameon": False},
+    "svg": {"fonttype": "path", "hashsalt": "coview"},  # PDF makers need no font
+    "text": {"color": INK, "parse_math": False, "usetex": False},  # a name may hold dollars
+    "xtick": {"color": INK, "labelsize": 8.0},
+    "ytick": {"color": INK, "labelsize": 8.0},
 }
+STYLE: dict[Any, Any] = {f"{group}.{key}": value for group, one in _STYLE.items() for key, value in one.items()}
 
 
 def add_legend(owner: Axes | FigureBase, handles: Sequence[Artist], labels: Sequence[str], **look: Any) -> None:
