@@ -2,16 +2,579 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from placement_env.cases import iou_text
 from placement_env.handover.ground import Ground
-from placement_env.report.content import Plan, Planned
-from placement_env.report.pages import performance, recommendation
-from placement_env.report.pages.document import Document, Section, say, to_html, to_pdf
+from placement_env.handover.mounted import RATE
+from placement_env.report.charts import (
+    failure_chart,
+    front_chart,
+    interval_bars,
+    link_chart,
+    order_chart,
+    scheme_chart,
+    worth_chart,
+)
+from placement_env.report.content import (
+    CONFIDENCE,
+    BreakdownRow,
+    Judgement,
+    Plan,
+    Planned,
+    PlanOption,
+    SchemeFigures,
+    overlap,
+)
+from placement_env.report.maps import blind_map, coverage_map, density_map, plan_view
+from placement_env.report.pages.document import (
+    JUDGED_COLUMNS,
+    Bullets,
+    Cell,
+    Column,
+    Content,
+    Document,
+    Drawing,
+    Paragraph,
+    ReportBlock,
+    SceneView,
+    Section,
+    TableBlock,
+    ap_figure,
+    ap_text,
+    count_text,
+    in_percent,
+    interval_text,
+    iou_value,
+    join_names,
+    judged_cells,
+    list_aps,
+    number,
+    percent,
+    price_column,
+    price_text,
+    say,
+    table,
+    text_columns,
+    to_html,
+    to_pdf,
+)
 from placement_env.report.pages.scene import build_scene
 from toolkit.runtime.files import writing_together
 from toolkit.sites.site import Site
+
+
+def requirement_section(plan: Plan) -> Content:
+    """Answer to the question, with obstacles and reading help."""
+    obstacles = (Paragraph("What stands in the way:"), Bullets(plan.verdict.reasons)) if plan.verdict.reasons else ()
+    help_text = (
+        "AP (average precision) rates from 0 to 1 how well the detector finds vehicles: 1 means that it finds "
+        "every vehicle and reports none that is not there. A vehicle counts as found if the intersection of the "
+        f"reported box and the true box is at least {iou_text(plan.iou)} of their union (IoU). Every AP comes with "
+        f"an interval, which contains it with {CONFIDENCE:.0%} confidence, and with the number of vehicles it was "
+        "measured on: few vehicles make a wide interval. Every AP was measured on traffic that the search for the "
+        "best set never saw. A kbit is a thousand bits; data are stated per sensor and frame, at ten frames a "
+        "second."
+    )
+    asked = [(str(key).replace("_", " "), value_text(value)) for key, value in plan.question.items()]
+    question = table("The question that this plan answers", text_columns("Asked", "Value"), asked)
+    return say(plan.verdict.sentence, *obstacles, Paragraph(help_text), *question)
+
+
+def value_text(value: object) -> str:
+    """Value of the question or provenance, as readers write."""
+    if value is None or value == "" or value == [] or value == () or value == {}:
+        return "not given"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}: {value_text(each)}" for key, each in value.items())
+    return ", ".join(map(value_text, value)) if isinstance(value, list | tuple) else str(value)
+
+
+def chosen_section(plan: Plan, chosen: PlanOption, site: Site, ground: Ground | None) -> Content:
+    """The set to build, and why."""
+    judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "the detector did not judge it"
+    if chosen.counted is not None and chosen.counted is not chosen.judged:
+        judged += f", and {ap_text(chosen.counted)} {_cases_text(chosen)}, as the question asks"
+    conclusion = (
+        f"Build {count_text(len(chosen.sensors), 'sensor')}, {join_names(chosen.sensors)}, for "
+        f"{price_text(chosen.price, plan.currency)}: {judged}; each sensor sends {number(chosen.kbit_per_sensor, 0)} "
+        f"kbit per frame with {plan.scheme} fusion."
+    )
+    mounts = {mount.name for mount in site.mounts}
+    unused = [name for name in plan.poles_unused if name in mounts]
+    poles = [sensor.pole for sensor in plan.sensors if sensor.pole in mounts]
+    view = Drawing(
+        plan_view(site, site.sensors, poles, unused, ground),
+        f"{count_text(len(plan.sensors), 'sensor')} on {count_text(len({s.pole for s in plan.sensors}), 'pole')}; "
+        f"{count_text(len(plan.poles_unused), 'pole')} that could carry one "
+        f"{'stays' if len(plan.poles_unused) == 1 else 'stay'} free.",
+        f"The site from above with the sensors {join_names(chosen.sensors)}, their poles, and the ground each sees",
+    )
+    scene = SceneView(
+        "Drag to turn the junction, scroll to zoom; hide sensors and boxes with the switches.",
+        "The junction in 3D, with points, vehicles and detections of some frames, is in report.html beside this file.",
+    )
+    return say(conclusion, *((Bullets(plan.why),) if plan.why else ()), view, scene)
+
+
+def front_section(plan: Plan, chosen: PlanOption) -> Content:
+    """Gain from more money or a faster link."""
+    if len(plan.front) < 2:
+        return say("No other set beats the chosen one in AP, data sent or price.")
+    judged = [(option, option.counted) for option in plan.front if option.counted is not None]
+    cheapest = price_text(min(each.price for each in plan.front), plan.currency)
+    prices = f"the cheapest costs {cheapest}"
+    if judged:
+        best, ap = max(judged, key=lambda each: each[1].ap)
+        highest = f"the highest AP, {ap_figure(ap)}, costs {price_text(best.price, plan.currency)}"
+        prices = f"prices start at {cheapest}, and {highest}"
+    drawing = Drawing(
+        front_chart(plan.front, _when_compared(plan, chosen), plan.currency),
+        f"The chosen set costs {price_text(chosen.price, plan.currency)} and sends "
+        f"{number(chosen.kbit_per_sensor, 0)} kbit per sensor and frame.",
+        "AP over kbit per sensor and over price for every set that no other beats in all three",
+    )
+    return say(
+        f"No set beats these {len(plan.front)} in AP, data sent and price at once: {prices}.",
+        *_explain_traffic(plan, chosen),
+        drawing,
+        *_option_table("Sets that no other beats in AP, kbit and price at once", plan, chosen, plan.front),
+    )
+
+
+def alternatives_section(plan: Plan, chosen: PlanOption) -> Content:
+    """Sets that the measurements cannot tell from the chosen one."""
+    close = plan.near_optimal
+    if not close:
+        return say("No other judged set has an interval that overlaps that of the chosen set.")
+    cheaper = sum(each.price < chosen.price for each in close)
+    conclusion = (
+        f"The judged traffic cannot tell {count_text(len(close), 'other set')} from the chosen one, because the "
+        f"intervals overlap; {cheaper or 'none'} of them {'is' if cheaper < 2 else 'are'} cheaper."
+    )
+    caption = "The chosen set and the sets whose interval overlaps its own"
+    sets = _option_table(caption, plan, chosen, (_when_compared(plan, chosen), *close))
+    return say(conclusion, *_explain_traffic(plan, chosen), *sets)
+
+
+def _when_compared(plan: Plan, chosen: PlanOption) -> PlanOption:
+    """The chosen set with its figures from the comparison."""
+    return next((each for each in (*plan.front, *plan.considered) if each.sensors == chosen.sensors), chosen)
+
+
+def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
+    """Explain why the chosen set has another AP here than in the rest of the report."""
+    compared, cases = _when_compared(plan, chosen).counted, _cases_text(chosen)
+    if compared is None or chosen.counted is None:
+        return ()
+    asked = (Paragraph(f"The AP of each set in this section is that {cases}, as the question asks."),) if cases else ()
+    if compared == chosen.counted:
+        return asked
+    return (
+        *asked,
+        Paragraph(
+            "The AP of each set in this section is from the traffic on which the sets were compared. There the chosen "
+            f"set has {ap_figure(compared)}; its {ap_figure(chosen.counted)} in the rest of the report is from "
+            "other traffic, which had no say in the choice and is therefore the figure to trust."
+        ),
+    )
+
+
+def _cases_text(chosen: PlanOption) -> str:
+    """Cases behind the AP by which sets are compared, "" for the intact set in all traffic."""
+    left = "" if chosen.left is None else "after the failures"
+    levels = "" if chosen.over_levels is None else "over the levels of traffic"
+    errors = "" if chosen.over_errors is None else "over the error profiles"
+    return " and ".join(each for each in (left, levels, errors) if each)
+
+
+def _option_table(
+    caption: str, plan: Plan, chosen: PlanOption, options: Sequence[PlanOption]
+) -> tuple[TableBlock, ...]:
+    predicted, costs = Column("predicted AP", digits=3), price_column("price", plan.currency)
+    columns = (*text_columns("Sensors"), predicted, *JUDGED_COLUMNS, Column("per sensor", "kbit"), costs)
+    rows = [
+        (
+            join_names(each.sensors) + (" (chosen)" if each.sensors == chosen.sensors else ""),
+            *(each.predicted, *judged_cells(each.counted), each.kbit_per_sensor, each.price),
+        )
+        for each in options
+    ]
+    return table(caption, columns, rows)
+
+
+def links_section(plan: Plan) -> Content:
+    """Load of the links against their capacity."""
+    if not plan.links:
+        return say("No link carries anything.")
+    narrow = [each.pole for each in plan.links if not each.fits]
+    fullest, total = max(plan.links, key=lambda each: each.share), sum(each.mbit_s for each in plan.links)
+    conclusion = (
+        f"{count_text(len(narrow), 'link')} of {len(plan.links)} cannot carry what is sent: {join_names(narrow)}."
+        if narrow
+        else f"Every link carries what is sent; the fullest, at {fullest.pole}, is used to {percent(fullest.share)}: "
+        f"its largest frames need {number(fullest.peak_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s."
+    )
+    loads = [Column(name, "Mbit/s", 2) for name in ("mean", "largest frame", "capacity")]
+    columns = (*text_columns("Pole"), *loads, Column("used", "%"), *text_columns("fits"))
+    rows = [
+        (e.pole, e.mbit_s, e.peak_mbit_s, e.capacity_mbit_s, in_percent(e.share), "yes" if e.fits else "no")
+        for e in plan.links
+    ]
+    each = "; ".join(f"{e.pole}: {number(e.mbit_s, 2)} of {number(e.capacity_mbit_s, 2)}" for e in plan.links)
+    drawing = Drawing(
+        link_chart(plan.links),
+        f"All links together carry {number(total, 2)} Mbit/s to the fusion centre.",
+        f"Mbit/s of each link against its capacity: {each}",
+    )
+    return say(conclusion, drawing, *table(f"Load at {RATE:g} frames a second", columns, rows))
+
+
+def materials_section(plan: Plan) -> Content:
+    """Items to order."""
+    if not plan.materials:
+        return say("There is nothing to order.")
+    dearest = max(plan.materials, key=lambda each: each.price)
+    total, part, each = (
+        price_text(price, plan.currency)
+        for price in (sum(item.price for item in plan.materials), dearest.price, dearest.unit_price)
+    )
+    units = () if plan.currency else (Paragraph("Prices are in units of one ordinary pole."),)
+    prices = (price_column(title, plan.currency) for title in ("each", "total"))
+    columns = (*text_columns("Item"), Column("count", digits=0), *prices)
+    rows = [(item.item, item.count, item.unit_price, item.price) for item in plan.materials]
+    return say(
+        f"The total is {total}; the largest part, {part}, is “{dearest.item}” ({dearest.count} at {each}).",
+        *units,
+        *table("What to order", columns, rows),
+    )
+
+
+def schedule_section(plan: Plan) -> Content:
+    """Place and aim of each sensor."""
+    if not plan.sensors:
+        return say("There is nothing to mount.")
+    low, high = (pick(sensor.height for sensor in plan.sensors) for pick in (min, max))
+    heights = f"{low:.1f} to {high:.1f}" if high - low >= 0.05 else f"{plan.sensors[0].height:.1f}"
+    poles = count_text(len({sensor.pole for sensor in plan.sensors}), "pole")
+    on_earth = all(s.longitude is not None and s.latitude is not None for s in plan.sensors)
+    columns = (
+        *text_columns("Sensor", "Pole", "Model"),
+        *(Column(name, "m", 2) for name in ("east x", "north y", "height")),
+        *(Column(name, "°", 6) for name in (("longitude", "latitude") if on_earth else ())),
+        *(Column(name, "°") for name in ("bearing", "tilt down")),
+    )
+    rows = [
+        (
+            *(s.name, s.pole, s.model, s.x, s.y, s.height),
+            *((s.longitude, s.latitude) if on_earth else ()),
+            *(s.bearing_deg, s.tilt_deg),
+        )
+        for s in plan.sensors
+    ]
+    note = "Bearings are compass bearings of the optical axis, clockwise from north; tilt is below the horizon; "
+    note += "height is above the foot of the pole. x and y are metres in the frame of the site."
+    if not on_earth:
+        note += " The site has no geographic reference, so there are no longitudes and latitudes."
+    return say(
+        f"Mount {count_text(len(plan.sensors), 'sensor')} on {poles}, {heights} m above the foot of the pole.",
+        Paragraph(note),
+        *table("Sensor by sensor", columns, rows),
+    )
+
+
+def method_section(plan: Plan) -> Content:
+    """Computation, assumptions, unknowns and provenance."""
+    judged = plan.chosen.judged if plan.chosen else None
+    amount = f", {count_text(judged.vehicles, judged.kind)} in {count_text(judged.frames, 'frame')}" if judged else ""
+    conclusion = (
+        f"Every AP here is that of {plan.detector} in simulated traffic{amount}: it ranks places for sensors, and does "
+        "not replace a trial on the street."
+        if plan.detector
+        else "No detector judged anything, because no set of sensors may be built."
+    )
+    blocks: list[ReportBlock] = []
+    if plan.considered:
+        judged_sets = sum(each.judged is not None for each in plan.considered)
+        found = {name for option in plan.considered for name in option.searches}
+        by = f", found by the searches {join_names(sorted(found))}" if found else ""
+        sets = f"{count_text(len(plan.considered), 'set')} of sensors reached the final comparison{by}; "
+        blocks.append(Paragraph(f"{sets}the detector judged {judged_sets} of them on all of its traffic."))
+    for heading, sentences in (("What it assumes:", plan.assumptions), ("What it does not know:", plan.unknown)):
+        if sentences:
+            blocks += [Paragraph(heading), Bullets(sentences)]
+    caption = "Origin of the figures: the same inputs, seeds and versions give the same plan"
+    origin = table(caption, text_columns("Input, seed or version", "Value"), [*_flatten(plan.provenance)])
+    return say(conclusion, *blocks, *origin)
+
+
+def _flatten(provenance: Mapping[str, object], before: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in provenance.items():
+        if isinstance(value, Mapping) and value:
+            yield from _flatten(value, f"{before}{name}: ")
+        else:
+            yield f"{before}{name}".replace("_", " "), value_text(value)
+
+
+SPARSE = 1.0  # points per m² below which a place is practically unseen
+SCHEMES_EXPLAINED = (
+    "With early fusion every sensor sends its points and one detector looks at all of them; with late fusion every "
+    "sensor detects for itself and sends only what it found; with hybrid fusion a sensor sends what it found nearby "
+    "and points from further away."
+)
+SHAPLEY = (
+    "The worth of a sensor (its Shapley value) is the AP that it adds, on average over every order in which the "
+    "sensors could be built; the values of all sensors add up to the AP of the whole set. The synergy of two sensors "
+    "is above 0 if they add more together than each alone, and below 0 if they see much the same."
+)
+
+
+def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Content:
+    """Visible ground, density of points and blind spots."""
+    if plan.ground is None or ground is None:
+        return say(
+            f"The visible ground was not computed{'' if plan.chosen else ', because no set of sensors was chosen'}.",
+        )
+    shares, twice = plan.ground, percent(plan.ground.seen_by[1])
+    conclusion = (
+        f"At least one sensor sees {percent(shares.seen_by[0])} of the open ground, and two or more see {twice}; no "
+        f"sensor sees {number(shares.blind_m2, 0)} m², or {percent(shares.blind_lanes)} of the lanes."
+    )
+    covered = Drawing(
+        coverage_map(site, ground, site.sensors),
+        f"Where two or more sensors look, on {twice} of the open ground, one may fail and the place is still seen.",
+        f"Map of how many of the sensors {join_names([s.name for s in plan.sensors])} see each place of the ground",
+    )
+    caption, lanes = (
+        "No lane lies in the area; the density is that of all open ground.",
+        ground.lanes & ground.open_ground,
+    )
+    if lanes.any():
+        density = ground.density.sum(0, dtype=np.float64)[lanes]
+        caption = (
+            f"Half of the lanes' ground gets {number(float(np.median(density)), 1)} points per m² or more in a frame; "
+            f"{percent(float((density < SPARSE).mean()))} of it gets fewer than {SPARSE:g}, too few to tell what is "
+            "there."
+        )
+    alt = "Map of the points per square metre that all sensors together put on the ground in a frame"
+    dense = Drawing(density_map(site, ground, site.sensors), caption, alt)
+    blind = Drawing(
+        blind_map(site, ground, site.sensors),
+        f"{number(shares.blind_m2, 0)} m², {percent(shares.blind)} of the open ground, are hidden from every "
+        "sensor or lie outside their fields of view.",
+        "Map of the ground that no sensor sees: lanes, footways and the rest",
+    )
+    rows = [
+        (name, area, in_percent(area / shares.open_m2 if shares.open_m2 else None))
+        for name, area in shares.sensor_m2.items()
+    ]
+    columns = (*text_columns("Sensor"), Column("sees", "m²", 0), Column("of the open ground", "%"))
+    caption = "Ground that each sensor sees; ground that two sensors see counts for both"
+    return say(conclusion, covered, dense, blind, *table(caption, columns, rows))
+
+
+def detection_section(plan: Plan) -> Content:
+    """AP by place, level of traffic, error profile and class."""
+    parts = (("zone", plan.by_zone), ("distance", plan.by_range), ("lane approach", plan.by_approach))
+    judged = [(row.name, row.judged) for _, rows in parts for row in rows if row.judged is not None]
+    if not (judged or plan.by_class):
+        return say("There was no vehicle to detect.")
+    conclusion = "There was no vehicle to detect in any part of the site."
+    if judged:
+        (worst, low), (best, high) = _extremes(judged)
+        conclusion = (
+            f"No part of the site is clearly worse than another: the weakest, “{worst}”, has {ap_text(low)}."
+            if overlap(low, high)
+            else f"Detection is weakest at “{worst}”, {ap_text(low)}, and best at “{best}”, {ap_text(high)}."
+        )
+    conditions = (("level of traffic", plan.by_level), ("error profile", plan.by_errors))
+    blocks = [block for name, rows in (*parts, *conditions) for block in _breakdown(name, rows)]
+    return say(conclusion, *blocks, *_class_ap(plan), *_coverage(plan))
+
+
+def _extremes(judged: Sequence[tuple[str, Judgement]]) -> list[tuple[str, Judgement]]:
+    return [pick(judged, key=lambda each: each[1].ap) for pick in (min, max)]
+
+
+def _breakdown(name: str, rows: Sequence[BreakdownRow]) -> tuple[ReportBlock, ...]:
+    judged = [(row.name, row.judged) for row in rows if row.judged is not None]
+    if not judged:
+        return (Paragraph(f"AP by {name} is unknown: there was no vehicle to detect."),) if rows else ()
+    (worst, low), (best, high) = _extremes(judged)
+    apart = "the intervals overlap" if overlap(low, high) else "the intervals do not overlap"
+    caption = (
+        f"By {name}, AP ranges from {number(low.ap)} at “{worst}” to {number(high.ap)} at “{best}”; {apart}."
+        if len(judged) > 1
+        else f"By {name}, only “{worst}” had vehicles: {ap_text(low)}."
+    )
+    chart = interval_bars(judged, f"AP by {name}")
+    columns = (*text_columns(name.capitalize()), *JUDGED_COLUMNS, Column("points per vehicle", digits=0))
+    cells = [(row.name, *judged_cells(row.judged), row.mean_points) for row in rows]
+    found = table(f"AP and share of vehicles found, by {name}", columns, cells)
+    return Drawing(chart, caption, f"AP with intervals by {name}: {list_aps(judged)}"), *found
+
+
+def _coverage(plan: Plan) -> tuple[ReportBlock, ...]:
+    """Coverage of each class of road user."""
+    if not plan.by_class:
+        return ()
+    seen = [(row, row.share) for row in plan.by_class if row.share is not None and row.objects]
+    text = "No road user of any class crossed the site."
+    if seen:
+        low, share = min(seen, key=lambda each: each[1])
+        text = (
+            f"The class covered least is {low.label}: {percent(share)} of {count_text(low.objects, 'road user')} had "
+            f"at least {count_text(low.least_points, 'point')} on them. These are shares of coverage, not AP"
+            + (": the detector knows vehicles only." if len(plan.class_ap) < 2 else ".")
+        )
+    counts = Column("road users", digits=0), Column("points required", digits=0)
+    rows = [(row.label, row.objects, row.least_points, in_percent(row.share)) for row in plan.by_class]
+    columns = (*text_columns("Class"), *counts, Column("covered", "%"))
+    return Paragraph(text), *table("Coverage by class of road user (not AP)", columns, rows)
+
+
+def _class_ap(plan: Plan) -> tuple[ReportBlock, ...]:
+    """AP of each class, if several count."""
+    if len(plan.class_ap) < 2:
+        return ()
+    low = min(plan.class_ap, key=lambda row: row.judged.ap)
+    text = f"The class detected worst is {low.label}: {ap_text(low.judged)} at IoU {iou_text(low.iou)}."
+    columns = (*text_columns("Class"), Column("IoU"), Column("weight"), *JUDGED_COLUMNS)
+    rows = [(row.label, iou_value(row.iou), row.weight, *judged_cells(row.judged)) for row in plan.class_ap]
+    return Paragraph(text), *table("AP of each class with the chosen set", columns, rows)
+
+
+def schemes_section(plan: Plan) -> Content:
+    """Early, late and hybrid fusion of the same sensors."""
+    if not plan.schemes:
+        return say("No other fusion scheme was judged.")
+    most, least = (pick(plan.schemes, key=lambda each: each.kbit_per_sensor) for pick in (max, min))
+    caption = (
+        f"A sensor sends {number(most.kbit_per_sensor, 0)} kbit per frame with {most.scheme} fusion."
+        if least.kbit_per_sensor <= 0 or most is least
+        else f"{most.scheme.capitalize()} fusion sends {most.kbit_per_sensor / least.kbit_per_sensor:.1f} times as "
+        f"much as {least.scheme} fusion."
+    )
+    aps = list_aps((f"{each.scheme} at IoU {iou_text(each.iou)}", each.judged) for each in plan.schemes)
+    columns = (*text_columns("Scheme"), Column("IoU"), *JUDGED_COLUMNS, Column("per sensor", "kbit"))
+    rows = [(e.scheme, iou_value(e.iou), *judged_cells(e.judged), e.kbit_per_sensor) for e in plan.schemes]
+    return say(
+        _compare_schemes(plan, [each for each in plan.schemes if each.iou == plan.iou] or plan.schemes),
+        Paragraph(SCHEMES_EXPLAINED),
+        Drawing(scheme_chart(plan.schemes), caption, f"AP with intervals of the fusion schemes: {aps}"),
+        *table("The chosen sensors with each fusion scheme", columns, rows),
+    )
+
+
+def _compare_schemes(plan: Plan, judged: Sequence[SchemeFigures]) -> str:
+    best = max(judged, key=lambda each: each.judged.ap)
+    least = min(judged, key=lambda each: each.kbit_per_sensor)
+    mine = next((each for each in judged if each.scheme == plan.scheme), best)
+    sent = f"{mine.scheme} fusion sends {number(mine.kbit_per_sensor, 0)} kbit per sensor and frame, "
+    sent += "the least" if mine is least else f"{least.scheme} fusion, the least, {number(least.kbit_per_sensor, 0)}"
+    if mine is best:
+        return f"{mine.scheme.capitalize()} fusion, as planned, has the highest AP, {ap_figure(mine.judged)}; {sent}."
+    apart = "their intervals overlap" if overlap(mine.judged, best.judged) else "their intervals do not overlap"
+    return (
+        f"{best.scheme.capitalize()} fusion has the highest AP, {number(best.judged.ap)} "
+        f"({interval_text(best.judged)}), against {number(mine.judged.ap)} ({interval_text(mine.judged)}) with "
+        f"{mine.scheme} fusion as planned, and {apart}; {sent}."
+    )
+
+
+def worth_section(plan: Plan) -> Content:
+    """Worth of each sensor, and good pairs."""
+    if not plan.worth:
+        return say("The worth of the sensors was not computed.")
+    if len(plan.worth) == 1:
+        only = plan.worth[0]
+        return say(f"There is one sensor, {only.sensor}, and all of the AP is its own: {number(only.shapley)}.")
+    most, least = (pick(plan.worth, key=lambda each: each.shapley) for pick in (max, min))
+    conclusion = (
+        f"{most.sensor} is worth most, {number(most.shapley)} AP, and {least.sensor} least, {number(least.shapley)}."
+    )
+    pairs = {tuple(sorted((each.sensor, other))): value for each in plan.worth for other, value in each.synergy.items()}
+    if pairs:
+        best, worst = (pick(pairs, key=lambda pair: pairs[pair]) for pick in (max, min))
+        if pairs[best] > 0:
+            conclusion += f" {join_names(best)} complement each other best ({pairs[best]:+.3f})."
+        if pairs[worst] < 0:
+            conclusion += f" {join_names(worst)} duplicate each other most ({pairs[worst]:+.3f})."
+    names, total = [each.sensor for each in plan.worth], sum(each.shapley for each in plan.worth)
+    columns = (*text_columns("Sensor"), Column("worth", "AP", 3), *(Column(f"with {name}", "AP") for name in names))
+    rows = [
+        (
+            each.sensor,
+            each.shapley,
+            *(
+                Cell(f"{each.synergy[name]:+.3f}", each.synergy[name]) if name in each.synergy else None
+                for name in names
+            ),
+        )
+        for each in plan.worth
+    ]
+    caption = f"{most.sensor} accounts for {percent(most.shapley / total if total else None)} of what all sensors add."
+    values = "; ".join(f"{each.sensor} {number(each.shapley)}" for each in plan.worth)
+    return say(
+        conclusion,
+        Paragraph(SHAPLEY),
+        Drawing(worth_chart(plan.worth), caption, f"Worth of each sensor in AP: {values}"),
+        *table("Worth, and synergy with each other sensor", columns, rows),
+    )
+
+
+def failures_section(plan: Plan, chosen: PlanOption) -> Content:
+    """AP left when one or two sensors fail."""
+    intact = chosen.judged
+    if intact is None or not plan.failures:
+        return say("No failure leaves a working sensor.")
+    conclusion = f"All sensors together give {ap_text(intact)}."
+    for count in sorted({len(each.failed) for each in plan.failures}):
+        case = min((e for e in plan.failures if len(e.failed) == count), key=lambda each: each.judged.ap)
+        conclusion += (
+            f" If {count_text(count, 'sensor')} {'fails' if count == 1 else 'fail'}, the worst loss is that of "
+            f"{join_names(case.failed)}: {ap_text(case.judged)} is left."
+        )
+    harmless = sum(overlap(each.judged, intact) for each in plan.failures)
+    caption = (
+        f"In {harmless} of {count_text(len(plan.failures), 'case')} the loss is so small that the interval still "
+        "overlaps that of the whole set."
+    )
+    left = list_aps((f"without {join_names(each.failed)}", each.judged) for each in plan.failures)
+    columns = (*text_columns("Failed"), *JUDGED_COLUMNS, Column("lost", "AP", 3))
+    rows = [(join_names(e.failed), *judged_cells(e.judged), intact.ap - e.judged.ap) for e in plan.failures]
+    drawing = Drawing(failure_chart(intact, plan.failures), caption, f"AP left: {left}")
+    return say(conclusion, drawing, *table("What is left, case by case", columns, rows))
+
+
+def order_section(plan: Plan) -> Content:
+    """Order in which to build the sensors."""
+    if not plan.order:
+        return say("No order of building was computed.")
+    first, last = plan.order[0], plan.order[-1]
+    then = "" if last is first else f"; the last, {last.sensor}, brings it to {ap_text(last.judged)}"
+    price = price_text(first.price, plan.currency)
+    enough = next(i for i, each in enumerate(plan.order, 1) if overlap(each.judged, last.judged))
+    caption = (
+        "Every sensor adds more than the intervals leave open."
+        if enough == len(plan.order)
+        else f"From {count_text(enough, 'sensor')} on, the interval overlaps that of all: the gain from more is "
+        "uncertain."
+    )
+    aps = list_aps((each.sensor, each.judged) for each in plan.order)
+    columns = (Column("Step", digits=0), *text_columns("Sensor"), price_column("spent", plan.currency), *JUDGED_COLUMNS)
+    rows = [(i, each.sensor, each.price, *judged_cells(each.judged)) for i, each in enumerate(plan.order, 1)]
+    return say(
+        f"Build {first.sensor} first: for {price} it alone gives {ap_text(first.judged)}{then}.",
+        Drawing(order_chart(plan.order, plan.currency), caption, f"AP after each sensor built: {aps}"),
+        *table("In this order, after each sensor", columns, rows),
+    )
+
 
 REPORT_FILES = ("report.html", "report.pdf")
 TITLES = {
@@ -36,22 +599,22 @@ NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show he
 def build_document(plan: Plan, site: Site, ground: Ground | None) -> Document:
     """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
     content = dict.fromkeys(TITLES, say(NOTHING_CHOSEN))
-    content["requirement"] = recommendation.requirement_section(plan)
-    content["ground"] = performance.ground_section(plan, site, ground)
-    content["method"] = recommendation.method_section(plan)
+    content["requirement"] = requirement_section(plan)
+    content["ground"] = ground_section(plan, site, ground)
+    content["method"] = method_section(plan)
     if plan.chosen is not None:
         content |= {
-            "chosen": recommendation.chosen_section(plan, plan.chosen, site, ground),
-            "detection": performance.detection_section(plan),
-            "schemes": performance.schemes_section(plan),
-            "front": recommendation.front_section(plan, plan.chosen),
-            "worth": performance.worth_section(plan),
-            "failures": performance.failures_section(plan, plan.chosen),
-            "links": recommendation.links_section(plan),
-            "materials": recommendation.materials_section(plan),
-            "schedule": recommendation.schedule_section(plan),
-            "order": performance.order_section(plan),
-            "alternatives": recommendation.alternatives_section(plan, plan.chosen),
+            "chosen": chosen_section(plan, plan.chosen, site, ground),
+            "detection": detection_section(plan),
+            "schemes": schemes_section(plan),
+            "front": front_section(plan, plan.chosen),
+            "worth": worth_section(plan),
+            "failures": failures_section(plan, plan.chosen),
+            "links": links_section(plan),
+            "materials": materials_section(plan),
+            "schedule": schedule_section(plan),
+            "order": order_section(plan),
+            "alternatives": alternatives_section(plan, plan.chosen),
         }
     titles = TITLES | ({"requirement": "The answer"} if plan.verdict.met is None else {})
     sections = tuple(Section(key, title, *content[key]) for key, title in titles.items())

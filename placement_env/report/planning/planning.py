@@ -22,10 +22,8 @@ from placement_env.objective import Objective
 from placement_env.report.content import Plan, Planned, Verdict
 from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning import sentences
-from placement_env.report.planning.answer import Findings, build_plan
-from placement_env.report.planning.breakdown import pick_moments
-from placement_env.report.planning.choosing import choose_set
-from placement_env.report.planning.judging import Judge
+from placement_env.report.planning.answer import Findings, build_plan, pick_moments
+from placement_env.report.planning.judging import Judge, choose_set
 from placement_env.report.planning.question import Question
 from placement_env.search.order import describe_exclusions
 from placement_env.search.portfolio.entrants import Effort, keep_entrants

@@ -8,8 +8,8 @@ from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES
 from placement_env.fidelity.coverage import LEAST
 from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
-from placement_env.report.pages.wording import count_text
-from placement_env.report.planning.choosing import Rule
+from placement_env.report.pages.document import count_text
+from placement_env.report.planning.judging import Rule
 from placement_env.report.planning.question import Question
 from placement_env.search.order import describe_money
 from toolkit.detection.codec import PAPER

@@ -7,7 +7,7 @@ import numpy as np
 
 from placement_env.handover.ground import GroundShares
 from placement_env.report.content import BreakdownRow, ClassSeen, Judgement, SchemeFigures, SensorWorth
-from placement_env.report.pages import performance
+from placement_env.report.pages import report
 from placement_env.report.pages.document import Section
 
 
@@ -24,7 +24,7 @@ def judged(ap, half=0.02):
 def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     rows = (BreakdownRow("west", judged(0.8)), BreakdownRow("east", judged(0.9)), BreakdownRow("far", None))
     plan = replace(example.plan, by_zone=rows, by_range=(), by_approach=())
-    section = read(performance.detection_section, plan)
+    section = read(report.detection_section, plan)
     assert section.conclusion == (
         "Detection is weakest at “west”, AP 0.800 (0.780–0.820, 40 vehicles), and best at “east”, AP 0.900 "
         "(0.880–0.920, 40 vehicles)."
@@ -35,18 +35,18 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     )
     assert [cell.text for cell in table.rows[2]] == ["far", "–", "no vehicle", "–", "0", "–", "–"]
     near = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", judged(0.9)))
-    section = read(performance.detection_section, replace(example.plan, by_zone=near, by_range=(), by_approach=()))
+    section = read(report.detection_section, replace(example.plan, by_zone=near, by_range=(), by_approach=()))
     assert section.conclusion.startswith(
         "No part of the site is clearly worse than another: the weakest, “west”, has AP"
     )
     assert section.blocks[0].caption.endswith("; the intervals overlap.")
     only = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", None))
     plan = replace(example.plan, by_zone=only, by_range=(BreakdownRow("far", None),), by_approach=())
-    drawing, _, distance, *_ = read(performance.detection_section, plan).blocks
+    drawing, _, distance, *_ = read(report.detection_section, plan).blocks
     assert drawing.caption == "By zone, only “west” had vehicles: AP 0.870 (0.850–0.890, 40 vehicles)."
     assert distance.text == "AP by distance is unknown: there was no vehicle to detect."
     seen = (ClassSeen("vehicle", 40, 10, 0.99), ClassSeen("cyclist", 1, 1, 0.5), ClassSeen("heavy", 0, 10, None))
-    *_, said, table = read(performance.detection_section, replace(example.plan, by_class=seen)).blocks
+    *_, said, table = read(report.detection_section, replace(example.plan, by_class=seen)).blocks
     assert said.text == (
         "The class covered least is cyclist: 50% of 1 road user had at least 1 point on them. These are shares "
         "of coverage, not AP: the detector knows vehicles only."
@@ -60,17 +60,17 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
         return SchemeFigures(name, iou, judged(ap), kbit)
 
     mine = (scheme("early", 0.9, 1500.0), scheme("late", 0.8, 300.0), scheme("late", 0.99, 300.0, 0.5))
-    section = read(performance.schemes_section, replace(example.plan, schemes=mine))
+    section = read(report.schemes_section, replace(example.plan, schemes=mine))
     assert section.conclusion == (
         "Early fusion has the highest AP, 0.900 (0.880–0.920), against 0.800 (0.780–0.820) with late fusion as "
         "planned, and their intervals do not overlap; late fusion sends 300 kbit per sensor and frame, the least."
     )
     assert section.blocks[1].caption == "Early fusion sends 5.0 times as much as late fusion."
-    best = read(performance.schemes_section, replace(example.plan, schemes=mine[1:2]))
+    best = read(report.schemes_section, replace(example.plan, schemes=mine[1:2]))
     assert best.conclusion.startswith("Late fusion, as planned, has the highest AP, 0.800")
     assert best.blocks[1].caption == "A sensor sends 300 kbit per frame with late fusion."
     assert (
-        read(performance.schemes_section, replace(example.plan, schemes=())).conclusion
+        read(report.schemes_section, replace(example.plan, schemes=())).conclusion
         == "No other fusion scheme was judged."
     )
 
@@ -78,8 +78,8 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
 def test_levels_and_error_profiles_have_tables(example):
     rows = (BreakdownRow("thin traffic", judged(0.97)), BreakdownRow("dense traffic", judged(0.9)))
     plain, section = (
-        read(performance.detection_section, example.plan),
-        read(performance.detection_section, replace(example.plan, by_level=rows)),
+        read(report.detection_section, example.plan),
+        read(report.detection_section, replace(example.plan, by_level=rows)),
     )
     assert plain.conclusion == section.conclusion
     assert len(section.blocks) > len(plain.blocks)
@@ -89,8 +89,8 @@ def test_levels_and_error_profiles_have_tables(example):
     assert said[0].startswith("By level of traffic, AP ranges from 0.900 at “dense traffic” to 0.970 at “thin traffic”")
     rows = (BreakdownRow("paper", judged(0.97), 80.0), BreakdownRow("poor", judged(0.9), 60.0))
     plain, section = (
-        read(performance.detection_section, example.plan),
-        read(performance.detection_section, replace(example.plan, by_errors=rows)),
+        read(report.detection_section, example.plan),
+        read(report.detection_section, replace(example.plan, by_errors=rows)),
     )
     assert plain.conclusion == section.conclusion
     said = [each.caption for each in section.blocks if getattr(each, "caption", "").startswith("By error profile")]
@@ -101,7 +101,7 @@ SHARES = GroundShares((0.8, 0.5, 0.25), 0.2, 0.05, {"d0": 400.0, "d1": 1000.0}, 
 
 
 def test_shares_and_density_are_those_of_lanes(example):
-    section = read(performance.ground_section, replace(example.plan, ground=SHARES), example.site, example.ground)
+    section = read(report.ground_section, replace(example.plan, ground=SHARES), example.site, example.ground)
     assert section.conclusion == (
         "At least one sensor sees 80% of the open ground, and two or more see 50%; no sensor sees 400 m², or 5% of the "
         "lanes."
@@ -117,14 +117,14 @@ def test_shares_and_density_are_those_of_lanes(example):
     sparse = np.argwhere(ground.lanes)[: int(ground.lanes.sum()) // 4]
     density[:, sparse[:, 0], sparse[:, 1]] = 0.2
     section = read(
-        performance.ground_section, replace(example.plan, ground=SHARES), example.site, replace(ground, density=density)
+        report.ground_section, replace(example.plan, ground=SHARES), example.site, replace(ground, density=density)
     )
     assert section.blocks[1].caption.startswith("Half of the lanes' ground gets 2.5 points per m² or more")
     assert "25% of it gets fewer than 1" in section.blocks[1].caption
     bare = replace(example.ground, lanes=np.zeros_like(example.ground.lanes))
-    section = read(performance.ground_section, example.plan, example.site, bare)
+    section = read(report.ground_section, example.plan, example.site, bare)
     assert section.blocks[1].caption.startswith("No lane lies in the area")
-    assert read(performance.ground_section, example.plan, example.site, None).blocks == ()
+    assert read(report.ground_section, example.plan, example.site, None).blocks == ()
 
 
 def test_worth_and_synergy_of_one_two_and_many(example):
@@ -133,7 +133,7 @@ def test_worth_and_synergy_of_one_two_and_many(example):
         SensorWorth("b", 0.3, {"a": 0.05, "c": 0.0}),
         SensorWorth("c", 0.1, {"a": -0.1, "b": 0.0}),
     )
-    section = read(performance.worth_section, replace(example.plan, worth=mine))
+    section = read(report.worth_section, replace(example.plan, worth=mine))
     assert section.conclusion == (
         "a is worth most, 0.600 AP, and c least, 0.100. a and b complement each other best (+0.050). a and c duplicate "
         "each other most (-0.100)."
@@ -141,16 +141,16 @@ def test_worth_and_synergy_of_one_two_and_many(example):
     assert section.blocks[1].caption == "a accounts for 60% of what all sensors add."
     assert [cell.text for cell in section.blocks[2].rows[0]] == ["a", "0.600", "–", "+0.050", "-0.100"]
     two = (SensorWorth("a", 0.7, {"b": -0.09}), SensorWorth("b", 0.2, {"a": -0.09}))
-    assert read(performance.worth_section, replace(example.plan, worth=two)).conclusion == (
+    assert read(report.worth_section, replace(example.plan, worth=two)).conclusion == (
         "a is worth most, 0.700 AP, and b least, 0.200. a and b duplicate each other most (-0.090)."
     )
-    section = read(performance.worth_section, replace(example.plan, worth=(SensorWorth("a", 0.6, {}),)))
+    section = read(report.worth_section, replace(example.plan, worth=(SensorWorth("a", 0.6, {}),)))
     assert section.conclusion == "There is one sensor, a, and all of the AP is its own: 0.600."
     assert section.blocks == ()
 
 
 def test_failures_and_the_order_of_building(example):
-    section = read(performance.failures_section, example.plan)
+    section = read(report.failures_section, example.plan)
     assert section.conclusion == (
         "All sensors together give AP 0.962 (0.932–0.992, 412 vehicles). If 1 sensor fails, the worst loss is that of "
         "d3: AP 0.780 (0.750–0.810, 412 vehicles) is left. If 2 sensors fail, the worst loss is that of d0 and d3: AP "
@@ -160,7 +160,7 @@ def test_failures_and_the_order_of_building(example):
         "In 3 of 6 cases the loss is so small that the interval still overlaps that of the whole set."
     )
     assert [cell.text for cell in section.blocks[1].rows[0]][-1] == "0.052"
-    section = read(performance.order_section, example.plan)
+    section = read(report.order_section, example.plan)
     assert section.conclusion == (
         "Build d3 first: for 1.50 EUR it alone gives AP 0.710 (0.680–0.740, 412 vehicles); the last, d5, brings it to "
         "AP 0.962 (0.932–0.992, 412 vehicles)."
@@ -168,6 +168,6 @@ def test_failures_and_the_order_of_building(example):
     assert section.blocks[0].caption == (
         "From 3 sensors on, the interval overlaps that of all: the gain from more is uncertain."
     )
-    one = read(performance.order_section, replace(example.plan, order=example.plan.order[:1]))
+    one = read(report.order_section, replace(example.plan, order=example.plan.order[:1]))
     assert one.conclusion.endswith("412 vehicles).")
     assert one.blocks[0].caption == "Every sensor adds more than the intervals leave open."

@@ -8,8 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import Judgement, PlanOption
-from placement_env.report.planning.choosing import choose, choose_set, find_front_options, near_optimal
-from placement_env.report.planning.judging import Judge
+from placement_env.report.planning.judging import Judge, choose, choose_set, find_front_options, near_optimal
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.runtime.run import Run
 
