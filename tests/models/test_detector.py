@@ -75,26 +75,16 @@ def test_weights_survive_a_file_and_those_of_a_site_stay_there(tmp_path):
         load_detector(site, site="roundabout")
 
 
-def _cut(data):
-    return data[: len(data) // 2]
-
-
-def _flipped(data):
-    middle = len(data) - 1000
-    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
-
-
-@pytest.mark.parametrize(
-    ("damage", "said"),
-    [(_cut, "damaged"), (_flipped, "damaged"), (lambda data: b"", "damaged"), (lambda data: b"PK" * 99, "damaged")],
-)
-def test_a_damaged_file_is_one_clear_line(tmp_path, damage, said):
+def test_a_damaged_file_is_one_clear_line(tmp_path):
     path = tmp_path / "weights.safetensors"
     save_weights(path, network(), Header("general"))
-    path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(ValueError, match=said) as error:
-        load_detector(path)
-    assert "\n" not in str(error.value)
+    data = path.read_bytes()
+    flipped = data[:-1000] + bytes([data[-1000] ^ 1]) + data[-999:]
+    for damaged in (data[: len(data) // 2], flipped, b"", b"PK" * 99):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match="damaged") as error:
+            load_detector(path)
+        assert "\n" not in str(error.value)
 
 
 def test_files_of_another_size_or_kind_or_none_are_errors(tmp_path):

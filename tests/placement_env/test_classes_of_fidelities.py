@@ -307,17 +307,14 @@ def test_searches_find_the_set_of_the_best_worst_class(make):
         assert exact.certificate.value == pytest.approx(found.best.reward, abs=1e-6)
         by_classes[classes] = found.best
     assert by_classes[WORST].subset != by_classes[VEHICLES].subset
-    assert min(by_classes[WORST].class_ap.values()) > seen_worst(seen, by_classes[VEHICLES].subset)
+    vehicles = np.isin(np.arange(len(seen)), by_classes[VEHICLES].subset)
+    assert min(by_classes[WORST].class_ap.values()) > Coverage(seen, classes=WORST)(vehicles[None]).ap[0]
     assert is_submodular(
         Objective(Setting(candidates=parts.candidates, fidelity=Coverage(seen, classes=MEAN), scheme="early"))
     )
     assert not is_submodular(
         Objective(Setting(candidates=parts.candidates, fidelity=Coverage(seen, classes=WORST), scheme="early"))
     )
-
-
-def seen_worst(seen, subset):
-    return Coverage(seen, classes=WORST)(np.isin(np.arange(len(seen)), subset)[None]).ap[0]
 
 
 def test_an_objective_says_what_each_class_gets(make):

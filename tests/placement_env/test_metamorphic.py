@@ -177,20 +177,13 @@ def test_a_sensor_that_sees_nothing_adds_nothing_but_its_price(scheme):
     assert worth.synergy[3] == pytest.approx(0, abs=1e-12)
 
 
-def moved_sensor():
-    s0 = SCENE.sensors[0]
-    return Sensor(s0.name, s0.model, look((0.0, -3.0, 5.0), 0.3, 0.3))
-
-
-def other_area(site, by=6.0):
-    return replace(site, area=site.area + np.array([by, 0.0, 0.0, 0.0]))
-
-
+MOVED = replace(SCENE.sensors[0], pose=look((0.0, -3.0, 5.0), 0.3, 0.3))
+SMALLER = replace(SCENE.site, area=SCENE.site.area + np.array([6.0, 0.0, 0.0, 0.0]))
 CHANGES = {
     "weights": lambda: detected(detector=Cells(fewest=12, digest="trained")),
     "traffic": lambda: detected(replace(SCENE, order=(3, 4, 5), digest="of tomorrow")),
-    "site": lambda: detected(replace(SCENE, site=other_area(SCENE.site), digest="smaller")),
-    "pose": lambda: detected(replace(SCENE, sensors=(moved_sensor(), *SCENE.sensors[1:]))),
+    "site": lambda: detected(replace(SCENE, site=SMALLER, digest="smaller")),
+    "pose": lambda: detected(replace(SCENE, sensors=(MOVED, *SCENE.sensors[1:]))),
     "iou": lambda: detected(iou=0.55),
     "scheme": lambda: detected(scheme="late"),
 }

@@ -59,8 +59,11 @@ def scene(x=0.0, y=0.0, turns=0, frames=range(3)):
     wall = Solid(place([(-3.0, 3.0), (3.0, 3.0), (3.0, 4.0), (-3.0, 4.0)]), 0.0, 5.0)
     area = np.append(here - 20.0, here + 20.0)
     site = Site("square", area, solids=(wall,), mounts=mounts, sensors=sensors)
+    models = tuple(dict.fromkeys(sensor.model for sensor in sensors))
+    factors = np.column_stack([np.arange(len(sensors)), np.zeros((len(sensors), 4), np.int64)])  # each on its mount
+    candidates = Candidates(sensors, mounts, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
     bodies = tuple(body for body in catalogue() if body.label in (VEHICLE, HEAVY))
-    return Traffic(site, bodies, tuple(snapshot(bodies, place, turn, k) for k in frames)), candidates_of(site)
+    return Traffic(site, bodies, tuple(snapshot(bodies, place, turn, k) for k in frames)), candidates
 
 
 def snapshot(bodies, place, turn, k):
@@ -72,14 +75,6 @@ def snapshot(bodies, place, turn, k):
     yaw = rng.uniform(-0.1, 0.1, 9) + turn
     boxes = np.column_stack([xy, size[:, 2] / 2, size, np.arctan2(np.sin(yaw), np.cos(yaw))])
     return Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen]), np.arange(9)), chosen)
-
-
-def candidates_of(site):
-    """Each of the site's sensors on the mount below it."""
-    number = np.arange(len(site.sensors))
-    factors = np.column_stack([number, np.zeros((len(number), 4), np.int64)])
-    models = tuple(dict.fromkeys(sensor.model for sensor in site.sensors))
-    return Candidates(site.sensors, site.mounts, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
 
 
 MODELS = {  # made up

@@ -9,16 +9,11 @@ L_SHAPE = np.array([[0.0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
 @pytest.mark.parametrize(
     ("mesh", "expected"),
     [
-        (box((1, 2, 3), (5, 5, 5)), 6.0),
-        (extrude(L_SHAPE, 1.0, 3.0), 6.0),
+        *((box((1, 2, 3), (5, 5, 5)), 6.0), (extrude(L_SHAPE, 1.0, 3.0), 6.0)),
         (extrude(L_SHAPE[::-1], 1.0, 3.0), 6.0),  # clockwise outlines too
-        (tube([(0, 0, 0), (0, 0, 2)], 0.5, 64), np.pi / 2),
-        (tube([(0, 0, 0), (0, 2, 0)], 0.5, 64), np.pi / 2),
-        (tube([(0, 0, 0), (2, 0, 0)], 0.5, 64), np.pi / 2),
-        (ellipsoid((1, 1, 1), (1, 2, 3), 40, 40), 8 * np.pi),
-        (flip_sides(box((1, 2, 3), (5, 5, 5))), 6.0),
-        (place(box((1, 2, 3)), 4.0, yaw=0.7), 6.0),
-        (merge([]), 0.0),
+        *((tube([(0, 0, 0), (0, 0, 2)], 0.5, 64), np.pi / 2), (tube([(0, 0, 0), (0, 2, 0)], 0.5, 64), np.pi / 2)),
+        *((tube([(0, 0, 0), (2, 0, 0)], 0.5, 64), np.pi / 2), (ellipsoid((1, 1, 1), (1, 2, 3), 40, 40), 8 * np.pi)),
+        *((flip_sides(box((1, 2, 3), (5, 5, 5))), 6.0), (place(box((1, 2, 3)), 4.0, yaw=0.7), 6.0), (merge([]), 0.0)),
     ],
 )
 def test_solids_are_closed_and_wound_outwards(mesh, expected):

@@ -22,10 +22,6 @@ def counts(row, zone):
     return np.expm1(row[zone * faces.BINS : (zone + 1) * faces.BINS]).round(4)
 
 
-def step_of(distance):
-    return int(np.floor((distance - faces.NEAREST) / faces.STEP))
-
-
 def turned(points, boxes, yaw, shift=(7.0, 3.0, 0.2)):
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     boxes = boxes.copy()
@@ -53,7 +49,8 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
         (front, 0, 0.09), (front, 1, 0.09), (rear, 2, 0.29), (left, 0, 0.15), (right, 2, 0.09), (right, 1, 0.17),
         (seen.top[0], 0, 0.11),
     ):  # fmt: skip
-        assert counts(row, zone)[step_of(distance)] == 1, (zone, distance)
+        step = int(np.floor((distance - faces.NEAREST) / faces.STEP))
+        assert counts(row, zone)[step] == 1, (zone, distance)
     np.testing.assert_array_equal(front[OWN : 2 * OWN], rear[:OWN])  # each sees the one opposite
     np.testing.assert_array_equal(right[OWN : 2 * OWN], left[:OWN])
 

@@ -81,7 +81,8 @@ def played(case: str, vector: bool) -> dict[str, np.ndarray]:
         if not vector and (terminated or truncated):
             rows.append(answer(*env.reset(), env=env))
     keys = dict.fromkeys(key for row in rows for key in row)
-    return {key: column([row[key] for row in rows if key in row]) for key in keys}
+    columns = {key: np.array([row[key] for row in rows if key in row]) for key in keys}
+    return {key: whole.astype(str) if whole.dtype == object else whole for key, whole in columns.items()}
 
 
 def make(name: str, vector: bool, given: dict[str, Any]) -> Any:
@@ -97,11 +98,6 @@ def answer(observation: np.ndarray, info: dict[str, Any], *, env: Any) -> dict[s
         **{f"term_{key}": value for key, value in terms.items()},
         "mask": env.action_masks(),
     }
-
-
-def column(values: list[Any]) -> np.ndarray:
-    whole = np.array(values)
-    return whole.astype(str) if whole.dtype == object else whole
 
 
 def drawn(space: gym.Space[Any], n: int, rng: np.random.Generator) -> np.ndarray:

@@ -34,15 +34,11 @@ GROUND = Ground(X, Y, SEEN, SEEN * np.float32(30), OPEN, LANES, ~LANES & (np.ara
 MAPS = [coverage_map, density_map, blind_map]
 
 
-def drawn_cells(text):
+def cells_of(text):
     """The picture of cells in a map, from the bottom up: it is turned over where it is shown."""
     (image,) = [each for each in ElementTree.fromstring(text).iter() if each.tag.endswith("image")]
     (data,) = [value for key, value in image.attrib.items() if key.endswith("href")]
-    return imread(BytesIO(base64.b64decode(data.partition(",")[2])))
-
-
-def cells_of(text):
-    pixels = drawn_cells(text)
+    pixels = imread(BytesIO(base64.b64decode(data.partition(",")[2])))
     rows, columns = pixels.shape[0] // 6, pixels.shape[1] // 10
     assert rows >= ENLARGED
     assert columns >= ENLARGED

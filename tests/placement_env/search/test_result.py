@@ -80,13 +80,10 @@ def test_results_are_read_as_written_also_old_ones(whole, tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda c: c | {"coview_result": 2},
-        lambda c: c | {"best": []},
-        lambda c: {name: value for name, value in c.items() if name != "history"},
-        lambda c: c | {"extra": 1},
+        *(lambda c: c | {"coview_result": 2}, lambda c: c | {"best": []}),
+        *(lambda c: {name: value for name, value in c.items() if name != "history"}, lambda c: c | {"extra": 1}),
         lambda c: c | {"sensors": [{"name": "a", "model": "Telepathy", "values": {}, "pose": []}]},
-        lambda c: c | {"certificate": None},
-        lambda c: [c],
+        *(lambda c: c | {"certificate": None}, lambda c: [c]),
     ],
 )
 def test_a_damaged_result_is_one_line(whole, tmp_path, change):

@@ -127,12 +127,9 @@ MODEL = RowLidar((0.2, 0.1, 0.0, -0.3), columns=36)
 SECTOR = RowLidar((0.1, 0.0), columns=10, azimuth_fov=1.0, heading=3.0)
 
 
-def ray(row, column, model=MODEL):
-    return model.rays()[row, column].astype(np.float64)
-
-
 def along(*cells, model=MODEL):
-    return np.array([distance * ray(row, column, model) for row, column, distance in cells]).astype(np.float32)
+    rays = model.rays().astype(np.float64)
+    return np.array([distance * rays[row, column] for row, column, distance in cells]).astype(np.float32)
 
 
 def test_images_there_and_back_are_exact_in_range():

@@ -23,17 +23,13 @@ from toolkit.sites.random import random_sensors, random_site
 from toolkit.sites.site import Site
 
 
-def seen_empty(site, seed):
-    """What sensors measure at a site, two frames of it."""
-    sensors = random_sensors(site, seed, 4)
-    background = Renderer(site, (), sensors, threads=1).background
-    return [Frame(sensors, background, Objects.empty(), float(k), k) for k in range(2)]
-
-
 @pytest.fixture(scope="module", params=[3, 5])
 def place(request):
+    """A site, what sensors measure there in two frames, and its background."""
     site = random_site(request.param)
-    return site, seen_empty(site, request.param), site_background(site)
+    sensors = random_sensors(site, request.param, 4)
+    background = Renderer(site, (), sensors, threads=1).background
+    return site, [Frame(sensors, background, Objects.empty(), float(k), k) for k in range(2)], site_background(site)
 
 
 def test_the_site_is_background_or_else_what_is_behind_all_that_moves(place):

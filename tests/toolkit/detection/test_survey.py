@@ -41,10 +41,6 @@ class Recording:
         return Frame(SENSORS, depths, Objects(boxes, labels), index=k)
 
 
-def nothing(points):
-    return Detections.empty()
-
-
 def test_surveys_count_what_stands_in_the_area_if_anything():
     found = survey(Recording(), reads=Reads(noise_seed=3))
     assert found.frames == 5
@@ -52,9 +48,8 @@ def test_surveys_count_what_stands_in_the_area_if_anything():
     assert found.counts.shape == (20, 3)
     assert found.unseen([]) == 1
     assert found.unseen([0, 1, 2]) <= found.unseen([0])
-    rows = evaluate_recording(
-        Recording(), nothing, Comparison(schemes=["early"], iou_thresholds=[0.7]), reads=Reads(noise_seed=3)
-    )
+    compared = Comparison(schemes=["early"], iou_thresholds=[0.7])
+    rows = evaluate_recording(Recording(), lambda points: Detections.empty(), compared, reads=Reads(noise_seed=3))
     assert found.kbit_per_sensor.mean() == pytest.approx(rows[0].kbit_per_sensor)
     assert found.as_dict([[0, 2]])["unseen"].keys() == {"0,2"}
     json.dumps(found.as_dict([[0]]))

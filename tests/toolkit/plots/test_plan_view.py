@@ -29,10 +29,6 @@ def picture(path):
     return image
 
 
-def rgb(colour):
-    return tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5))
-
-
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory):
     path = tmp_path_factory.mktemp("bare") / "bare.png"
@@ -101,4 +97,5 @@ def test_hits_misses_and_false_alarms_are_told_apart(tmp_path, outcome, there):
     shown = picture(tmp_path / "frame.png")
     map_only = (shown[: int(0.85 * len(shown)), :, :3] * 255).round().astype(int)
     for name in ("hit", "missed", "false alarm"):
-        assert ((map_only == rgb(OUTCOME[name].colour)).all(axis=2).sum() > 20) == (name in there), name
+        colour = tuple(bytes.fromhex(OUTCOME[name].colour[1:]))
+        assert ((map_only == colour).all(axis=2).sum() > 20) == (name in there), name

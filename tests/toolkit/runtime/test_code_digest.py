@@ -96,15 +96,9 @@ STUB = "from .b import thing as thing\nfrom .c import other as other\nfrom .e im
 @pytest.mark.parametrize(
     ("source", "runs"),
     [
-        ("", ""),
-        ("import toolkit.b", "b"),
-        ("from toolkit import b", "b"),
-        ("from . import b", "b"),
-        ("from .b import thing", "b"),
-        ("from toolkit import thing", "b"),
-        ("from toolkit import other", "c"),
-        ("from toolkit import named", "e"),
-        ("from toolkit import *", "bcde"),
+        *(("", ""), ("import toolkit.b", "b"), ("from toolkit import b", "b"), ("from . import b", "b")),
+        *(("from .b import thing", "b"), ("from toolkit import thing", "b"), ("from toolkit import other", "c")),
+        *(("from toolkit import named", "e"), ("from toolkit import *", "bcde")),
         ("def f():\n    if True:\n        from toolkit.c import x", "c"),
         (
             "try:\n    import toolkit.b\nexcept ImportError:\n    import toolkit.c\nfinally:\n    import toolkit.e",
@@ -113,8 +107,7 @@ STUB = "from .b import thing as thing\nfrom .c import other as other\nfrom .e im
         ("match 1:\n    case 1:\n        import toolkit.b", "b"),
         ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import toolkit.b", ""),
         ("import typing\nif typing.TYPE_CHECKING:\n    import toolkit.b\nelse:\n    import toolkit.c", "c"),
-        ("import os, json.decoder\nimport numpy.linalg", ""),
-        ("'''from toolkit import b'''", ""),
+        *(("import os, json.decoder\nimport numpy.linalg", ""), ("'''from toolkit import b'''", "")),
     ],
 )
 def test_what_is_imported_is_followed_as_python_would(tmp_path, source, runs):

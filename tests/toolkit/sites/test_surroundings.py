@@ -17,10 +17,6 @@ ROAD = surroundings.Road(
 )
 
 
-def spots(mounts):
-    return [shapely.Point(mount.position[:2]) for mount in mounts]
-
-
 def test_ground_is_taken_once_and_solids_together_or_not_at_all():
     assert ROAD.carriageway.area == pytest.approx(160 * 7, rel=0.01)
     assert ROAD.surface.area == pytest.approx(160 * 11, rel=0.01)
@@ -48,7 +44,7 @@ def test_ground_is_taken_once_and_solids_together_or_not_at_all():
 @pytest.mark.parametrize("seed", range(3))
 def test_mounts_stand_apart_beside_the_road_and_repeat(seed):
     mounts = surroundings.place_mounts(ROAD, AREA, np.random.default_rng(seed), at_least=10, spacing=5.0)
-    places = spots(mounts)
+    places = [shapely.Point(mount.position[:2]) for mount in mounts]
     assert 10 <= len(mounts) <= 20
     assert len({mount.name for mount in mounts}) == len(mounts)
     assert min(ROAD.carriageway.distance(place) for place in places) >= 0.6 - 1e-3

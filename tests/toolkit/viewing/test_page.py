@@ -26,10 +26,7 @@ def written(drawn, tmp_path_factory):
 def test_every_frame_has_its_nodes_and_everything_a_switch(written):
     _, content = written
     assert [(each.name, each.nodes) for each in content.switches] == [
-        ("north", "/sensors/0"),
-        ("south", "/sensors/1"),
-        ("truth", "/truth"),
-        ("detections", "/detections"),
+        *(("north", "/sensors/0"), ("south", "/sensors/1"), ("truth", "/truth"), ("detections", "/detections")),
         *(("hits", "/hits"), ("missed", "/missed"), ("false alarms", "/false_alarms")),
         *((kind, " ".join(nodes_of_kind(kind, outcomes=True))) for kind in ("vehicle", "pedestrian", "others")),
         ("grid of 10 m", "/grid"),

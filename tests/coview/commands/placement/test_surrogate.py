@@ -30,16 +30,7 @@ def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
     assert "--overwrite" in refused(*asked, *QUICK, "--out", out, *cache)
 
     search = (
-        "search",
-        "tjunction",
-        "--method",
-        "greedy",
-        "--candidates",
-        "paper",
-        "--budget",
-        2,
-        "--frames",
-        6,
+        *("search", "tjunction", "--method", "greedy", "--candidates", "paper", "--budget", 2, "--frames", 6),
         *cache,
     )
     both = ("--classes", "vehicle", "pedestrian", "--combine", "worst", "--surrogate", out)

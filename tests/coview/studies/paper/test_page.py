@@ -1,6 +1,7 @@
 """The page and its charts."""
 
 import re
+from functools import partial
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -71,22 +72,20 @@ def pairs(out, interval=INTERVAL):
     draw_pairs(["early", "late"], rows, out, title="Pairs")
 
 
-def agreement(out):
-    draw_agreement({"early": [("0,2", 0.5, 0.6)], "late": [("0,1,2,3", 0.7, 0.8)]}, out, title="Sets")
+SETS = {"early": [("0,2", 0.5, 0.6)], "late": [("0,1,2,3", 0.7, 0.8)]}
 
 
-def fit(out):
-    draw_log_fit(np.array([10.0, 100.0]), np.array([0.4, 0.8]), (0.0, 0.17), out, title="Fit")
-
-
-def nothing(out):
-    draw_log_fit(np.zeros(0), np.zeros(0), (float("nan"), float("nan")), out, title="Nothing")
-
-
-@pytest.mark.parametrize("draw", [pairs, agreement, fit, nothing])
+@pytest.mark.parametrize(
+    "draw",
+    [
+        *(pairs, partial(draw_agreement, SETS, title="Sets")),
+        partial(draw_log_fit, np.array([10.0, 100.0]), np.array([0.4, 0.8]), (0.0, 0.17), title="Fit"),
+        partial(draw_log_fit, np.zeros(0), np.zeros(0), (float("nan"), float("nan")), title="Nothing"),
+    ],
+)
 def test_svg_is_sound_and_the_same_each_time(draw, tmp_path):
     for name in ("a.svg", "b.svg"):
-        draw(tmp_path / name)
+        draw(out=tmp_path / name)
     ElementTree.parse(tmp_path / "a.svg")
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 

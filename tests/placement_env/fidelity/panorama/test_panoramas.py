@@ -32,20 +32,14 @@ def seen(small_traffic):
 def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_traffic):
     elsewhere = Sensor("e", CAMERA, look((0.0, 0.0, 5.0), 0.0))
     for sensors, quick in (
-        (SENSORS, True),
-        (SENSORS[:3], False),
-        ([*SENSORS, elsewhere], False),
-        ([*SENSORS * 2, elsewhere], True),
+        *((SENSORS, True), (SENSORS[:3], False), ([*SENSORS, elsewhere], False), ([*SENSORS * 2, elsewhere], True)),
     ):
         assert choose_quick(sensors, small_traffic, "auto").tolist() == [quick] * len(sensors)
     assert not choose_quick(SENSORS, small_traffic, "full").any()
     ranges = [30.0, 50.0, 56.0, 120.0]
     lidars = [Sensor(f"{r}", SpinningLidar(max_range=r), look(AT, 0.0)) for r in ranges]
     assert choose_quick(lidars, small_traffic, "panorama").tolist() == [
-        False,
-        False,
-        True,
-        True,
+        *(False, False, True, True),
     ]  # 42 by 30 m, and height
     first, second, *_ = small_traffic.snapshots
     traffic = replace(small_traffic, snapshots=(first, first, second, first))

@@ -7,17 +7,12 @@ from placement_env.search.exact import exhaustive
 from placement_env.setting import Weights
 
 
-def brute(objective, budget):
-    size = len(objective.candidates)
-    sets = [s for k in range(1, budget + 1) for s in combinations(range(size), k)]
-    return [s for s in sets if objective.feasible(objective.row(s)[None])[0]]
-
-
 @pytest.mark.parametrize(("mounts", "poses", "budget"), [(6, 1, 6), (3, 3, 3), (1, 1, 1), (4, 2, 2)])
 def test_equals_trying_one_by_one(make, mounts, poses, budget):
     objective = make(mounts, poses, weights=Weights(1e-4, 0.01), seed=3)
     found = exhaustive.search(objective, budget)
-    scores = [objective.score(s) for s in brute(objective, budget)]
+    sets = [s for k in range(1, budget + 1) for s in combinations(range(len(objective.candidates)), k)]
+    scores = [objective.score(s) for s in sets if objective.feasible(objective.row(s)[None])[0]]
     assert found.best.reward == max(s.reward for s in scores)
     assert found.certificate.kind == "optimal"
     assert found.certificate.gap == 0

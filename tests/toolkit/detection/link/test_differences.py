@@ -309,12 +309,9 @@ def test_what_no_encoder_writes_is_refused():
         )
 
     for wrong, said in (
-        (b"", "do not fit"),
-        (content([0, 0, 0], squares=b"\x81"), "filled with zeros"),
-        (content([0, 0]), "3 pixels stand still, got 2"),
-        (content([0, 0, 0], [1]), "0 pixels are marked, got 1"),
-        (content([0, 0, 15]), "out of range"),
-        (content([0, 0, 2 * MOST_STEPS]), "out of range"),
+        *((b"", "do not fit"), (content([0, 0, 0], squares=b"\x81"), "filled with zeros")),
+        *((content([0, 0]), "3 pixels stand still, got 2"), (content([0, 0, 0], [1]), "0 pixels are marked, got 1")),
+        *((content([0, 0, 15]), "out of range"), (content([0, 0, 2 * MOST_STEPS]), "out of range")),
         (sound[:-1], "inflate to 0 symbols"),
     ):
         with pytest.raises(ValueError, match=said):

@@ -155,13 +155,10 @@ def test_what_no_encoder_writes_is_refused():
 
     assert decode_pixels(content([2, 2], [4, 1]), (1, 5))[0].tolist() == [[0, 2, 1, 0, 0]]
     for wrong, said in (
-        (b"", "begin with 0 or 1"),
-        (content([2], [0], way=7), "begin with 0 or 1"),
-        (content([0, 2], [4]), "lie outside"),
-        (content([4, 2], [4]), "lie outside"),
+        *((b"", "begin with 0 or 1"), (content([2], [0], way=7), "begin with 0 or 1")),
+        *((content([0, 2], [4]), "lie outside"), (content([4, 2], [4]), "lie outside")),
         (content([2, 2], [4, 1, 0]), "2 pixels are marked, got 3 residuals"),
-        (content([2, 2], [4, 1]) + b"x", "got 1 bytes more"),
-        (content([2, 2], [1, 1]), "a measurement of -1 steps"),
+        *((content([2, 2], [4, 1]) + b"x", "got 1 bytes more"), (content([2, 2], [1, 1]), "a measurement of -1 steps")),
         (content([1] * 6, []), "at most 5 packed numbers are possible, got 6"),
     ):
         with pytest.raises(ValueError, match=said):

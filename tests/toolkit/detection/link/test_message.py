@@ -43,17 +43,13 @@ def test_bytes_are_those_of_the_table_in_whole_steps():
     assert sensor_number("a") != sensor_number("b")
 
 
-def resealed(message, at, byte):
-    body = bytearray(message[:-4])
-    body[at] = byte
-    return bytes(body) + struct.pack("<I", zlib.crc32(body))
-
-
 def test_other_versions_and_every_damage_are_refused():
     message = write_message(HEADER, b"")
     for at, byte, said in ((0, 1, "begins with"), (2, 2, "version must be 1, got 2"), (3, 9, "kind 1 .*got 9")):
+        body = bytearray(message[:-4])
+        body[at] = byte
         with pytest.raises(ValueError, match=said):
-            read_message(resealed(message, at, byte))
+            read_message(bytes(body) + struct.pack("<I", zlib.crc32(body)))
     message = write_message(HEADER, b"some content")
     for length in range(len(message)):
         with pytest.raises(ValueError, match=r"cut off|checksum"):
