@@ -27,7 +27,6 @@ def extension(monkeypatch):
 
 
 def blocks(page, language):
-    """Return marks and texts of a page's blocks in a language."""
     return [(mark, text) for mark, found, text in BLOCK.findall(page.read_text()) if found == language]
 
 
@@ -46,7 +45,6 @@ def test_python_blocks_run_one_after_the_other(page, tmp_path, monkeypatch):
 
 
 def command_lines(page):
-    """Return every `coview ...` line of a page's blocks, as words."""
     shown = "\n".join(text for language in ("", "console", "bash") for _, text in blocks(page, language))
     lines = [line.removeprefix("$ ") for line in shown.replace("\\\n", " ").splitlines()]
     return [shlex.split(line, comments=True)[1:] for line in lines if re.match(r"coview [a-z]", line)]
@@ -54,12 +52,10 @@ def command_lines(page):
 
 @functools.cache
 def parsing(name):
-    """Return a command that parses its arguments and does nothing."""
     return functools.wraps(command(name))(lambda *_, **__: 0)
 
 
 def refused(words):
-    """Reason for which a command line is refused, "" if it parses."""
     if words[0] not in COMMANDS:
         return "no such command"
     try:
@@ -107,7 +103,6 @@ def test_commands_pictures_and_pages_are_where_readers_find_them():
 
 
 def anchors(page):
-    """Return the anchors that GitHub and MyST give to the headings of a page."""
     headings = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
@@ -123,7 +118,6 @@ def test_links_lead_to_files_and_headings(page):
 
 
 def lookup(dotted):
-    """Return whether a dotted name leads to a module or what it holds."""
     parts = dotted.split(".")
     for cut in range(len(parts), 0, -1):
         try:

@@ -71,8 +71,6 @@ def packed(packed_file):
 
 @pytest.fixture(scope="session")
 def same_weights():
-    """Compare the weights of two networks, or of their states."""
-
     def same(a, b):
         a, b = (each if isinstance(each, dict) else each.state_dict() for each in (a, b))
         return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)

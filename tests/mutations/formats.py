@@ -29,7 +29,6 @@ class Format:
 
 
 def calls(name: str) -> Callable[[Path], object]:
-    """Call a function, `module:name`, with the path."""
     module, _, function = name.partition(":")
     return lambda path: getattr(importlib.import_module(module), function)(path)
 

@@ -28,7 +28,6 @@ def flipped(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
 
 
 def cut(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
-    """The end is missing."""
     rest = int(rng.integers(0, len(content)))
     return f"cut off after {rest} bytes", content[:rest]
 
@@ -41,20 +40,17 @@ def blanked(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
 
 
 def inserted(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
-    """A few bytes that do not belong there."""
     place, more = int(rng.integers(len(content) + 1)), rng.bytes(int(rng.integers(1, 65)))
     return f"{len(more)} bytes inserted at {place}", content[:place] + more + content[place:]
 
 
 def repeated(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
-    """A chunk that is there twice."""
     first, length = int(rng.integers(len(content))), int(rng.integers(1, 2049))
     chunk = content[first : first + length]
     return f"{len(chunk)} bytes at {first} doubled", content[:first] + chunk + content[first:]
 
 
 def removed(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
-    """A chunk that is missing."""
     first, length = int(rng.integers(len(content))), int(rng.integers(1, 2049))
     return f"up to {length} bytes at {first} removed", content[:first] + content[first + length :]
 

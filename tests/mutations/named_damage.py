@@ -21,7 +21,6 @@ Spoil = Callable[[Path], None]
 
 
 def main() -> None:
-    """Print what each reader says of each damage."""
     print("| file | what was done | what the user sees |\n|---|---|---|")
     for name, what, line in lines():
         print(f"| {name} | {what} | {line.replace('|', '/')} |")

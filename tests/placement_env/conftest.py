@@ -114,7 +114,6 @@ def random_objective(mounts=6, poses=1, *, views=1, objects=60, seed=0, weights=
 
 @pytest.fixture(scope="session")
 def make():
-    """Builds random objectives."""
     return random_objective
 
 

@@ -38,7 +38,6 @@ def main() -> None:
 
 
 def conditions(path, dataset, detector, asked) -> None:
-    """AP by class and error profile."""
     from toolkit.datasets.readings import Reads
     from toolkit.detection.evaluation import Comparison, evaluate_recording
 

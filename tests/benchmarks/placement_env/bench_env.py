@@ -71,7 +71,6 @@ def crossings(objective: Objective, action: int = 1) -> list[tuple[str, str]]:
 
 
 def files_of(calls: list[tuple[str, str]]) -> list[str]:
-    """The different files that are called, in the order of their first call."""
     return list(dict.fromkeys(called.rpartition(":")[0] for _, called in calls))
 
 
@@ -93,7 +92,6 @@ def pose_pace(frames: int, rendering: Rendering, steps: int, rounds: int) -> tup
 
 
 def main_pose(frames: int) -> None:
-    """Print a line for each way to render."""
     ways: list[tuple[Rendering, int, int]] = [("panorama", 50, ROUNDS), ("full", 1, 3)]
     for rendering, steps, rounds in ways:
         begun, paces = pose_pace(frames, rendering, steps, rounds)
@@ -104,7 +102,6 @@ def main_pose(frames: int) -> None:
 
 
 def main_table() -> None:
-    """Print a line for each number of episodes side by side."""
     for count in (1, 16, 64):
         env = gym.make_vec("coview/SensorSelect-v0", num_envs=count, fidelity="table")
         paces = pace(env, 3200 // count + 20)
@@ -112,7 +109,6 @@ def main_table() -> None:
 
 
 def main(frames: int) -> None:
-    """Print a line for each fidelity and number of episodes side by side."""
     calls = crossings(Objective(Setting("tjunction", fidelity="table")))
     names = [str(Path(file).relative_to(ROOT)) for file in files_of(calls)]
     print(f"table: a step crosses {len(names)} files with {len(calls)} calls between them: {', '.join(names)}")

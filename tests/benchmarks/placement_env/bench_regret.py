@@ -43,18 +43,15 @@ class Rows:
         self.path, self.rows = path, list(read_rows(path))
 
     def add(self, **row: Any) -> None:
-        """Keep a row."""
         self.rows.append(row)
         with self.path.open("a") as file:
             file.write(json.dumps(row) + "\n")
 
     def find(self, **wanted: Any) -> list[dict[str, Any]]:
-        """The rows with these values."""
         return [row for row in self.rows if all(row.get(name) == value for name, value in wanted.items())]
 
 
 def read_rows(path: Path) -> Iterator[dict[str, Any]]:
-    """The rows of a file that are whole."""
     for line in path.read_text().splitlines() if path.exists() else ():
         try:
             yield json.loads(line)
@@ -92,7 +89,6 @@ class Judging:
         return replace(made, setting=replace(made.setting, **settings), run=run)
 
     def evaluators(self) -> tuple[Any, Any]:
-        """Of race and judgement."""
         from placement_env.search.portfolio.evaluators import Schedule
         from placement_env.search.portfolio.portfolio import Judging as PortfolioJudging
 
@@ -128,7 +124,6 @@ class Judging:
         return tuple(sorted(members[np.sort(first)][:k].tolist()))
 
     def row_of(self, subset: tuple[int, ...]) -> np.ndarray:
-        """A set as a row of booleans."""
         row = np.zeros((1, len(self.candidates)), bool)
         row[0, list(subset)] = True
         return row
@@ -171,7 +166,6 @@ class Judging:
 
 
 def run(judging: Judging, k: int, rows: Rows) -> None:
-    """One site and budget: what is not in the rows yet."""
     at = {"site": judging.name, "k": k, "scheme": judging.scheme}
     for name, search in judging.searches(k).items():
         if not rows.find(kind="search", method=name, **at):

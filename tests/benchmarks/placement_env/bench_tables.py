@@ -33,7 +33,6 @@ class OneByOne:
         self.detections, self.seconds = 0, 0.0
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
-        """Detect."""
         start = process_time()
         found = self.detector(points)
         self.detections, self.seconds = self.detections + 1, self.seconds + process_time() - start
@@ -44,7 +43,6 @@ class AtOnce(OneByOne):
     """One that can be asked for many unions of clouds at once."""
 
     def unions(self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect."""
         start = process_time()
         found = self.detector.unions(clouds, unions)
         self.detections, self.seconds = self.detections + len(unions), self.seconds + process_time() - start

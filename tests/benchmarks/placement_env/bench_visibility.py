@@ -57,7 +57,6 @@ def agreement(frames: int, poses: int, name: str) -> None:
 def main(
     frames: int = 200, poses: int | None = None, workers: int = 2, *sites: str, rendering: Rendering = "panorama"
 ) -> None:
-    """Print a line per site."""
     for name in sites or ("tjunction", "roundabout"):
         site = load_site(name)
         moments, candidates = simulate_traffic(site, frames, 1), pool(site)

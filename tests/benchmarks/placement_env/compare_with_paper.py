@@ -44,7 +44,6 @@ def best_of_paper(table: Table, scheme: str, column: int) -> None:
 
 
 def main() -> None:
-    """Compare the tables named, or all shipped ones."""
     for name in sys.argv[1:] or PAPER_SITES:
         compare(load_table(name))
 

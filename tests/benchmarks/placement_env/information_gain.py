@@ -49,7 +49,6 @@ class InformationGain:
         self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: np.ndarray, /) -> Estimate:
-        """Share of all cells' entropy that a set removes."""
         gain, whole = np.zeros(len(subsets)), float(self._entropy.sum())
         for block, reaching in self._sums.blocks(subsets):
             gain[block] = np.where(reaching > 0, self._entropy, 0).sum(axis=1)

@@ -20,7 +20,6 @@ LEAST = 4  # sets that a correlation needs
 
 
 def figures(rows: Sequence[Row]) -> list[str]:
-    """The lines to print."""
     lines: list[str] = []
     for scheme in ("early", "late"):
         of_scheme = [row for row in rows if row["scheme"] == scheme]
@@ -33,7 +32,6 @@ def figures(rows: Sequence[Row]) -> list[str]:
 
 
 def _portfolios(rows: Sequence[Row]) -> list[str]:
-    """A line for each site and budget, and the means."""
     head = (
         f"{'site':15s} k  {'AP':>6s} {'best':>6s} {'regret':>7s} {'unbiased':>8s} {'error':>7s} {'after':>7s} "
         f"{'sure':>5s} {'raced':>5s} {'s':>5s}  best by"

@@ -25,7 +25,6 @@ def scene(rng: np.random.Generator) -> tuple[Detections, Objects]:
 
 
 def main() -> None:
-    """Print milliseconds and limits."""
     rng = np.random.default_rng(0)
     a, b = cars(300, rng), cars(300, rng)
     report("iou_3d of 300 x 300 boxes", lambda: iou_3d(a, b), limit_ms=20.0)

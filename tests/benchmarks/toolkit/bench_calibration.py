@@ -36,14 +36,12 @@ def crooked(sensor: Sensor, rng: np.random.Generator) -> Sensor:
 
 
 def residual(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
-    """Degrees and centimetres between two poses."""
     turn = found[:3, :3] @ true[:3, :3].T
     sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     return float(np.rad2deg(np.linalg.norm(sine))), float(100 * np.linalg.norm(found[:3, 3] - true[:3, 3]))
 
 
 def main() -> None:
-    """One recording."""
     parser = argparse.ArgumentParser()
     parser.add_argument("recording")
     parser.add_argument("--site")

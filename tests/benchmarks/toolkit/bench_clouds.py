@@ -43,7 +43,6 @@ def plain_open3d(frame: Frame) -> o3d.geometry.PointCloud:
 
 
 def main() -> None:
-    """Print milliseconds per frame of six sensors, and how many times as fast as the plain script."""
     rng = np.random.default_rng(0)
     frame = Frame(SENSORS, tuple(street(sensor, rng) for sensor in SENSORS), Objects.empty())
     images = list(zip(frame.sensors, frame.measurements, strict=True))

@@ -39,7 +39,6 @@ SEEDS = {"tjunction": 7, "roundabout": 7, "3": 7}  # of traffic, by the site or 
 
 
 def main() -> None:
-    """Print a table for each recording."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recordings", nargs="*", type=Path)
     parser.add_argument("--layouts", nargs="*", default=[*(name for name in LAYOUTS if terms_of(name)), IMAGES])

@@ -32,7 +32,6 @@ finally:
 
 
 def peak_mb(command: tuple[str, ...]) -> float:
-    """Peak resident memory of one command (MB)."""
     done = subprocess.run([sys.executable, "-c", CHILD, *command], check=True, capture_output=True, text=True)
     return int(done.stdout.split()[-1]) * 1024 / 1e6
 

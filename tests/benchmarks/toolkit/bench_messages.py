@@ -50,7 +50,6 @@ def recorded(folder: Path, site: str, apart: float, frames: int, seed: int = SEE
 
 
 def learnt(folder: Path, site: str) -> tuple[Any, ...]:
-    """The empty scenes of all sensors, of the day before."""
     from toolkit.calibration.empty_scene import learn_empty_scenes, load_empty_scenes, save_empty_scenes
 
     path = folder / f"{site}.npz"
@@ -148,7 +147,6 @@ def print_bytes(folder: Path) -> None:
 
 
 def as_rows(path: Path) -> Iterator[dict[str, Any]]:
-    """The rows of a file, but for one that was broken off."""
     for line in path.read_text().splitlines() if path.exists() else ():
         try:
             yield json.loads(line)

@@ -32,14 +32,12 @@ def whole_scene(site: Site, bodies: tuple[Body, ...], snapshot: Snapshot) -> o3d
 
 
 def all_rays(site: Site) -> o3d.core.Tensor:
-    """Every ray of the site's sensors, world frame."""
     directions = np.stack([sensor.model.rays() @ sensor.pose[:3, :3].T for sensor in site.sensors])
     origins = np.broadcast_to(np.stack([s.position for s in site.sensors])[:, None, None], directions.shape)
     return o3d.core.Tensor(np.concatenate([origins, directions], axis=-1).astype(np.float32))
 
 
 def main() -> None:
-    """Print milliseconds per frame, and the rays per second as a part of the raw rate."""
     bodies = catalogue()
     for name in ("tjunction", "roundabout"):
         site = load_site(name)

@@ -54,7 +54,6 @@ MISTAKES: dict[Mistake, tuple[str, ...]] = {  # and what a finding of each begin
 
 
 def make(mistake: Mistake, path: Path, terms: Terms) -> None:
-    """Make a mistake in the files of a recording."""
     agents = terms.read(path)
     if mistake == "late":
         made = [[samples[k - LATE] if k >= LATE else [] for k in range(len(samples))] for samples in agents]
@@ -86,7 +85,6 @@ def _changed(mistake: Mistake, numbers: np.ndarray, terms: Terms) -> np.ndarray:
 
 
 def terms_of(layout: str) -> Terms | None:
-    """How a layout states its boxes; None for bags, which have none."""
     return TERMS.get(layout)
 
 

@@ -29,7 +29,6 @@ def together(clouds, union):
 
 
 def left(placed, union, thinning, dropped):
-    """Rows of the points that stay in a union."""
     rows, points = np.flatnonzero(union[placed.cloud]), len(placed.points)
     of_it = dropped[dropped // points == thinning] % points
     return torch.from_numpy(rows if thinning == 0 else rows[~np.isin(rows, of_it)])

@@ -30,7 +30,6 @@ BUILT_IN = {"tjunction": 6, "roundabout": 8}
 
 
 def square(mounts: int = 3, **changes) -> Site:
-    """A 40 m square with mounts along its southern edge."""
     stand = tuple(Mount(f"p{i}", np.array([10.0 * i - 10.0, -20.0, 0.5]), price=1.0 + i) for i in range(mounts))
     return Site("square", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=stand, **changes)
 

@@ -68,8 +68,6 @@ class Recording:
 
 
 class Seen:
-    """`Measured` over a recording."""
-
     def __init__(self, recording, noise_seed=0):
         self.recording, self.site, self.sensors = recording, recording.site, recording.sensors
         self.frames, self.noise_seed = len(recording), noise_seed

@@ -19,8 +19,6 @@ from toolkit.sites.files import load_site
 
 
 class Nothing:
-    """A detector that never sees anything."""
-
     digest = "nothing"
 
     def __call__(self, points):

@@ -23,8 +23,6 @@ def equal(one: Visibility, other: Visibility) -> bool:
 
 
 class Recorded(CoopDataset):
-    """A recording without a file."""
-
     def __init__(self, site, frames):
         self.site, self.frames, self.sensors = site, frames, site.sensors
 

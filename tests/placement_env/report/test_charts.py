@@ -91,7 +91,6 @@ def test_nothing_to_show_is_a_chart_too(chart):
 
 
 def shown(monkeypatch, draw):
-    """Every text of a chart, and its axes."""
     figures = []
 
     def keep(figure, title=""):

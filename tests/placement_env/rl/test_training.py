@@ -138,8 +138,6 @@ def test_a_search_that_is_killed_ends_like_one_that_is_not(make, tmp_path):
         """Stands for SIGKILL."""
 
     class Mortal(Checkpoint):
-        """Is killed after three rounds."""
-
         rounds = 0
 
         def save(self, state):

@@ -36,7 +36,6 @@ class Mortal(Checkpoint):
 
 
 def answer(found):
-    """All of a result but the seconds."""
     rows = (found.best, found.certificate, found.evaluations, found.front, found.sensors)
     return *rows, found.history.reward.tolist(), found.history.evaluations.tolist()
 

@@ -64,8 +64,6 @@ def test_orders_without_sensors_and_refusals(common):
 
 
 class Wary:
-    """Never sees anything."""
-
     digest = "wary"
 
     def __call__(self, points, /):

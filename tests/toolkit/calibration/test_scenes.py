@@ -20,8 +20,6 @@ SENSORS = tuple(Sensor(name, DepthCamera(width=8, height=6), np.eye(4)) for name
 
 
 class Recording(list):
-    """Counts what is read."""
-
     reads = 0
 
     def __getitem__(self, index):

@@ -15,7 +15,6 @@ POSES = [pose(5e5, 5.4e6, 300.0, yaw=1.0), pose(5e5 + 30, 5.4e6, 305.0, yaw=-2.0
 
 
 def write(path):
-    """POINTS in the format that the path's ending says."""
     extra = np.full((len(POINTS), 2), 0.5)
     name = path.name
     if name.endswith((".ply", ".pcd", ".npz")):

@@ -22,7 +22,6 @@ PLACE = pose(30.0, -4.0, 5.0, yaw=2.0, pitch=0.1)
 
 
 def cloud(elevation, azimuth, *, ring=None, seed=0, frame="sensor", name="l"):
-    """Points at random ranges from 5 to 60 m."""
     ranges = np.random.default_rng(seed).uniform(5, 60, len(elevation))
     flat = np.cos(elevation)
     rays = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1)

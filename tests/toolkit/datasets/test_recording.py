@@ -30,7 +30,6 @@ def scenes(sensors, frames):
 
 
 def content(source):
-    """Every dataset and attribute of a file."""
     found = {}
 
     def visit(name, node):

@@ -61,8 +61,6 @@ EMPTY = np.concatenate([ground(), on(WALL, 20000)])
 
 
 class Fixed:
-    """Says the same of every cloud."""
-
     digest, labels = "fixed", ("vehicle", "heavy")
 
     def __call__(self, points):

@@ -13,7 +13,6 @@ CAR = [8.0, -3.0, 0.75, 4.4, 1.9, 1.5, 0.4]
 
 
 def faces(box, sides=("front", "rear", "left", "right", "top"), step=0.1, rng=None):
-    """Points on the faces of a box, `step` apart, with noise."""
     quads = {"front": (0, 3, 4), "rear": (1, 2, 5), "left": (0, 1, 4), "right": (3, 2, 7), "top": (4, 5, 7)}
     corner = corners([box])[0]
     points = []

@@ -17,7 +17,6 @@ JOBS = {
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory):
-    """A copy of all source."""
     top = tmp_path_factory.mktemp("source")
     for package in PACKAGES:
         shutil.copytree(TOP / package, top / package, ignore=lambda _, names: [n for n in names if "." in n[:-3]])

@@ -51,8 +51,6 @@ def sensor(request):
 
 @pytest.fixture
 def wall():
-    """An image in which every pixel measures the same."""
-
     def image(sensor, metres):
         return TrueImage(sensor, np.full(sensor.model.shape, metres, np.float32), NOTHING)
 
@@ -61,8 +59,6 @@ def wall():
 
 @pytest.fixture
 def read():
-    """What a term makes of an image."""
-
     def reading(term, truth, frame=3, seed=0, number=5):
         return term.apply(Reading.of(truth), Draws(seed, number, frame, 1))
 
@@ -70,7 +66,6 @@ def read():
 
 
 def check_harmless(term, truth):
-    """A term without strength gives the reading itself."""
     before = Reading.of(truth)
     assert term.apply(before, Draws(0, 1, 2, 3)) is before
 

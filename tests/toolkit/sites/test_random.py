@@ -18,7 +18,6 @@ def union(polygons):
 
 
 def check(site: Site, tmp_path) -> None:
-    """Everything a random site promises."""
     width, depth = site.area[2:] - site.area[:2]
     assert 59.9 <= width <= 110.1
     assert 39.9 <= depth <= 110.1

@@ -66,7 +66,6 @@ def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
 
 
 def moved(sample, shift):
-    """The sample elsewhere on the map."""
     motion = np.eye(4)
     motion[:3, 3] = shift
     clouds = tuple(replace(cloud, world_SE3_sensor=motion @ cloud.world_SE3_sensor) for cloud in sample.clouds)

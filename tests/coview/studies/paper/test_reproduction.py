@@ -153,7 +153,6 @@ def test_a_table_that_does_not_fit_is_refused(made, tmp_path, exact_table_of):
 
 @pytest.fixture
 def unwritten(monkeypatch):
-    """No experiment is computed or written: for what comes before."""
     monkeypatch.setattr(reproduction, "all_experiments", lambda *_: ())
     monkeypatch.setattr(reproduction, "write_experiments", lambda *_, **__: None)
 

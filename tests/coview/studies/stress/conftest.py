@@ -70,11 +70,9 @@ class Tops:
 
 @pytest.fixture(scope="session")
 def driving():
-    """The class of its recordings: how many frames, how far apart (s)."""
     return Driving
 
 
 @pytest.fixture(scope="session")
 def tops():
-    """The class of its detector."""
     return Tops

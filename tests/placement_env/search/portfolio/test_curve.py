@@ -114,8 +114,6 @@ def test_too_many_amounts_are_spread_evenly(street, make):
 
 
 class Mortal(CasesEvaluator):
-    """Is killed when it is asked for the so-many-th time."""
-
     lives: list[int]
 
     def __init__(self, detected, lives):

@@ -93,7 +93,6 @@ def sample(name="1646667310.044", time=1646667310.0440001, complete=AREA):
 
 
 def equal(a, b):
-    """Whether two samples are the same to the bit."""
     assert (a.name, a.categories, dict(a.problems)) == (b.name, b.categories, dict(b.problems))
     assert a.complete.record() == b.complete.record()
     assert a.others.categories == b.others.categories

@@ -111,8 +111,6 @@ def test_channels_are_each_sensors_own_and_what_is_lost_leaves_the_one_before():
 
 
 class Lossy:
-    """A line that loses some messages, by their numbers."""
-
     def __init__(self, lost):
         self.lost, self.sent, self.channel = lost, -1, LinkChannel(delay=1e-9)
 
