@@ -7,13 +7,10 @@ all that it depends on. So a set costs detection once, for any caller and any nu
 
 Two kinds of value are kept, of one frame each:
 
-    detections   the detector's result for the points of some sensors together, under their processing:
-                 none, only the far ones kept, or lossy encoding. Sensors that add no point are left out of
-                 the key, so sets that differ only by them share it; so do schemes and codecs with the same points.
-    outcome      detections of one set in one scheme with one codec, fused and matched at each IoU threshold
-
-Each class is matched separately at every IoU threshold of `Detected.ious`. These are for vehicles; the other classes
-use those that `Classes.get_iou` gives.
+    detections   the detector's result for the points of some sensors together, under their processing. Sensors that
+                 add no point are left out of the key; schemes and codecs with the same points share it.
+    outcome      detections of one set in one scheme with one codec, fused and matched at each IoU threshold, class by
+                 class: vehicles at those of `Detected.ious`, the others at those that `Classes.get_iou` gives
 """
 
 from __future__ import annotations
@@ -89,10 +86,9 @@ class MeasuredImages(Protocol):
 
 
 class Outcome(NamedTuple):
-    """Detections of one set in one frame.
+    """Detections of one set in one frame, None as labels for all vehicles, and bits sent by each sensor of the set.
 
-    truth: of each at each IoU threshold, the index of the frame's scored object that it hit, or FALSE_ALARM or IGNORED;
-    bits: sent by each sensor of the set; labels: class of each, None for all vehicles.
+    truth: at each IoU threshold the index of the frame's scored object that each hit, or FALSE_ALARM or IGNORED.
     """
 
     scores: Float64[np.ndarray, " n"]
@@ -108,25 +104,13 @@ class Outcome(NamedTuple):
         return Outcome(self.scores[own], self.truth[:, own], self.bits, self.labels[own])
 
 
-class Hits(NamedTuple):
-    """Hits of one set in all frames at each of `Detected.ious`.
-
-    hit: the scored objects that were hit, frame after frame; score: of the hit, else 0; false_alarms: their scores.
-    """
-
-    hit: Bool[np.ndarray, "ious objects"]
-    score: Float64[np.ndarray, "ious objects"]
-    false_alarms: tuple[Float64[np.ndarray, " _"], ...]
-
-
 class Detected:
-    """AP of sensor sets by detection.
+    """AP of sensor sets by detection, which the other fidelities approximate.
 
-    The other fidelities approximate this one. scheme: how sets fuse, an object or a name; codec: of the data sent; iou:
-    at which a detection counts; memo: where detections and outcomes are kept, or the path of its file, None for this
-    object's memory; processes: that work on the frames, with the same figures; classes: of the objects that count,
-    several combined. Raises ValueError where these do not fit, for a class that the detector does not know, and for a
-    detector without `digest` with a memo that others share.
+    memo: where detections and outcomes are kept, or the path of its file, None for this object's memory; processes:
+    that work on the frames, with the same figures; classes: of the objects that count, several combined. Raises
+    ValueError where these do not fit, for a class that the detector does not know, and for a detector without `digest`
+    with a memo that others share.
     """
 
     name = "detector"
@@ -212,20 +196,15 @@ class Detected:
             for i, iou in enumerate(self.ious)
         }
 
-    def hits(self, subset: Bool[np.ndarray, " C"], frames: int | Sequence[int] | None = None) -> Hits:
-        """Hits of one set, object by object."""
-        (chosen,), chosen_frames = self._sets(subset[None]), _indices(self.frames, frames)
-        found = self.outcomes([chosen], chosen_frames)[chosen]
-        first_object = np.concatenate([[0], np.cumsum([self.scored(k).sum() for k in chosen_frames])])
-        score, alarms = np.zeros((len(self.ious), first_object[-1])), []
-        hit = np.zeros(score.shape, bool)
-        for at in range(len(self.ious)):
-            for outcome, first in zip(found, first_object, strict=False):
-                hitting = outcome.truth[at] >= 0
-                objects = first + outcome.truth[at, hitting]
-                hit[at, objects], score[at, objects] = True, outcome.scores[hitting]
-            alarms.append(np.concatenate([each.scores[each.truth[at] == FALSE_ALARM] for each in found]))
-        return Hits(hit, score, tuple(alarms))
+    def hits(self, subset: Bool[np.ndarray, " C"]) -> Bool[np.ndarray, "ious objects"]:
+        """Mask of the scored objects, frame after frame, that one set hit at each of `ious`."""
+        (chosen,) = self._sets(subset[None])
+        masks = []
+        for k, outcome in enumerate(self.outcomes([chosen], range(self.frames))[chosen]):
+            masks.append(np.zeros((len(self.ious), int(self.scored(k).sum())), np.bool_))
+            for mask, truth in zip(masks[-1], outcome.truth, strict=True):
+                mask[truth[truth >= 0]] = True
+        return np.concatenate(masks, axis=1)
 
     def outcomes(
         self,

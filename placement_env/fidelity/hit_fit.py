@@ -173,7 +173,7 @@ def fit_detected(
     """
     first = found[0][1]
     estimates = [detected.class_estimates(sets) for _, detected, sets in found]
-    hits = [np.stack([detected.hits(row).hit for row in sets], axis=1) for _, detected, sets in found]
+    hits = [np.stack([detected.hits(row) for row in sets], axis=1) for _, detected, sets in found]
     fitted: dict[tuple[str, float], Fitted] = {}
     for (c, (name, label)), iou in product(
         enumerate(zip(first.classes.names, first.classes.labels, strict=True)), ious or first.ious

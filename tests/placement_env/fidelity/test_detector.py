@@ -15,7 +15,6 @@ from toolkit.datasets.readings import Reads
 from toolkit.detection.background import Background, KnownBackground
 from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.detection.metrics import average_precision, precision_recall
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
@@ -201,16 +200,9 @@ def test_hits_give_the_ap_again_and_name_objects():
     for subset in SETS[[0, 3, 15]]:
         hits = detected.hits(subset)
         estimates = detected.estimates(subset[None])
-        objects = sum(detected.scored(k).sum() for k in range(3))
-        assert hits.hit.shape == hits.score.shape == (4, objects)
-        for hit, score, alarms, iou in zip(*hits, (0.55, *IOUS), strict=True):
-            scores = np.concatenate([score[hit], alarms])
-            is_hit = np.arange(len(scores)) < hit.sum()
-            assert average_precision(precision_recall(scores, is_hit, int(objects))) == pytest.approx(
-                estimates[iou].ap[0], abs=1e-12
-            )
+        assert hits.shape == (4, sum(detected.scored(k).sum() for k in range(3)))
+        for hit, iou in zip(hits, (0.55, *IOUS), strict=True):
             assert hit.mean() == estimates[iou].recall[0]
-            assert (score[~hit] == 0).all()
     boxes = Recording()[0].objects.boxes[detected.scored(0)]
     first = detected.outcomes([(0, 1, 2, 3)], [0])[0, 1, 2, 3][0]
     assert set(first.truth[0]) <= {FALSE_ALARM, -2, *range(len(boxes))}
