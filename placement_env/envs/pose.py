@@ -162,7 +162,7 @@ class _PoseTask(Task):
             illegal[row] = (~after.linked & (after.sent > objective.sent)).any()
             if not illegal[row]:
                 self._now[row], scenarios[row] = replace(now, rig=rig), scenario
-        state.move(active, scenarios, illegal)
+        state.step(active, illegal, scenarios=scenarios)
         return state.gain, np.zeros(state.n, np.bool_), active & (state.steps >= state.max_steps)
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
@@ -222,9 +222,6 @@ class SensorPoseEnv(PlacementEnv):
     mount, made when a sensor is first there, and is some fifty times faster; "auto" takes these where at least four
     candidates share a place, as in a pool; cache: folder that keeps panoramas. `reset` takes the options site, scheme,
     budget (up to the environment's) and failed.
-
-    ## Version History
-    v0: first version.
     """
 
     task_type = _PoseTask

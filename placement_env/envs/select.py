@@ -31,7 +31,7 @@ class _SelectTask(Task):
         places = acting & (slot >= 0) & state.allowed[self._rows, slot]
         chosen = state.chosen.copy()
         chosen[self._rows[places], slot[places]] = True
-        state.place(active, chosen, acting & ~places)
+        state.step(active, acting & ~places, chosen=chosen)
         terminated = active & (stops | ~state.allowed.any(axis=1))
         return state.gain, terminated, active & ~terminated & (state.steps >= state.max_steps)
 
@@ -41,7 +41,7 @@ class _SelectTask(Task):
         if self.flat:
             return np.concatenate([allowed, self._always], axis=1)
         masks = np.zeros((len(allowed), sum(self.factors)), np.bool_)
-        for scenario, rows in self.state.by_scenario():
+        for scenario, rows in self.state.groups:
             masks[rows] = allowed[rows].astype(np.float32) @ self._one_hot_factors(scenario) > 0
         first = np.cumsum([0, *self.factors[:-1]])
         masks[:, first[1] - 1] = True
@@ -58,7 +58,7 @@ class _SelectTask(Task):
             return np.where(stops, -1, slot), stops
         factors = actions.astype(np.int64).reshape(-1, len(self.factors))
         slot = np.full(len(factors), -1)
-        for scenario, rows in self.state.by_scenario():
+        for scenario, rows in self.state.groups:
             slot[rows] = scenario.objective.candidates.at(*factors[rows].T)
         stops = factors[:, 0] == self.factors[0] - 1
         return np.where(stops, -1, slot), stops
@@ -116,9 +116,6 @@ class SensorSelectEnv(PlacementEnv):
     the largest of the sites needs; objective: in place of a site and all that follows; the fields of
     `placement_env.setting.Setting` (fidelity, weights, candidates, classes, ...) and of `toolkit.runtime.run.Run`
     (frames, seed, cache, workers, ray), and iou. `reset` takes the options site, scheme, budget and failed.
-
-    ## Version History
-    v0: first version.
     """
 
     task_type = _SelectTask

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.candidates.candidates import ROUNDED
 from placement_env.checks import check_whole
 from placement_env.envs.scenario import STATIC, Episode, Scenario
 from placement_env.objective import Objective, Scores
-from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+from toolkit.arrays import Bool, Float32, Int64, Shaped
 from toolkit.detection.schemes import PAPER_SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
@@ -33,8 +32,8 @@ class State:
     chosen, failed, allowed: over the slots, allowed are the candidates that may join; scores: of the chosen sets; gain:
     reward that the last step added; repeated: True if it needed no new score (`scores.cache_hit` tells whether a score
     was in the objective's memory, which depends on earlier episodes; `info["cache_hit"]` must not, so it is this);
-    ready: an episode has started in every row; max_steps: of an episode, None for `STEPS` for each sensor of the
-    budget; fixed: sensors are moved, none may join.
+    groups: each scenario and an index of its rows; ready: an episode has started in every row; max_steps: of an
+    episode, None for `STEPS` for each sensor of the budget; fixed: sensors are moved, none may join.
     """
 
     def __init__(self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False) -> None:
@@ -42,7 +41,7 @@ class State:
         self.n, self.slots, self.fixed, self._max_steps = n, slots, fixed, max_steps
         self.scenarios: list[Scenario | None] = [None] * n
         self.ready = False
-        self._groups: list[tuple[Scenario, Rows]] = []
+        self.groups: list[tuple[Scenario, Rows]] = []
         self._weights, self._constants = np.zeros((2, n)), np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
         self._fidelity, self.gain = np.full(n, None, object), np.zeros(n)
         self.chosen, self.failed, self.allowed = (np.zeros((n, slots), np.bool_) for _ in range(3))
@@ -66,36 +65,35 @@ class State:
         self._score(rows[self.chosen[rows].any(axis=1)])
         self._find_allowed()
 
-    def place(
-        self, active: Bool[np.ndarray, " n"], chosen: Bool[np.ndarray, "n slots"], illegal: Bool[np.ndarray, " n"]
+    def step(
+        self,
+        active: Bool[np.ndarray, " n"],
+        illegal: Bool[np.ndarray, " n"],
+        *,
+        chosen: Bool[np.ndarray, "n slots"] | None = None,
+        scenarios: Mapping[int, Scenario] | None = None,
     ) -> None:
-        """Step the active episodes to these sets, unless illegal."""
-        changed = active & (chosen != self.chosen).any(axis=1)
-        before = self.scores.reward.copy()
-        self.chosen[changed] = chosen[changed]
-        self._step(active, changed, illegal, before)
-
-    def move(
-        self, active: Bool[np.ndarray, " n"], scenarios: Mapping[int, Scenario], illegal: Bool[np.ndarray, " n"]
-    ) -> None:
-        """Step the active episodes to other scenarios of some rows."""
-        changed = np.zeros(self.n, np.bool_)
-        changed[list(scenarios)] = True
-        before = self.scores.reward.copy()
-        self._enter(scenarios)
-        self._step(active, changed, illegal, before)
+        """Step the active episodes to these sets, or to other scenarios of some rows, unless illegal."""
+        before, changed = self.scores.reward.copy(), np.zeros(self.n, np.bool_)
+        if chosen is not None:
+            changed = active & (chosen != self.chosen).any(axis=1)
+            self.chosen[changed] = chosen[changed]
+        if scenarios:
+            changed[list(scenarios)] = True
+            self._enter(scenarios)
+        self.steps += active
+        self.illegal, self.repeated = illegal, active & ~changed
+        self._score(changed.nonzero()[0])
+        self.gain = np.where(active, self.scores.reward - before, 0.0)
+        self._find_allowed()
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, " n"]:
         """Tell which sets are feasible, within budget, without failed sensors."""
         fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
-        for scenario, rows in self.by_scenario():
+        for scenario, rows in self.groups:
             inside, outside = chosen[rows, : scenario.width], chosen[rows, scenario.width :]
             fits[rows] &= scenario.objective.feasible(inside) & ~outside.any(axis=1)
         return fits
-
-    def by_scenario(self) -> list[tuple[Scenario, Rows]]:
-        """Each scenario and an index of its rows."""
-        return self._groups
 
     def placement(self, row: int) -> tuple[Objective, list[int]]:
         """Return the objective of a row and its chosen candidates."""
@@ -112,7 +110,7 @@ class State:
         whole = np.empty((n, own * self.slots + len(GLOBAL)), np.float32)
         features = whole[:, : -len(GLOBAL)].reshape(n, own, self.slots)
         covered = np.empty(n)
-        for scenario, rows in self._groups:
+        for scenario, rows in self.groups:
             together, added = coverage_gain(scenario.seen, self.chosen[rows])
             places = np.float32(max(1, scenario.places))
             covered[rows] = together / places
@@ -136,31 +134,18 @@ class State:
         }
         info |= {"subset": self.chosen.copy(), "marginal_gain": self.gain.copy(), "reward_terms": terms}
         info |= {"fidelity": self._fidelity.copy(), "cache_hit": self.repeated.copy(), "illegal": self.illegal.copy()}
-        names = self._groups[0][0].objective.classes.names if self._groups else ()
+        names = self.groups[0][0].objective.classes.names if self.groups else ()
         if len(names) > 1:
             figures = np.zeros((self.n, len(names)))
-            for scenario, rows in self._groups:
+            for scenario, rows in self.groups:
                 figures[rows] = scenario.objective.class_ap(self.chosen[rows, : scenario.width])
             info["class_ap"] = {name: figures[:, k].copy() for k, name in enumerate(names)}
         return info
 
-    def _step(
-        self,
-        active: Bool[np.ndarray, " n"],
-        changed: Bool[np.ndarray, " n"],
-        illegal: Bool[np.ndarray, " n"],
-        before: Float64[np.ndarray, " n"],
-    ) -> None:
-        self.steps += active
-        self.illegal, self.repeated = illegal, active & ~changed
-        self._score(changed.nonzero()[0])
-        self.gain = np.where(active, self.scores.reward - before, 0.0)
-        self._find_allowed()
-
     def _score(self, rows: Int64[np.ndarray, " m"]) -> None:
         if not len(rows):
             return
-        for scenario, members in self._groups:
+        for scenario, members in self.groups:
             some = rows if isinstance(members, slice) else rows[np.isin(rows, members)]
             if len(some):
                 scores = scenario.objective.scores(self.chosen[some, : scenario.width])
@@ -182,38 +167,16 @@ class State:
                 members.setdefault(entered, []).append(row)
         self.ready = None not in self.scenarios
         alone = len(members) == 1 and self.ready
-        self._groups = [(each, slice(None) if alone else np.array(rows)) for each, rows in members.items()]
+        self.groups = [(each, slice(None) if alone else np.array(rows)) for each, rows in members.items()]
 
     def _find_allowed(self) -> None:
         """Find the candidates that may join. They have not failed, and have room on their mount and its link."""
         if self.fixed:
             return
         allowed = ~self.failed
-        for scenario, rows in self._groups:
-            room = with_room(scenario.mount, scenario.mount_places, self.chosen[rows], scenario.load)
-            allowed[rows] &= scenario.usable & room
+        for scenario, rows in self.groups:
+            allowed[rows] &= scenario.usable & scenario.find_room(self.chosen[rows])
         self.allowed = allowed & (self.chosen.sum(axis=1) < self.budget)[:, None]
-
-
-def with_room(
-    mount: Int64[np.ndarray, " slots"],
-    places: Int64[np.ndarray, " mounts"],
-    chosen: Bool[np.ndarray, "n slots"],
-    load: Float64[np.ndarray, " slots"] | None,
-) -> Bool[np.ndarray, "n slots"]:
-    """Tell which other candidates have room on mount and link.
-
-    load: share of the link that each takes, None if links always suffice.
-    """
-    row, slot = chosen.nonzero()
-    count = np.zeros((len(chosen), len(places)), np.int64)
-    np.add.at(count, (row, mount[slot]), 1)
-    room = (count < places).take(mount, axis=1) & ~chosen
-    if load is None:
-        return np.asarray(room)
-    taken = np.zeros(count.shape)
-    np.add.at(taken, (row, mount[slot]), load[slot])
-    return np.asarray(room & ((taken.take(mount, axis=1) + load <= 1 + ROUNDED) | (count == 0).take(mount, axis=1)))
 
 
 def coverage_gain(

@@ -26,7 +26,7 @@ class _SubsetTask(Task):
         if (actions.reshape(chosen.shape) != chosen).any():
             raise ValueError(f"actions must be 0 or 1 for each slot, got {actions.tolist()}")
         legal = self.state.fitting(chosen)
-        self.state.place(active, chosen & legal[:, None], active & ~legal)
+        self.state.step(active, active & ~legal, chosen=chosen & legal[:, None])
         return self.state.gain, active.copy(), np.zeros(self.state.n, np.bool_)
 
     def info_mask(self) -> Bool[np.ndarray, "n slots"]:
@@ -55,21 +55,11 @@ class SensorSubsetEnv(PlacementEnv):
     ## Rewards
     The objective's reward of the set, AP − λ_comm · kbit per sensor − λ_price · price.
 
-    ## Starting State
-    As of `coview/SensorSelect-v0`.
-
     ## Episode End
     Terminates after one action.
 
-    ## Info
-    As of `coview/SensorSelect-v0`.
-
-    ## Arguments
-    config: a `placement_env.envs.config.SubsetConfig`; or its fields by name, which are those of
-    `coview/SensorSelect-v0` except `actions`.
-
-    ## Version History
-    v0: first version.
+    ## Starting State, Info, Arguments
+    As of `coview/SensorSelect-v0`; config: a `placement_env.envs.config.SubsetConfig`, without `actions`.
     """
 
     task_type = _SubsetTask

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import placement_env
-from placement_env.envs.state import State, coverage_gain, with_room
+from placement_env.envs.state import State, coverage_gain
 
 FOLDER = Path(placement_env.__file__).parent
 
 
-def test_gains_free_candidates_and_episodes_of_a_state():
+def test_gains_and_episodes_of_a_state():
     rng = np.random.default_rng(0)
     bits = rng.random((7, 128)) < 0.3  # slots, places
     seen = np.ascontiguousarray(np.packbits(bits, axis=1).view(np.uint64).T)
@@ -22,14 +22,6 @@ def test_gains_free_candidates_and_episodes_of_a_state():
         covered = bits[chosen[row]].any(axis=0)
         assert together[row] == covered.sum()
         assert added[row].tolist() == [(bits[slot] & ~covered).sum() for slot in range(7)]
-    mount = np.array([0, 0, 1, 2, 2, 3])
-    chosen = np.array([[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 1, 0]], np.bool_)
-    free = with_room(mount, np.ones(4, np.int64), chosen, None)
-    assert free.astype(int).tolist() == [
-        [1, 1, 1, 1, 1, 1],
-        [0, 0, 1, 1, 1, 1],
-        [1, 1, 0, 0, 0, 1],
-    ]
     assert not State(2, 3).ready
     with pytest.raises(ValueError, match="num_envs must be a whole number of at least 1, got 0"):
         State(0, 3)
