@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from placement_env.candidates.candidates import ROUNDED, Candidates, aims
+from placement_env.candidates.candidates import Candidates, aims
 from placement_env.checks import check_range
 from placement_env.envs.config import EnvConfig, SelectConfig, SubsetConfig
 from placement_env.fidelity.coverage import LEAST
@@ -69,18 +69,6 @@ class Scenario:
         weights = np.array([1000 * objective.weights.comm, objective.weights.price])
         scheme = [objective.scheme.name == name for name in PAPER_SCHEMES]
         self.constants = np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
-
-    def find_room(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, "n slots"]:
-        """Tell which other candidates have room on mount and link."""
-        row, slot = chosen.nonzero()
-        count = np.zeros((len(chosen), len(self.mount_places)), np.int64)
-        np.add.at(count, (row, self.mount[slot]), 1)
-        room = (count < self.mount_places).take(self.mount, axis=1) & ~chosen
-        if self.load is not None:
-            taken = np.zeros(count.shape)
-            np.add.at(taken, (row, self.mount[slot]), self.load[slot])
-            room &= (taken.take(self.mount, axis=1) + self.load <= 1 + ROUNDED) | (count == 0).take(self.mount, axis=1)
-        return room
 
     def _features(self, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
         position, heading, tilt, width, lidar = poses(self.objective.candidates)

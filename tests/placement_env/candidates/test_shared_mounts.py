@@ -7,6 +7,7 @@ import pytest
 
 from placement_env.candidates.candidates import extra_prices, fit_together, room_beside
 from placement_env.envs.scenario import Scenario
+from placement_env.envs.state import find_room
 from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
@@ -161,7 +162,7 @@ def test_masks_of_environments_are_what_the_objective_allows(make, capacity):
     sets = exhaustive.every_set(12, 4)
     sets = sets[objective.feasible(sets)][::41]
     slots = np.pad(sets, ((0, 0), (0, 2)))
-    masks = scenario.find_room(slots) & scenario.usable
+    masks = find_room(scenario, slots) & scenario.usable
     for row, mask in zip(sets, masks, strict=True):
         assert mask[:12].tolist() == objective.allowed(row).tolist()
         assert not mask[12:].any()
