@@ -56,7 +56,7 @@ def _truck(rng: np.random.Generator) -> Built:
     gap = float(rng.uniform(0.05, 0.3))
     front, floor = length / 2 - deep - gap, float(rng.uniform(0.85, 1.2))
     kind, load = _superstructure(front, -length / 2, width, floor, cab_height, rng)
-    return f"{kind}_truck", merge([cab, load, *_chassis(length, width, floor, deep, rng)]), mirror
+    return f"{kind}_truck", merge([cab, load, *_chassis(length, width, floor, rng)]), mirror
 
 
 def _semi_trailer(rng: np.random.Generator) -> Built:
@@ -140,7 +140,7 @@ def _superstructure(
     return kind, merge(parts)
 
 
-def _chassis(length: float, width: float, floor: float, deep: float, rng: np.random.Generator) -> list[Mesh]:
+def _chassis(length: float, width: float, floor: float, rng: np.random.Generator) -> list[Mesh]:
     radius = float(np.clip(0.36 + 0.03 * (length - 5.2) + rng.uniform(-0.03, 0.03), 0.34, 0.53))
     last = -length / 2 + float(rng.uniform(0.9, 0.28 * length))
     rows = [length / 2 - float(rng.uniform(1.0, 1.45)), last, *([last + 2.3 * radius + 0.2] if length > 8.5 else [])]

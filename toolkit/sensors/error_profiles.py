@@ -21,7 +21,6 @@ import zlib
 from collections import Counter
 from dataclasses import asdict, dataclass, is_dataclass
 from functools import cached_property
-from typing import Any, cast
 
 import numpy as np
 
@@ -61,7 +60,7 @@ class ErrorProfile:
         """SHA-256 of all terms and their numbers, whatever the name."""
         described = []
         for term in self.terms:
-            numbers = {k: v.item() if isinstance(v, np.generic) else v for k, v in asdict(cast(Any, term)).items()}
+            numbers = {k: v.item() if isinstance(v, np.generic) else v for k, v in asdict(term).items()}
             described.append([type(term).__module__, type(term).__qualname__, numbers])
         return make_key(described).hex()
 

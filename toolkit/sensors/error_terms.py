@@ -51,8 +51,8 @@ snow (Hahner et al., CVPR 2022). The shares of `rain`, `fog` and `snow` are assu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, cast
+from dataclasses import Field, dataclass, fields, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -68,13 +68,14 @@ _SAME = 1.0  # m by which a measurement may differ from the truth and still show
 class _Term:
     """Numbers of a term, none negative."""
 
+    __dataclass_fields__: ClassVar[dict[str, Field[object]]]
     needs_velocities: ClassVar[bool] = False
     _shares: ClassVar[tuple[str, ...]] = ()  # fields that are at most 1
     _positive: ClassVar[tuple[str, ...]] = ()  # fields that are at least 0.001
 
     def __post_init__(self) -> None:
         name = type(self).__name__
-        for entry in fields(cast(Any, self)):
+        for entry in fields(self):
             value, least = getattr(self, entry.name), 1e-3 if entry.name in self._positive else 0
             is_number = isinstance(value, int | float | np.number)
             if entry.name in self._shares and not (is_number and 0 <= value <= 1):

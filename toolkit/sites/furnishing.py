@@ -90,7 +90,7 @@ _SMALLEST = 30.0  # m², smallest island with solids on it
 
 
 def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
-    """Put solids on every large enough island of the road."""
+    """Put a centre piece, rings of hedges, bushes and signs on every large enough island of the road."""
     for ground in plot.road.islands:
         parts = shapely.get_parts(ground.buffer(-0.3).simplify(0.05).difference(plot.lanes))
         island = max(parts, key=shapely.area, default=shapely.Polygon())
@@ -98,29 +98,25 @@ def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
             continue
         plot.solids.append(Solid(shapely.get_coordinates(island.exterior)[:-1].round(3), 0.0, 0.15, "island"))
         x, y = (float(c) for c in shapely.get_coordinates(island.centroid)[0])
-        _plant(plot, (x, y), float(np.sqrt(island.area / np.pi)), rng)
-
-
-def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.random.Generator) -> None:
-    """Plant an island: a centre piece, rings of hedges, bushes and signs."""
-    x, y = middle
-    if rng.random() < 0.5:
-        size, height = rng.uniform(0.15, 0.4) * radius, round(float(rng.uniform(0.5, 2.5)), 2)
-        kind = ("hedge", "wall", "heap", "bush")[rng.integers(4)]
-        plot.place([Solid(f.disc(x, y, float(size), 12), 0.0, height, kind)], footway=True)
-    for out in np.sort(rng.uniform(0.35, 0.92, rng.integers(0, 4))) * radius:
-        _ring(plot, middle, float(out), rng)
-    makes = (*PLANTED, *PLANTED, *BUILT)
-    for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 14)):
-        at = _around(middle, radius * rng.uniform(0.2, 0.95), angle)
-        plot.place(move_solids(makes[rng.integers(len(makes))](rng), *at, float(rng.uniform(0, np.pi))), footway=True)
-    for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
-        low = rng.uniform(1.5, 4.0)
-        levels = low, low + rng.uniform(2.0, 5.0)
-        foot = np.array(_around(middle, radius * rng.uniform(0.0, 0.9), angle))
-        plant(plot, foot, rng.uniform(1.0, 3.5), levels, rng)
-    for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 6)):
-        plot.place(f.sign(*_around(middle, 0.9 * radius, angle), float(angle)), footway=True)
+        middle, radius = (x, y), float(np.sqrt(island.area / np.pi))
+        if rng.random() < 0.5:
+            size, height = rng.uniform(0.15, 0.4) * radius, round(float(rng.uniform(0.5, 2.5)), 2)
+            kind = ("hedge", "wall", "heap", "bush")[rng.integers(4)]
+            plot.place([Solid(f.disc(x, y, float(size), 12), 0.0, height, kind)], footway=True)
+        for out in np.sort(rng.uniform(0.35, 0.92, rng.integers(0, 4))) * radius:
+            _ring(plot, middle, float(out), rng)
+        makes = (*PLANTED, *PLANTED, *BUILT)
+        for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 14)):
+            at = _around(middle, radius * rng.uniform(0.2, 0.95), angle)
+            thing = makes[rng.integers(len(makes))](rng)
+            plot.place(move_solids(thing, *at, float(rng.uniform(0, np.pi))), footway=True)
+        for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
+            low = rng.uniform(1.5, 4.0)
+            levels = low, low + rng.uniform(2.0, 5.0)
+            foot = np.array(_around(middle, radius * rng.uniform(0.0, 0.9), angle))
+            plant(plot, foot, rng.uniform(1.0, 3.5), levels, rng)
+        for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 6)):
+            plot.place(f.sign(*_around(middle, 0.9 * radius, angle), float(angle)), footway=True)
 
 
 def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: np.random.Generator) -> None:
@@ -133,12 +129,9 @@ def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: np.random.Ge
         at, tall = _around(middle, out, angle), round(height * float(rng.uniform(0.8, 1.2)), 2)
         if rng.random() > kept:
             continue
-        if is_round:
-            solid = Solid(f.disc(*at, 0.35 * length, 9), 0.0, tall, ("hedge", "bush")[rng.integers(2)])
-        else:
-            ends = [_around(at, k * length / 2, angle + np.pi / 2) for k in (-1, 1)]
-            solid = Solid(f.bar(ends[0], ends[1], width), 0.0, tall, "hedge")
-        plot.place([solid], footway=True)
+        shape = f.disc(*at, 0.35 * length, 9) if is_round else f.block((length, width), at, angle + np.pi / 2)
+        kind = ("hedge", "bush")[rng.integers(2)] if is_round else "hedge"
+        plot.place([Solid(shape, 0.0, tall, kind)], footway=True)
 
 
 def _around(middle: tuple[float, float], out: float, angle: float) -> tuple[float, float]:

@@ -167,7 +167,7 @@ def site_geojson(site: Site) -> str:
     return feature_collection(_layers(site), name=site.name)
 
 
-def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
+def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Json:
     """GeoJSON feature of points or polygons of the site frame, in degrees, or metres without a place on earth."""
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
@@ -179,7 +179,7 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
     return {"type": "Feature", "properties": properties, "geometry": mapping(placed)}
 
 
-def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
+def mount_feature(site: Site, mount: Mount, **more: object) -> _Json:
     """GeoJSON feature of a mount, as in files of poles."""
     limits = {"min_height": mount.min_height, "max_height": mount.max_height}
     values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
@@ -188,7 +188,7 @@ def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
     return feature(site, shapely.Point(mount.position[:2]), layer="mount", **values, **more)
 
 
-def feature_collection(features: Iterable[_Json], **members: Any) -> str:
+def feature_collection(features: Iterable[_Json], **members: object) -> str:
     """Text of a FeatureCollection with a bbox, one feature a line."""
     kept = list(features)
     lines = ",\n".join(json.dumps(each, allow_nan=False, ensure_ascii=False) for each in kept)

@@ -326,9 +326,9 @@ def _sidewalk(tags: Tags) -> str | None:
 DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m
 FARTHEST_END = 60.0  # m beyond the window where a long building ends
 _NO_BUILDING = ("", "no", "none", "demolished", "entrance")
-_BARRIERS = {"wall": (f.wall, 1.8), "city_wall": (f.wall, 4.0), "retaining_wall": (f.wall, 1.0)}  # usual height (m)
-_BARRIERS |= {"fence": (f.railing, 1.2), "guard_rail": (f.railing, 0.8), "handrail": (f.railing, 1.0)}
-_BARRIERS["hedge"] = (f.hedge, 1.4)
+_BARRIERS = {"wall": (f.wall, 1.8), "fence": (f.railing, 1.2), "hedge": (f.hedge, 1.4)}  # usual height (m)
+_BARRIERS |= {"city_wall": (f.wall, 4.0), "retaining_wall": (f.wall, 1.0)}
+_BARRIERS |= {"guard_rail": (f.railing, 0.8), "handrail": (f.railing, 1.0)}
 
 
 def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:

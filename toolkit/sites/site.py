@@ -170,7 +170,7 @@ class Site:
         return np.asarray(np.asarray(xy, np.float64) @ np.array(self.relief.slope, np.float64) + 0.0)
 
 
-def _alike(one: Any, other: Any) -> bool:
+def _alike(one: object, other: object) -> bool:
     """Compare two field values or dataclasses, numbers to `EQUAL`."""
     if is_dataclass(one):
         names = [f.name for f in fields(one)]
@@ -184,7 +184,7 @@ def _alike(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def check_area(area: Any, where: str = "area") -> Float64[np.ndarray, "4"]:
+def check_area(area: object, where: str = "area") -> Float64[np.ndarray, "4"]:
     """Return `area` as xmin ymin xmax ymax; ValueError if empty."""
     box = np.asarray(area, np.float64)
     if box.shape != (4,) or not np.isfinite(box).all():
@@ -199,7 +199,7 @@ def check_polygons(rings: Mapping[str, Any]) -> dict[str, Float64[np.ndarray, "_
     return {where: check_polygon(ring, where) for where, ring in rings.items()}
 
 
-def check_polygon(vertices: Any, where: str) -> Float64[np.ndarray, "k 2"]:
+def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
     """Return `vertices` as (k, 2); ValueError unless a simple polygon."""
     try:
         polygon = np.asarray(vertices, np.float64)

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -145,7 +146,7 @@ class Roads:
     lanes: Mapping[str, Lane]
 
     @staticmethod
-    def read(sumo: Any) -> Roads:
+    def read(sumo: ModuleType) -> Roads:
         """Read the roads of the network that SUMO runs."""
         lanes = {}
         for name in sumo.lane.getIDList():
@@ -246,7 +247,7 @@ class Spawner:
 
     def __init__(
         self,
-        sumo: Any,
+        sumo: ModuleType,
         site: Site,
         types: VehicleTypes,
         rng: np.random.Generator,

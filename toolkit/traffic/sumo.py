@@ -10,7 +10,7 @@ from contextlib import contextmanager, redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from types import ModuleType
 
 STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
 FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` still
@@ -27,7 +27,7 @@ _OPTIONS = {
 
 
 @contextmanager
-def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[Any]:
+def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[ModuleType]:
     """Run the libsumo module with a network (net.xml text) and vehicle types (additional-file text); step: s.
 
     Raises ImportError without SUMO, RuntimeError where a simulation is open in this process already (libsumo knows only
