@@ -19,8 +19,7 @@ from models.network.voxelnet import VoxelNet
 from models.training.loop import ANYWHERE, CHECKPOINT, LOG, LOG_STEPS, PRESETS, Machine, choose_area, make_config, train
 from models.training.options import TrainingOptions, parse_arguments
 from models.training.packed import PackedFrames
-from models.training.second_stage import fit_calibration, train_faces, widen
-from models.training.validation import validation
+from models.training.second_stage import average_precision, fit_calibration, train_faces, widen
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.runtime.files import check_output
 from toolkit.sites.files import load_site
@@ -55,25 +54,26 @@ def run(
     elif not (options.out / CHECKPOINT).exists():
         check_output(weights)
     start = None if before is None else widen(before, config)
-    validate = validation(options.validate, count=options.validate_frames, device=device) if options.validate else None
+    judged, count = PackedFrames(options.validate) if options.validate else None, options.validate_frames
     if options.threads:
         torch.set_num_threads(options.threads)
     measured: dict[str, float] = {}
 
     def measure(network: VoxelNet) -> dict[str, float]:
-        measured.update(validate(network))  # type: ignore[misc]
+        assert judged is not None
+        measured.update(average_precision(network, judged, count=count, device=device))
         return dict(measured)
 
     machine = Machine(device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s)
-    watch = measure if validate else None
+    watch = None if judged is None else measure
     network = train(
         options.data, config, settings, options.out, start=start, machine=machine, validate=watch, progress=progress
     )
     if faces:
         network = train_faces(network, PackedFrames(options.data), faces, seed=options.seed)
-    if calibrate and options.validate:
-        network = fit_calibration(network, PackedFrames(options.validate), count=options.validate_frames)
-    if validate and (faces or calibrate):
+    if calibrate and judged is not None:
+        network = fit_calibration(network, judged, count=count)
+    if judged is not None and (faces or calibrate):
         measure(network)
     trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
     save_weights(weights, relocate(network, area, "general"), Header(trained_for, options.seed, commit(), measured))

@@ -10,7 +10,7 @@ from models.training import loop
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
 from models.training.samples import SampleRecipe
-from models.training.validation import average_precision
+from models.training.second_stage import average_precision
 from models.weight_files import check_identity, read_checkpoint, save_atomically
 
 AREA = (-12.8, -12.8, 12.8, 12.8)

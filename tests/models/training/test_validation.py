@@ -1,14 +1,16 @@
 """Average precision of a network in training: it counts what lies in the area, and disturbs nothing."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from models.network.voxelnet import VoxelNet
-from models.training import validation as module
+from models.training import second_stage as module
 from models.training.loop import ANYWHERE, LOG, PRESETS, make_config, read_curves, train
-from models.training.validation import AREAS_KEPT, average_precision, detector_by_area, validation
+from models.training.packed import PackedFrames
+from models.training.second_stage import AREAS_KEPT, average_precision, detector_by_area
 from toolkit.objects import VEHICLE, Detections
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
@@ -18,7 +20,13 @@ FAST = replace(PRESETS["fast"], epochs=3.0)
 def test_validation_leaves_training_undisturbed(packed_file, tmp_path, same_weights):
     config, settings = make_config(AREA, "fast"), replace(FAST, epochs=2.0)
     plain = train(packed_file, config, settings, tmp_path / "plain")
-    measured = train(packed_file, config, settings, tmp_path / "ap", validate=validation(packed_file, count=2))
+    measured = train(
+        packed_file,
+        config,
+        settings,
+        tmp_path / "ap",
+        validate=partial(average_precision, frames=PackedFrames(packed_file), count=2),
+    )
     assert same_weights(plain, measured)
     assert plain.training
     epochs, values = read_curves(tmp_path / "ap" / LOG)["AP@0.7"]
@@ -42,7 +50,7 @@ def detecting(monkeypatch, packed):
                 found = objects(next(frames))
                 return Detections(found.boxes, np.full(len(found.boxes), 0.9), found.labels)
 
-        monkeypatch.setattr("models.training.validation.VoxelNetDetector", Detector)
+        monkeypatch.setattr("models.training.second_stage.VoxelNetDetector", Detector)
         return average_precision(VoxelNet(make_config(AREA, "fast")), packed)
 
     return as_detected
@@ -66,7 +74,7 @@ def test_every_class_of_the_network_has_figures(monkeypatch, packed):
             named = np.where(objects.labels == 3, 3, 1)  # the heavy ones rightly, vehicles as cyclists
             return Detections(objects.boxes, np.full(len(objects), 0.9), named)
 
-    monkeypatch.setattr("models.training.validation.VoxelNetDetector", Detector)
+    monkeypatch.setattr("models.training.second_stage.VoxelNetDetector", Detector)
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy", "cyclist")))
     heavy = {f"heavy AP@{threshold:g}": 1.0 for threshold in (0.25, 0.5, 0.7)}
     assert average_precision(network, packed) == {"AP@0.7": 0.0, "AP@0.8": 0.0, "AP@0.9": 0.0, **heavy}
