@@ -151,8 +151,7 @@ def calibrate(
         out: Copy of the recording to write with corrected poses; a plain folder for clouds.
         poses: JSON file to write, with each sensor's pose, uncertainty and unobserved motions; coview fuse reads it.
     """
-    from toolkit.calibration.corrected_recording import write_corrected
-    from toolkit.calibration.poses import TOGETHER, find_poses, save_poses
+    from toolkit.calibration.poses import TOGETHER, find_poses, save_poses, write_corrected
     from toolkit.calibration.registration import read_surface
     from toolkit.datasets.readings import ReadRecording, Reads
     from toolkit.datasets.recordings import Part

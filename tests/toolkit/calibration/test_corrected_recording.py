@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.calibration.corrected_recording import copy_corrected
+from toolkit.calibration.poses import copy_corrected
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recording import Header, Scene, encode
 from toolkit.datasets.simulation import simulate_dataset

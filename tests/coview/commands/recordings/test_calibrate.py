@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coview.outputs import SUSPECTED
-from toolkit.calibration.corrected_recording import copy_corrected
+from toolkit.calibration.poses import copy_corrected
 from toolkit.clouds import from_points, save
 from toolkit.datasets.cloud_files import read_poses
 from toolkit.datasets.dataset import CoopDataset
