@@ -7,6 +7,7 @@ Images teach a scene as they are (`toolkit.calibration.empty_scene`). Clouds of 
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -118,17 +119,15 @@ def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> di
             f"{FEW_SAMPLES} or more, spread over minutes",
             stacklevel=2,
         )
-    return {
-        name: LearntScene(each.learner.scene(), each.grid, each.points, each.left_out)
-        for name, each in learners.items()
-    }
+    made = learners.items()
+    return {name: LearntScene(own.learner.scene(), own.grid, own.points, own.left_out) for name, own in made}
 
 
 class _Learner:
     """Learner of one sensor's scene, which counts what its images do not show."""
 
     def __init__(self, name: str, grid: LidarGrid, sample: int) -> None:
-        self.grid, self.points, self.left_out = grid, 0, dict[str, int]()
+        self.grid, self.points, self.left_out = grid, 0, Counter[str]()
         self._place: Float64[np.ndarray, "3"] | None = None
         kept = max(16, _KEPT_PIXELS // (grid.model.shape[0] * grid.model.shape[1]))
         self.learner = SceneLearner(Sensor(name, grid.model, np.eye(4)), max(2, min(sample, kept)))
@@ -137,13 +136,11 @@ class _Learner:
         """One more cloud."""
         place = map_SE3_sensor[:3, 3]
         self._place = place if self._place is None else self._place
-        if np.linalg.norm(place - self._place) > STANDS_STILL:
+        if (moved := np.linalg.norm(place - self._place)) > STANDS_STILL:
             raise ValueError(
-                f"{cloud.name} moves, by {np.linalg.norm(place - self._place):.1f} m: only a sensor that stands still "
-                "has an empty scene"
+                f"{cloud.name} moves, by {moved:.1f} m: only a sensor that stands still has an empty scene"
             )
         image = rasterize_cloud(cloud, self.grid)
-        for kind, number in image.left_out.items():
-            self.left_out[kind] = self.left_out.get(kind, 0) + number
+        self.left_out.update(image.left_out)
         self.points += len(cloud.points)
         self.learner.add(image.measurement)
