@@ -38,12 +38,10 @@ _OWN_SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNA
 
 @lru_cache(maxsize=1)
 def keep_freed_memory() -> bool:
-    """Let new arrays of up to `LARGEST_KEPT` bytes reuse the memory of old ones; return success.
-
-    The GNU C library hands back freed memory at the end of its heap, and the system clears every page of it before it
-    can be used again: a third of the time of a network whose maps come and go. The process then keeps its peak memory.
-    Nothing changes under another C library, or where the environment says how to allocate.
-    """
+    """Let new arrays of up to `LARGEST_KEPT` bytes reuse the memory of old ones; return success. The GNU C library
+    hands back freed memory at the end of its heap, and the system clears every page of it before it can be used again:
+    a third of the time of a network whose maps come and go. The process then keeps its peak memory. Nothing changes
+    under another C library, or where the environment says how to allocate."""
     mallopt = getattr(_c_library(), "mallopt", None)
     if mallopt is None or any(name in os.environ for name in _OWN_SETTINGS):
         return False
@@ -137,18 +135,14 @@ def spread(
     progress: Callable[[int], None] | None = None,
     ticks: Callable[[int], None] | None = None,
 ) -> Iterator[Value]:
-    """Yield `job(x)` for each of `inputs`, in their order.
-
-    job: a function of a module, or an object that can be called and pickled; large constants belong into it, since each
-    process gets it once. Its results must not depend on earlier inputs. workers: processes on this machine; a script
-    that asks for several must do so under `if __name__ == "__main__":`; ray: address of a Ray cluster to use instead,
-    "auto" for the one of this machine, "local" to start one here; coview must be installed on all its machines.
-    progress: called with the number of finished results; ticks: called now and then with the number of calls of `tick`
-    in processes, repeated work included.
-
-    Raises the errors of `job`; ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES
-    times; ImportError without Ray; ConnectionError where no cluster answers.
-    """
+    """Yield `job(x)` for each of `inputs`, in their order. job: a function of a module, or an object that can be called
+    and pickled; large constants belong into it, since each process gets it once. Its results must not depend on earlier
+    inputs. workers: processes on this machine; a script that asks for several must do so under `if __name__ ==
+    "__main__":`; ray: address of a Ray cluster to use instead, "auto" for the one of this machine, "local" to start one
+    here; coview must be installed on all its machines. progress: called with the number of finished results; ticks:
+    called now and then with the number of calls of `tick` in processes, repeated work included. Raises the errors of
+    `job`; ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times; ImportError
+    without Ray; ConnectionError where no cluster answers."""
     if workers < 1 or workers != int(workers):
         rule = "at least 1" if workers < 1 else "a whole number"
         raise ValueError(f"workers must be {rule}, got {workers}")
