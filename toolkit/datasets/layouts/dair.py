@@ -23,6 +23,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets import records
+from toolkit.datasets.records import as_number, entry, named_damage
 from toolkit.frame import Frame
 from toolkit.geometry import invert
 from toolkit.runtime.files import write_text
@@ -55,13 +56,13 @@ def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
 
 def _pairs(root: Path) -> records.Listing:
     index = root / "cooperative" / "data_info.json"
-    with records.named_damage(index, "list of pairs"):
+    with named_damage(index, "list of pairs"):
         pairs = {_stem(each, "infrastructure"): each for each in records.as_list(records.load_json(index))}
     road, car = root / "infrastructure-side", root / "vehicle-side"
 
     def load(name: str) -> Frame:
         problems: records.Problems = {}
-        with records.named_damage(index, "list of pairs"):
+        with named_damage(index, "list of pairs"):
             vehicle, offset = _stem(pairs[name], "vehicle"), _offset(pairs[name].get("system_error_offset"))
         map_SE3_road = read_transform(road / "calib" / "virtuallidar_to_world" / f"{name}.json", offset)
         novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
@@ -79,15 +80,15 @@ def _pairs(root: Path) -> records.Listing:
 
 def _stem(pair: records.Unchecked, side: str) -> str:
     path = f"{side}_pointcloud_path"
-    return Path(str(pair[path])).stem if path in pair else str(records.entry(pair, f"{side}_frame"))
+    return Path(str(pair[path])).stem if path in pair else str(entry(pair, f"{side}_frame"))
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
     """Pose of a calibration file, made rigid. offset: added to x and y, the file's own relative_error if None."""
-    with records.named_damage(path, "calibration"):
+    with named_damage(path, "calibration"):
         content = records.load_json(path)
         inner = content.get("transform", content)
-        matrix = records.rigid(records.entry(inner, "rotation"), records.entry(inner, "translation"))
+        matrix = records.rigid(entry(inner, "rotation"), entry(inner, "translation"))
         matrix[:2, 3] += offset or _offset(content.get("relative_error")) or (0.0, 0.0)
     return matrix
 
@@ -96,8 +97,8 @@ def _offset(value: records.Unchecked) -> tuple[float, float] | None:
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
     delta = (
-        records.as_number(records.entry(value, "delta_x"), "delta_x"),
-        records.as_number(records.entry(value, "delta_y"), "delta_y"),
+        as_number(entry(value, "delta_x"), "delta_x"),
+        as_number(entry(value, "delta_y"), "delta_y"),
     )
     if not np.isfinite(delta).all():
         raise ValueError(f"delta_x and delta_y must be finite numbers, got {delta}")
@@ -108,11 +109,11 @@ def read_annotations(
     path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: records.Problems
 ) -> records.Labelled:
     """Objects of a label file, in the world frame. Empty without a file."""
-    with records.named_damage(path or "", "list of labels"):
+    with named_damage(path or "", "list of labels"):
         labels = [] if path is None else records.as_list(records.load_json(path))
         parts = [(records.xyz(each, "3d_location"), records.xyz(each, "3d_dimensions", "lwh")) for each in labels]
-        yaws = [records.as_number(records.entry(each, "rotation"), "rotation") for each in labels]
-        names = [str(records.entry(each, "type")) for each in labels]
+        yaws = [as_number(entry(each, "rotation"), "rotation") for each in labels]
+        names = [str(entry(each, "type")) for each in labels]
         ids = [each.get("track_id", each.get("id", k)) for k, each in enumerate(labels)]
     rows = np.array([[*place, *size, yaw] for (place, size), yaw in zip(parts, yaws, strict=True)]).reshape(-1, 7)
     records.count_full_turns(rows[:, 6], problems)

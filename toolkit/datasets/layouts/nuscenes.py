@@ -23,6 +23,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose
+from toolkit.datasets.records import as_number, entry, named_damage, numbers
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
@@ -46,22 +47,22 @@ def nuscenes(path: Path) -> records.Listing:
         raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
     tables = {}
     for name in _TABLES:
-        with records.named_damage(folder / f"{name}.json", "table"):
+        with named_damage(folder / f"{name}.json", "table"):
             rows = records.as_list(records.load_json(folder / f"{name}.json"))
-            tables[name] = {str(records.entry(row, "token")): row for row in rows}
+            tables[name] = {str(entry(row, "token")): row for row in rows}
     lidars: dict[str, list[_Row]] = {}
-    with records.named_damage(folder / "sample_data.json", "table"):
+    with named_damage(folder / "sample_data.json", "table"):
         for row in tables["sample_data"].values():
             if row.get("is_key_frame", True) and _sensor(tables, row, "modality") == "lidar":
-                lidars.setdefault(str(records.entry(row, "sample_token")), []).append(row)
+                lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
     labels: dict[str, list[_Row]] = {}
-    with records.named_damage(folder / "sample_annotation.json", "table"):
+    with named_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
-            labels.setdefault(str(records.entry(row, "sample_token")), []).append(row)
-    with records.named_damage(folder / "sample.json", "table"):
+            labels.setdefault(str(entry(row, "sample_token")), []).append(row)
+    with named_damage(folder / "sample.json", "table"):
         order = sorted(
             lidars,
-            key=lambda token: records.as_number(records.entry(tables["sample"], token, "timestamp"), "timestamp"),
+            key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"),
         )
     return records.Listing(
         tuple(order), lambda token: _sample(folder, token, tables, lidars[token], labels.get(token, []))
@@ -70,57 +71,55 @@ def nuscenes(path: Path) -> records.Listing:
 
 def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
     """Entry of the sensor of a row of sample_data."""
-    mounted = records.entry(tables["calibrated_sensor"], str(records.entry(row, "calibrated_sensor_token")))
-    return str(records.entry(tables["sensor"], str(records.entry(mounted, "sensor_token")), key))
+    mounted = entry(tables["calibrated_sensor"], str(entry(row, "calibrated_sensor_token")))
+    return str(entry(tables["sensor"], str(entry(mounted, "sensor_token")), key))
 
 
 def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row], labels: list[_Row]) -> Frame:
     problems: records.Problems = {}
-    with records.named_damage(folder / "ego_pose.json", "table"):
+    with named_damage(folder / "ego_pose.json", "table"):
         placed = [_placed(tables["ego_pose"], row, "ego_pose_token") for row in data]
-    with records.named_damage(folder / "calibrated_sensor.json", "table"):
+    with named_damage(folder / "calibrated_sensor.json", "table"):
         mounted = [_placed(tables["calibrated_sensor"], row, "calibrated_sensor_token") for row in data]
-    with records.named_damage(folder / "sample_data.json", "table"):
-        files = [folder.parent / str(records.entry(row, "filename")) for row in data]
+    with named_damage(folder / "sample_data.json", "table"):
+        files = [folder.parent / str(entry(row, "filename")) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
-        time = records.as_number(records.entry(data[0], "timestamp"), "timestamp") * 1e-6
+        time = as_number(entry(data[0], "timestamp"), "timestamp") * 1e-6
     map_SE3_ego = placed[0]
     clouds = tuple(
         records.read_cloud(file, name, invert(map_SE3_ego) @ ego @ pose, problems)
         for file, name, ego, pose in zip(files, names, placed, mounted, strict=True)
     )
-    with records.named_damage(folder / "sample_annotation.json", "table"):
+    with named_damage(folder / "sample_annotation.json", "table"):
         boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
-        counts = np.array([int(records.as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
-        instances = [str(records.entry(row, "instance_token")) for row in labels]
-    with records.named_damage(folder / "instance.json", "table"):
+        counts = np.array([int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
+        instances = [str(entry(row, "instance_token")) for row in labels]
+    with named_damage(folder / "instance.json", "table"):
         kinds = [_kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)]
     found = records.labelled(records.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts)
     return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
 
 
 def _placed(table: _Row, row: _Row, key: str) -> Float64[np.ndarray, "4 4"]:
-    where = records.entry(table, str(records.entry(row, key)))
-    turned = records.numbers(records.entry(where, "rotation"), 4, "rotation")
-    moved = records.numbers(records.entry(where, "translation"), 3, "translation")
+    where = entry(table, str(entry(row, key)))
+    turned = numbers(entry(where, "rotation"), 4, "rotation")
+    moved = numbers(entry(where, "translation"), 3, "translation")
     if not (np.isfinite(turned).all() and np.isfinite(moved).all()):
         raise ValueError(f"{key} holds NaN or infinite numbers")
     return quaternion_pose(turned, moved)
 
 
 def _box(row: _Row) -> np.ndarray:
-    width, length, height = records.numbers(records.entry(row, "size"), 3, "size")
-    turned = records.numbers(records.entry(row, "rotation"), 4, "rotation")
+    width, length, height = numbers(entry(row, "size"), 3, "size")
+    turned = numbers(entry(row, "rotation"), 4, "rotation")
     yaw = records.heading(quaternion_pose(turned, np.zeros(3)), 0.0) if np.isfinite(turned).all() else np.nan
-    return np.array([*records.numbers(records.entry(row, "translation"), 3, "translation"), length, width, height, yaw])
+    return np.array([*numbers(entry(row, "translation"), 3, "translation"), length, width, height, yaw])
 
 
 def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
     if "category_name" in row:
         return str(row["category_name"])
-    return str(
-        records.entry(tables["category"], str(records.entry(tables["instance"], instance, "category_token")), "name")
-    )
+    return str(entry(tables["category"], str(entry(tables["instance"], instance, "category_token")), "name"))
 
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:

@@ -22,6 +22,7 @@ import numpy as np
 
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose
+from toolkit.datasets.records import as_number, entry, named_damage, numbers
 from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.objects import LABELS, Detections, Objects
@@ -39,8 +40,8 @@ def openlabel(path: Path) -> records.Listing:
     clouds = {file.name: file for file in sorted(root.rglob("*")) if file.suffix.lower() in records.ENDINGS}
     frames: dict[str, tuple[Path, str]] = {}
     for file in files:
-        with records.named_damage(file, "OpenLABEL file"):
-            keys = list(records.entry(records.load_json(file), "openlabel", "frames"))
+        with named_damage(file, "OpenLABEL file"):
+            keys = list(entry(records.load_json(file), "openlabel", "frames"))
         stem = file.relative_to(root).with_suffix("").as_posix()
         frames |= {stem if len(keys) == 1 else f"{stem}#{key}": (file, key) for key in keys}
     return records.Listing(tuple(frames), lambda name: _sample(name, *frames[name], clouds))
@@ -48,12 +49,12 @@ def openlabel(path: Path) -> records.Listing:
 
 def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
     problems: records.Problems = {}
-    with records.named_damage(file, "OpenLABEL file"):
-        content = records.entry(records.load_json(file), "openlabel")
-        frame = records.entry(content, "frames", key)
+    with named_damage(file, "OpenLABEL file"):
+        content = entry(records.load_json(file), "openlabel")
+        frame = entry(content, "frames", key)
         properties = frame.get("frame_properties", {})
         time = properties.get("timestamp")
-        seconds = float("nan") if time is None else records.as_number(time, "timestamp")
+        seconds = float("nan") if time is None else as_number(time, "timestamp")
         names = properties.get("point_cloud_file_names") or [f"{file.stem}{ending}" for ending in records.ENDINGS]
         files = [clouds[Path(str(each)).name] for each in names if Path(str(each)).name in clouds]
         # a cloud's sensor is the stream that the frame names in its place, else the cloud's folder
@@ -62,18 +63,14 @@ def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
         poses = [_pose(content, sensor) for sensor in sensors]
         boxes, kinds, ids, counts = [], [], [], []
         for track, each in frame.get("objects", {}).items():
-            kind = (
-                records.entry(content, "objects", track, "type")
-                if "type" not in records.entry(each, "object_data")
-                else None
-            )
+            kind = entry(content, "objects", track, "type") if "type" not in entry(each, "object_data") else None
             cuboids = each["object_data"].get("cuboid", [])
             for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
                 boxes.append(_box(cuboid["val"]))
                 kinds.append(str(kind or each["object_data"]["type"]))
                 ids.append(track)
                 nums = [num for num in cuboid.get("attributes", {}).get("num", []) if num.get("name") == "num_points"]
-                counts.append(int(records.as_number(nums[0]["val"], "num_points")) if nums else -1)
+                counts.append(int(as_number(nums[0]["val"], "num_points")) if nums else -1)
     found = records.labelled(np.array(boxes).reshape(-1, 7), kinds, ids, problems, counts)
     placed = zip(files, sensors, poses, strict=True)
     measured = tuple(records.read_cloud(each, sensor, where, problems) for each, sensor, where in placed)
@@ -85,15 +82,15 @@ def _pose(content: records.Unchecked, sensor: str) -> np.ndarray:
     system = content.get("coordinate_systems", {}).get(sensor, {})
     if not system.get("pose_wrt_parent"):
         return np.eye(4)
-    return records.rigid_matrix(records.entry(system, "pose_wrt_parent", "matrix4x4"), f"pose of {sensor}")
+    return records.rigid_matrix(entry(system, "pose_wrt_parent", "matrix4x4"), f"pose of {sensor}")
 
 
 def _box(value: records.Unchecked) -> np.ndarray:
     if np.size(np.array(value, dtype=object)) == 9:
-        x, y, z, roll, pitch, yaw, *sizes = records.numbers(value, 9, "cuboid val")
+        x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
         turned = pose(roll=roll, pitch=pitch, yaw=yaw)
     else:
-        x, y, z, qx, qy, qz, qw, *sizes = records.numbers(value, 10, "cuboid val")
+        x, y, z, qx, qy, qz, qw, *sizes = numbers(value, 10, "cuboid val")
         finite = np.isfinite([qx, qy, qz, qw]).all()
         turned = quaternion_pose(np.array([qw, qx, qy, qz]), np.zeros(3)) if finite else np.full((4, 4), np.nan)
     return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])

@@ -23,6 +23,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets import records
+from toolkit.datasets.records import entry, named_damage, numbers
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose
 from toolkit.runtime.files import write_text
@@ -59,7 +60,7 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
     problems: records.Problems = {}
     contents, poses = [], []
     for file in files:
-        with records.named_damage(file, "YAML file of an agent"):
+        with named_damage(file, "YAML file of an agent"):
             contents.append(_yaml(file))
             poses.append(_pose(contents[-1].get("lidar_pose"), mirror))
     map_SE3_world = pose(*poses[0][:3, 3], yaw=float(records.heading(poses[0], 0.0)))
@@ -70,7 +71,7 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
         recorded = next(file.with_suffix(end) for end in records.ENDINGS if file.with_suffix(end).is_file())
         cloud = records.read_cloud(recorded, file.parent.name, invert(map_SE3_world) @ placed, problems)
         clouds.append(_mirror(cloud, mirror))
-        with records.named_damage(file, "YAML file of an agent"):
+        with named_damage(file, "YAML file of an agent"):
             for track, each in (content.get("vehicles") or {}).items():
                 rows.setdefault(track, _box(each, mirror))
                 kinds.setdefault(track, str(each.get("obj_type", each.get("object_type", "Car"))))
@@ -99,7 +100,7 @@ def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
     if np.array(value, dtype=object).size == 16:
         placed = records.rigid_matrix(value, "lidar_pose")
     else:
-        x, y, z, roll, yaw, pitch = records.numbers(value, 6, "lidar_pose")
+        x, y, z, roll, yaw, pitch = numbers(value, 6, "lidar_pose")
         placed = records.rigid(unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose")
     if not np.isfinite(placed).all():
         raise ValueError("lidar_pose holds NaN or infinite numbers")
@@ -118,11 +119,9 @@ def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np
 
 
 def _box(vehicle: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
-    place = records.numbers(records.entry(vehicle, "location"), 3, "location") + records.numbers(
-        records.entry(vehicle, "center"), 3, "center"
-    )
-    roll, yaw, pitch = records.numbers(records.entry(vehicle, "angle"), 3, "angle")
-    sizes = 2 * records.numbers(records.entry(vehicle, "extent"), 3, "extent")
+    place = numbers(entry(vehicle, "location"), 3, "location") + numbers(entry(vehicle, "center"), 3, "center")
+    roll, yaw, pitch = numbers(entry(vehicle, "angle"), 3, "angle")
+    sizes = 2 * numbers(entry(vehicle, "extent"), 3, "extent")
     turn = records.heading(mirror @ unreal_pose(roll, yaw, pitch) @ mirror, 0.0)
     return np.array([*(mirror[:3, :3] @ place), *sizes, turn])
 
