@@ -57,9 +57,15 @@ def stress(
         table: Built-in site or .npz of coview table, to add exact figures for one or two failing sensors.
         out: Folder for stress.json and stress.svg, rewritten after each condition.
     """
-    from coview.studies.stress.crossings import find_crossings
     from coview.studies.stress.noticing import time_faults
-    from coview.studies.stress.outputs import STRESS_FILES, StressResults, exact_failures, write_rows, write_stress
+    from coview.studies.stress.outputs import (
+        STRESS_FILES,
+        StressResults,
+        exact_failures,
+        find_crossings,
+        write_rows,
+        write_stress,
+    )
     from coview.studies.stress.stressing import (
         KeptDetections,
         StressQuestion,

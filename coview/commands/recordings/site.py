@@ -74,7 +74,7 @@ class ImportMap:
             print(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")
             print("mounts along the kerbs are suggestions: give your own poles as --candidates FILE.geojson")
             return code
-        from placement_env.report.first_sensors import with_first_sensors
+        from placement_env.search.greedy import with_first_sensors
 
         placed = with_first_sensors(imported, self.sensors)
         code = _saved(placed.site, self.out)

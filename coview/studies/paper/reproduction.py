@@ -16,17 +16,20 @@ from pathlib import Path
 
 from coview.studies.paper.comparison import CAUSES, GIVEN, LARGE, Compared, Experiment, to_csv
 from coview.studies.paper.detections import StoredDetections, detect_runs
-from coview.studies.paper.figures import curve_experiment, curve_runs, density_experiment, iou_experiment
-from coview.studies.paper.page import paper_page
-from coview.studies.paper.published import DEPTH_NOISE, PAPER_SITES, PLACE_NAMES, TEST_FRAMES
-from coview.studies.paper.tables import (
+from coview.studies.paper.experiments import (
     benchmark_experiment,
+    curve_experiment,
+    curve_runs,
+    density_experiment,
+    iou_experiment,
     region_experiment,
     region_runs,
     scheme_experiment,
     scheme_runs,
     set_experiment,
 )
+from coview.studies.paper.page import paper_page
+from coview.studies.paper.published import DEPTH_NOISE, PAPER_SITES, PLACE_NAMES, TEST_FRAMES
 from placement_env.checks import check_whole
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.table import Table, hash_site, load_table, make_table

@@ -1,35 +1,467 @@
 """`plan`: from a question to a plan. The cache keeps its stages, so an interrupted plan resumes.
 
 There are three parts of traffic, each with its own seed: searches see the first, the detector compares the entrants on
-the second, and the plan's figures for the chosen set are from the third.
+the second, and the plan's figures for the chosen set are from the third. In breakdowns, vehicles and false alarms
+belong to the group of their box's centre, a hit to the group of the vehicle it hit.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import platform
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
 
+from placement_env.analysis.approaches import compass, find_approaches
+from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES, Tally
+from placement_env.analysis.worth import estimate_worth, exact_worth
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.pool import NoCandidates
+from placement_env.cases import LEVEL_NAMES, Cases
+from placement_env.classes import Classes
+from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS, Detected
 from placement_env.fidelity.preparation import Preparation, check_scorable
+from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
-from placement_env.handover.ground import visible_ground
-from placement_env.handover.mounted import mounted_site
+from placement_env.handover.ground import Ground, ground_shares, visible_ground
+from placement_env.handover.mounted import bill_of_materials, format_sensors, link_loads, mounted_site, unused_mounts
 from placement_env.objective import Objective
-from placement_env.report.content import Plan, Planned, Verdict
+from placement_env.report.content import (
+    BreakdownRow,
+    BuildStep,
+    ClassSeen,
+    FailureCase,
+    Judgement,
+    Moment,
+    Plan,
+    Planned,
+    SchemeFigures,
+    SensorWorth,
+    Verdict,
+)
 from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning import sentences
-from placement_env.report.planning.answer import Findings, build_plan, pick_moments
-from placement_env.report.planning.judging import Judge, choose_set
-from placement_env.report.planning.question import Question
+from placement_env.report.planning.judging import (
+    Choice,
+    Judge,
+    choose_set,
+    find_front_options,
+    judge_tallies,
+    near_optimal,
+)
+from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.order import describe_exclusions
-from placement_env.search.portfolio.entrants import Effort, keep_entrants
+from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
 from placement_env.setting import AP_ONLY
-from toolkit.objects import LABELS
+from placement_env.subsets import all_subsets
+from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.detection.provenance import coview_version, detector_origin
+from toolkit.detection.schemes import PAPER_SCHEMES
+from toolkit.objects import LABELS, Detector, label_index
+from toolkit.points import count_on_ground, has_centre_inside
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
+from toolkit.runtime.run import Run
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import format_site
+from toolkit.sites.site import Site
+
+RANGE_ENDS = (10.0, 20.0, 30.0, 40.0)  # m from the nearest sensor, where groups end
+CENTRE = 0.25  # of the shorter side of the area: radius of the zone in its middle
+MOMENTS = 8  # frames of pictures
+MOMENT_POINTS = 2500  # of each sensor in such a frame, at most
+
+GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """Detections of one set, box by box.
+
+    truths: scored objects of all frames, in order; points: of the set on each; boxes: of the detections; hits: the
+    truth that each hit at each IoU threshold, or FALSE_ALARM or IGNORED; frames: their number; classes: that count.
+    """
+
+    truths: Float64[np.ndarray, "t 7"]
+    truth_frame: Int64[np.ndarray, " t"]
+    truth_label: Int64[np.ndarray, " t"]
+    points: Int64[np.ndarray, " t"]
+    boxes: Float64[np.ndarray, "n 7"]
+    scores: Float64[np.ndarray, " n"]
+    frame: Int64[np.ndarray, " n"]
+    label: Int64[np.ndarray, " n"]
+    hits: Int64[np.ndarray, "ious n"]
+    frames: int
+    classes: Classes
+
+    def tally(self, label: int, truths: Bool[np.ndarray, " t"], chosen: Bool[np.ndarray, " n"], at: int) -> Tally:
+        """Tally some truths and detections of one class at one IoU threshold."""
+        there, found = truths & (self.truth_label == label), chosen & (self.label == label)
+        count = np.bincount(self.truth_frame[there], minlength=self.frames)
+        return Tally(self.scores[found], self.hits[at, found] >= 0, self.frame[found], count)
+
+
+def score_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
+    """Collect detections of the chosen set in all frames of a judge."""
+    detected, outcomes = judge.detected, judge.outcomes(chosen)
+    objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
+    found = [detected.detections(chosen, k) for k in range(judge.frames)]
+    frame = np.repeat(np.arange(judge.frames), [len(outcome.scores) for outcome in outcomes])
+    first = np.cumsum([0, *map(len, objects)])[frame]
+    truth = np.concatenate([each.truth for each in outcomes], axis=1)[[*map(detected.ious.index, judge.cases.ious)]]
+    return Scored(
+        truths=np.concatenate([each.boxes for each in objects]),
+        truth_frame=np.repeat(np.arange(judge.frames), [len(each) for each in objects]),
+        truth_label=np.concatenate([each.labels for each in objects]),
+        points=_count_points(detected, chosen),
+        boxes=np.concatenate([each.boxes for each in found]),
+        scores=np.concatenate([outcome.scores for outcome in outcomes]),
+        frame=frame,
+        label=np.concatenate([each.labels for each in found]),
+        hits=np.where(truth >= 0, first + truth, truth).astype(np.int64),
+        frames=judge.frames,
+        classes=detected.classes,
+    )
+
+
+def fuse_clouds(detected: Detected, chosen: Sequence[int], k: int) -> Float32[np.ndarray, "n 3"]:
+    """Join the points of a set's sensors in frame k."""
+    return np.concatenate([np.zeros((0, 3), np.float32), *(detected.renders.clouds(k, c) for c in chosen)])
+
+
+def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray, " t"]:
+    """Points of a set on each scored object, frame after frame."""
+    counts = [np.zeros(0, np.int64)]
+    for k in range(detected.frames):
+        boxes = detected.renders.objects(k).boxes[detected.scored(k)]
+        counts.append(count_on_ground(fuse_clouds(detected, chosen, k), boxes, detected.renders.site))
+    return np.concatenate(counts)
+
+
+def _row(name: str, judged: Judgement | None, points: Int64[np.ndarray, " t"]) -> BreakdownRow:
+    return BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
+
+
+def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[BreakdownRow, ...]:
+    """Judge each group. group_of: index of the group of each box."""
+    of_truth, groups = group_of(scored.truths), np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
+    hit = scored.hits >= 0
+    groups[hit] = of_truth[scored.hits[hit]]
+    rows = []
+    for number, name in enumerate(names):
+        here = of_truth == number
+        parts = [
+            [scored.tally(label, here, group == number, at) for label in scored.classes.labels]
+            for at, group in enumerate(groups)
+        ]
+        judged = judge_tallies(parts, scored.classes, seed) if here.any() else None
+        rows.append(_row(name, judged, scored.points[here]))
+    return tuple(rows)
+
+
+def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
+    """Judge the middle and quarters of the area. The quarters around the middle are named by the compass."""
+    xmin, ymin, xmax, ymax = site.area
+    middle, radius = np.array([xmin + xmax, ymin + ymax]) / 2, CENTRE * min(xmax - xmin, ymax - ymin)
+    quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
+    names = (f"centre (within {radius:g} m)", *(compass(site, quarter) for quarter in quarters))
+
+    def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        offset = boxes[:, :2] - middle
+        quarter = 1 + (offset[:, 0] < 0) + 2 * (offset[:, 1] < 0)
+        return np.where(np.hypot(*offset.T) <= radius, 0, quarter).astype(np.int64)
+
+    return by_group(scored, names, group_of, seed)
+
+
+def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[BreakdownRow, ...]:
+    """Judge by horizontal distance to the nearest sensor of the set."""
+    places = np.array([sensor.position[:2] for sensor in sensors])
+    edges = (0.0, *RANGE_ENDS)
+    names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)), f"beyond {RANGE_ENDS[-1]:g} m"]
+
+    def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        nearest = np.linalg.norm(boxes[:, None, :2] - places, axis=2).min(axis=1)
+        return np.searchsorted(RANGE_ENDS, nearest, side="left").astype(np.int64)
+
+    return by_group(scored, names, group_of, seed)
+
+
+def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
+    """Judge by the lane nearest to each vehicle. Approaches without vehicles are left out."""
+    places = find_approaches(site)
+    rows = by_group(scored, places.names, places.locate, seed)
+    return tuple(row for row in rows if row.judged is not None)
+
+
+def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
+    """Judge each level of traffic. No row if it is undivided."""
+    each = zip(LEVEL_NAMES[judge.cases.levels], judge.by_level(chosen), judge.levels, strict=False)
+    frame, points = scored.truth_frame, scored.points
+    return tuple(_row(name, judged, points[np.isin(frame, part)]) for name, judged, part in each)
+
+
+def by_errors(judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
+    """Judge each error profile. Failures and levels are included if they count; no row for one profile."""
+    rows = zip(judge.by_errors(chosen).items(), judge.profiles, strict=False)
+    return tuple(_row(*row, _count_points(at, chosen)) for row, at in rows)
+
+
+def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS) -> tuple[ClassSeen, ...]:
+    """Coverage of each class: share of its road users in the area with `LEAST` points or more."""
+    detected, site = judge.detected, judge.detected.renders.site
+    inside, seen = [], []
+    for k in range(judge.frames):
+        objects = detected.renders.objects(k)
+        objects = objects[has_centre_inside(objects.boxes, site.area)]
+        inside.append(objects.labels)
+        seen.append(count_on_ground(fuse_clouds(detected, chosen, k), objects.boxes, site) >= LEAST)
+    of_class, all_seen = np.concatenate(inside), np.concatenate(seen)
+    rows = {label: all_seen[of_class == label_index(label)] for label in labels}
+    return tuple(
+        ClassSeen(label, len(row), int(LEAST), float(row.mean()) if len(row) else None) for label, row in rows.items()
+    )
+
+
+def pick_moments(
+    detected: Detected, chosen: tuple[int, ...], *, count: int = MOMENTS, points: int = MOMENT_POINTS, seed: int = 0
+) -> tuple[Moment, ...]:
+    """Pick the first run of `count` frames with most vehicles. points: kept of each cloud, drawn from the seed."""
+    found = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
+    count = min(count, detected.frames)
+    first = int(np.convolve(found, np.ones(count, np.int64), mode="valid").argmax())
+    return tuple(_moment(detected, chosen, k, points, seed) for k in range(first, first + count))
+
+
+def _moment(detected: Detected, chosen: tuple[int, ...], k: int, points: int, seed: int) -> Moment:
+    truth = detected.outcomes([chosen], [k])[chosen][0].truth[detected.ious.index(detected.iou)]
+    objects, scored = detected.renders.objects(k), detected.scored(k)
+    hit = np.zeros(len(objects), np.bool_)
+    hit[np.flatnonzero(scored)[truth[truth > FALSE_ALARM]]] = True
+    clouds = tuple(thin(detected.renders.clouds(k, c), points, [seed, k, c]) for c in chosen)
+    return Moment(clouds, objects, detected.detections(chosen, k), hit, ~scored, truth >= 0, truth == IGNORED)
+
+
+def thin(cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]) -> Float32[np.ndarray, "m 3"]:
+    """Draw at most this many points of a cloud. They keep their order."""
+    if len(cloud) <= points:
+        return cloud
+    return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]
+
+
+ALL_SUBSETS = 6  # sensors up to which every subset is judged by the detector
+PACKAGES = ("numpy", "torch", "open3d-cpu", "open3d", "eclipse-sumo", "libsumo", "ortools", "shapely")
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """Everything that led to the chosen set.
+
+    objective: of the searches; network: shipped one that detects if the question has no detector; excluded: sentences
+    on what excludes candidates; traffic: of searches, comparison and judgement.
+    """
+
+    question: Question
+    found: Entrants
+    choice: Choice
+    objective: Objective
+    network: str
+    excluded: tuple[str, ...]
+    traffic: Sequence[Traffic]
+
+
+def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
+    """Put the plan together. final: the detector on the final traffic; ground: that the chosen sensors see."""
+    question, choice, objective = findings.question, findings.choice, findings.objective
+    candidates, site, seed = objective.candidates, question.site, question.run.seed
+    members = choice.members
+    chosen = ChosenSet(members, choice.option.sensors, final, objective, question.run)
+    (judged,) = final.judge_cases(choice.sets[choice.chosen][None], chosen.stage)
+    outcomes = final.outcomes(members)
+    kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
+    option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=kbit / len(members))
+    scored = score_boxes(final, members)
+    each_kbit = np.array([outcome.bits for outcome in outcomes], np.float64).T / 1000
+    sensors = format_sensors(site, candidates, members, kbit=each_kbit, catalogue=question.stock.catalogue)
+    detector: str = detector_origin(final.detected.detector)["detector"]
+    if question.setting.detector is None:
+        detector = f"{detector} (shipped network {findings.network!r})"
+    considered = sorted(
+        choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
+    )
+    plan = Plan(
+        question=question.as_dict(),
+        site=site.name,
+        detector=detector,
+        iou=question.cases.threshold,
+        scheme=question.setting.fusion.name,
+        currency=question.currency,
+        verdict=sentences.build_verdict(question, choice.option, option, findings.excluded),
+        chosen=option,
+        sensors=sensors,
+        considered=tuple(considered),
+        near_optimal=near_optimal(choice.options, choice.chosen),
+        front=find_front_options(choice.options),
+        schemes=chosen.schemes(),
+        by_zone=by_zone(scored, site, seed),
+        by_range=by_range(scored, [candidates.sensors[c] for c in members], seed),
+        by_approach=by_approach(scored, site, seed),
+        by_level=by_level(scored, final, members),
+        by_errors=by_errors(final, members),
+        by_class=by_class(final, members),
+        class_ap=final.by_class(members),
+        worth=chosen.worth(),
+        failures=chosen.failures(),
+        links=link_loads(sensors, limited=question.setting.fusion.sends_points),
+        materials=bill_of_materials(sensors),
+        order=chosen.order(),
+        ground=ground_shares(ground, [sensor.name for sensor in sensors]),
+        poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
+        assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
+        unknown=sentences.list_unknowns(option.counted or judged.judged),
+        provenance=trace_plan(findings, candidates, final.detected.detector),
+    )
+    count, fidelity = findings.found.considered, objective.fidelity
+    why = sentences.explain_choice(question, plan, choice.option, choice.rule, considered=count, fidelity=fidelity)
+    return replace(plan, why=why)
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenSet:
+    """Schemes, worth of each sensor, failures and order of building of the chosen set.
+
+    members: indices of its candidates, ascending; names: of these; judge: on the final traffic; objective: of the
+    searches, which scores subsets of large sets.
+    """
+
+    members: tuple[int, ...]
+    names: tuple[str, ...]
+    judge: Judge
+    objective: Objective
+    run: Run = Run()
+
+    @property
+    def small(self) -> bool:
+        """True if every subset is judged by the detector."""
+        return len(self.members) <= ALL_SUBSETS
+
+    def stage(self, name: str) -> Callable[[int], None] | None:
+        """Callback that counts the frames of a stage."""
+        return self.run.stage(name, self.judge.frames)
+
+    def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n C"]:
+        """Expand subsets of the set to rows over all candidates."""
+        rows = np.zeros((len(subsets), len(self.judge.detected.renders.sensors)), np.bool_)
+        rows[:, list(self.members)] = subsets
+        return rows
+
+    def _judge(self, subsets: Bool[np.ndarray, "n k"], stage: str, cases: Cases | None = None) -> list[Judgement]:
+        return self.judge.judge(self.rows(subsets), cases, progress=self.stage(stage))
+
+    def _aps(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> Float64[np.ndarray, " n"]:
+        """AP of subsets, by the detector for small sets, else by the objective."""
+        if self.small:
+            return np.array([each.ap for each in self._judge(subsets, stage)])
+        return self.objective.scores(self.rows(subsets)).ap
+
+    def schemes(self) -> tuple[SchemeFigures, ...]:
+        """The set under every scheme at every IoU. Detections are reused."""
+        known, intact, figures = self.judge.detected, self.judge.intact, []
+        whole, ious = np.ones((1, len(self.members)), np.bool_), intact.ious
+        for name in PAPER_SCHEMES:
+            other = Detected(
+                known.renders,
+                known.detector,
+                name,
+                codec=known.codec,
+                memo=known.memo,
+                processes=known.processes,
+                classes=known.classes,
+            ).at(ious[0], ious)
+            at = replace(self, judge=replace(self.judge, profiles=(other,)))
+            kbit = float(np.mean([outcome.bits.mean() for outcome in at.judge.outcomes(self.members)])) / 1000
+            for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
+                (judged,) = at._judge(whole, "fusion schemes", replace(intact, iou=iou))
+                figures.append(SchemeFigures(name, iou, judged, kbit))
+        return tuple(figures)
+
+    def worth(self) -> tuple[SensorWorth, ...]:
+        """Shapley values and interactions. They are exact by the detector for small sets, else sampled."""
+        count = len(self.members)
+        if self.small:
+            aps = self._aps(all_subsets(count), "subsets")
+            worth = exact_worth(lambda _: aps, count)
+        else:
+            worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
+        return tuple(
+            SensorWorth(
+                name,
+                float(shapley),
+                {other: float(s) for other, s in zip(self.names, pairs, strict=True) if other != name},
+            )
+            for name, shapley, pairs in zip(self.names, worth.shapley, worth.synergy, strict=True)
+        )
+
+    def failures(self) -> tuple[FailureCase, ...]:
+        """Judge the remaining sensors after one or two failures, the worst first for each number."""
+        count, names = len(self.members), np.array(self.names)
+        cases: list[FailureCase] = []
+        for failing in range(1, min(3, count)):
+            left = Cases(failing=failing).expand(np.ones((1, count), np.bool_))[0][1:]
+            judged = zip(left, self._judge(left, "failures"), strict=True)
+            found = [FailureCase(tuple(names[~row].tolist()), each) for row, each in judged]
+            cases += sorted(found, key=lambda case: case.judged.ap)
+        return tuple(cases)
+
+    def order(self) -> tuple[BuildStep, ...]:
+        """Order of building, each sensor adding most AP. All steps are judged by the detector."""
+        built = np.zeros((1, len(self.members)), np.bool_)
+        while not built[-1].all():
+            options = built[-1] | np.eye(len(self.members), dtype=np.bool_)[~built[-1]]
+            best = int(np.argmax(self._aps(options, "order of building")))
+            built = np.concatenate([built, options[best : best + 1]])
+        added = np.diff(built, axis=0).argmax(axis=1)
+        prices = self.objective.price(self.rows(built[1:])).tolist()
+        judged = self._judge(built[1:], "order of building")
+        steps = zip(added.tolist(), prices, judged, strict=True)
+        return tuple(BuildStep(self.names[i], price, each) for i, price, each in steps)
+
+
+def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
+    """Provenance of a plan. It has digests of all inputs, seeds and versions; nothing depends on the clock."""
+    question = findings.question
+    setting, stock, seed = question.setting, question.stock, question.run.seed
+    versions = {"coview": coview_version(), "python": platform.python_version()}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return {
+        "site": question.site.name,
+        "site_sha256": sha256(format_site(question.site).encode()).hexdigest(),
+        "poles_sha256": stock.poles_digest,
+        "catalogue_sha256": None if stock.catalogue is None else stock.catalogue.digest,
+        "keep_out_sha256": sha256(repr([area.wkt for area in stock.keep_out]).encode()).hexdigest(),
+        "candidates": candidates.digest(),
+        **detector_origin(detector),
+        "network": findings.network,
+        "search_fidelity": findings.objective.fidelity,
+        "classes": setting.counted.origin,
+        "codec": setting.codec.digest,
+        "errors": question.cases.errors_origin,
+        "traffic": {
+            name: {"seed": seed + i, "frames": len(each), "sha256": each.digest()}
+            for i, (name, each) in enumerate(zip(PART_FRAMES, findings.traffic, strict=True))
+        },
+        "bootstrap": {"draws": RESAMPLES, "block_frames": BLOCK_FRAMES, "seed": seed},
+        "versions": versions,
+    }
+
 
 MOST_BOUGHT = 12  # sensors that a sum of money alone may buy
 CONTENT = "plan.json"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from coview.studies.stress.crossings import best_schemes, crossing_level, find_crossings
+from coview.studies.stress.outputs import best_schemes, crossing_level, find_crossings
 from coview.studies.stress.stressing import StressRow
 from placement_env.analysis.intervals import Tally
 from placement_env.report.content import Judgement

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from coview.studies.stress.crossings import Crossing
 from coview.studies.stress.noticing import FalseAlarms, Noticed
 from coview.studies.stress.outputs import (
     STRESS_FILES,
+    Crossing,
     ExactFailure,
     StressResults,
     exact_failures,

@@ -8,7 +8,8 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.classes import Classes
 from placement_env.fidelity.detector import Detected
-from placement_env.report.planning.answer import (
+from placement_env.report.planning.judging import Judge
+from placement_env.report.planning.planning import (
     by_approach,
     by_class,
     by_errors,
@@ -21,7 +22,6 @@ from placement_env.report.planning.answer import (
     score_boxes,
     thin,
 )
-from placement_env.report.planning.judging import Judge
 
 
 @pytest.fixture
@@ -143,7 +143,7 @@ def test_the_busiest_frames_are_taken(street, monkeypatch):
         taken.append(k)
         return shot
 
-    monkeypatch.setattr("placement_env.report.planning.answer._moment", noted)
+    monkeypatch.setattr("placement_env.report.planning.planning._moment", noted)
     pick_moments(street.detected, (0,), count=2)
     assert taken == [3, 4]
 
