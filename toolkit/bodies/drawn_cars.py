@@ -1,12 +1,8 @@
 """Cars drawn at random: their proportions, their meshes, and what they carry.
 
 Within a kind the length is drawn first; width and height follow it on average, each with a spread of a decimetre and
-more, so that the length of a car does not tell its width. Lengths are 3.0 to 6.0 m, widths 1.45 to 2.2 m, heights 1.25
-to 2.6 m.
-
-A lofted car is a row of cross-sections as in `toolkit.bodies.vehicles`, all worked out at once in about a millisecond.
-Block-built cars have no arches, no rounding and few triangles, as many models of others do. Every mesh is stretched to
-the length, width and height that were drawn.
+more, so that the length of a car does not tell its width. Block-built cars have no arches, no rounding and few
+triangles, as many models of others do. Every mesh is stretched to the length, width and height that were drawn.
 """
 
 from __future__ import annotations

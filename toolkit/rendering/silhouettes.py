@@ -63,9 +63,25 @@ class SensorRays:
     def windows(self, bodies: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]) -> list[Windows]:
         """Windows of bodies of the renderer in their boxes."""
         each: list[Windows] = []
+        rotations, positions = self._poses[:, :3, :3], self._poses[:, None, :3, 3]
         for first in range(0, len(boxes), BOXES_TOGETHER):
             some = slice(first, first + BOXES_TOGETHER)
-            each += self._windows(self._renderer.outer_corners(bodies[some], boxes[some]))
+            in_sensor = (self._renderer.outer_corners(bodies[some], boxes[some])[:, None] - positions) @ rotations
+            count = len(in_sensor)
+            least = np.zeros((count, len(self.sensors)), np.float32)
+            found, owners = [], []
+            for model, alike in self._alike:
+                corners = in_sensor[:, alike].reshape(-1, 8, 3)
+                least[:, alike] = nearest(model, corners).reshape(count, -1)
+                windowed = model.windows(corners)
+                owner, which = np.divmod(windowed[:, 0], len(alike))
+                windowed[:, 0] = alike[which]
+                found.append(windowed)
+                owners.append(owner)
+            owner, rows = np.concatenate(owners), np.concatenate(found)
+            order = np.argsort(owner, kind="stable")
+            ends = np.searchsorted(owner[order], np.arange(1, count))
+            each += [Windows(*pair) for pair in zip(np.split(rows[order], ends), least, strict=True)]
         return each
 
     def silhouette(self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None) -> Silhouette:
@@ -87,26 +103,6 @@ class SensorRays:
         points = self.rays.take(pixels, axis=0) * depth[:, None]
         points += self._poses[:, :3, 3].astype(np.float32).take(sensors, axis=0)
         return Silhouette(pixels, sensors, depth, points)
-
-    def _windows(self, world_corners: Float64[np.ndarray, "n 8 3"]) -> list[Windows]:
-        """Windows of all boxes at once."""
-        rotations, positions = self._poses[:, :3, :3], self._poses[:, None, :3, 3]
-        count = len(world_corners)
-        in_sensor = (world_corners[:, None] - positions) @ rotations
-        least = np.zeros((count, len(self.sensors)), np.float32)
-        found, owners = [], []
-        for model, alike in self._alike:
-            corners = in_sensor[:, alike].reshape(-1, 8, 3)
-            least[:, alike] = nearest(model, corners).reshape(count, -1)
-            windowed = model.windows(corners)
-            owner, which = np.divmod(windowed[:, 0], len(alike))
-            windowed[:, 0] = alike[which]
-            found.append(windowed)
-            owners.append(owner)
-        owner, rows = np.concatenate(owners), np.concatenate(found)
-        order = np.argsort(owner, kind="stable")
-        ends = np.searchsorted(owner[order], np.arange(1, count))
-        return [Windows(*each) for each in zip(np.split(rows[order], ends), least, strict=True)]
 
     def _in_windows(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
         """Pixels that may meet a box, and their sensors."""

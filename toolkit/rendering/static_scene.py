@@ -35,22 +35,19 @@ def build_scenery(site: Site) -> Mesh:
     3
     """
     rng = np.random.default_rng(sum(site.name.encode()))
-    solids = [follow_slope(site, _SHAPES.get(solid.kind, _plain)(solid, rng), solid) for solid in site.solids]
+    solids = []
+    for solid in site.solids:
+        vertices, triangles = _SHAPES.get(solid.kind, _plain)(solid, rng)
+        if site.relief.slope != LEVEL:  # sheared with it; heights under the middle of the footprint stay
+            rise = site.plane(vertices[:, :2] - solid.footprint.mean(axis=0))
+            vertices = np.column_stack([vertices[:, :2], vertices[:, 2] + rise])
+        solids.append(Mesh(vertices, triangles))
     banks = []
     for pond in (solid for solid in site.solids if solid.kind == "pond"):
         edge = _outline(pond.footprint, CELL)
         water = pond.top + site.plane(edge - pond.footprint.mean(axis=0))
         banks.append(_strip(np.stack([np.column_stack([edge, z]) for z in (site.ground(edge), water)])))
     return merge([ground(site), *solids, *banks])
-
-
-def follow_slope(site: Site, mesh: Mesh, solid: Solid) -> Mesh:
-    """Shear a solid made for level ground with the slope of the site; heights under its middle stay."""
-    if site.relief.slope == LEVEL:
-        return mesh
-    vertices, middle = mesh.vertices.copy(), solid.footprint.mean(axis=0)
-    vertices[:, 2] += site.plane(vertices[:, :2] - middle)
-    return Mesh(vertices, mesh.triangles)
 
 
 def ground(site: Site) -> Mesh:

@@ -6,13 +6,11 @@
     poor       0.5° and 5 cm, swaying poles, 5 % drop-out and more with range, dark paint, dead rows, rain; else typical
 
 Depth cameras get the noise of a stereo pair (1 m baseline, 0.1 pixel), sensors that measure ranges that of a lidar,
-both beside the model's own; `toolkit.sensors.error_terms` gives the sources. No profile has a clock's offset, since
-recordings 5 s apart cannot have it. Add it, or any other term, to a profile of your own:
+both beside the model's own. No profile has a clock's offset, which recordings 5 s apart cannot have. Add it, or any
+other term, to a profile of your own: `ErrorProfile("our-site", (*TYPICAL.terms, rain(25.0)))`.
 
-    ErrorProfile("our-site", (*TYPICAL.terms, rain(25.0)))
-
-Terms act in the order they stand in: first what a surface sends back, then what lies between, then what the sensor
-makes of it, then where it is believed to be. Every term draws from a stream of its own: adding one changes no other.
+Terms act in order: first what a surface sends back, then what lies between, then what the sensor makes of it, then
+where it is believed to be. Every term draws from a stream of its own: adding one changes no other.
 """
 
 from __future__ import annotations

@@ -132,7 +132,6 @@ class DropOut(_Term):
     """Returns that fail, at random and by range and incidence."""
 
     _shares = ("share",)
-
     share: float = 0.0  # of all returns
     half_range: float = 0.0  # m from which half of the surfaces at right angles return; 0: no loss by range
     steepness: float = 2.0  # of the law above
@@ -152,7 +151,6 @@ class DeadRows(_Term):
     """Rows of the image that never return: lasers or lines of a detector that failed. share: of all rows."""
 
     _shares = ("share",)
-
     share: float = 0.0
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
@@ -191,7 +189,6 @@ class MixedPixels(_Term):
     """
 
     _shares = ("share",)
-
     share: float = 0.0  # of the pixels beside an edge
     gap: float = 0.3  # least difference to a neighbour at an edge (m)
     reach: float = 1000.0  # largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m
@@ -238,7 +235,6 @@ class PoleSway(_Term):
     """
 
     _positive = ("period",)
-
     amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)
     period: float = 3.0  # s, up to a third longer or shorter from pole to pole
 
@@ -334,7 +330,6 @@ class Glass(_Term):
     """Window glass of cars: some rays return from anywhere inside, the others return nothing."""
 
     _shares = ("share", "lower", "upper", "behind")
-
     share: float = 0.0  # of the window band that is glass, the rest being pillars
     lower: float = 0.62  # the band, as shares of a vehicle's height
     upper: float = 0.93
@@ -375,7 +370,6 @@ class Paint(_Term):
     """Dark or wet paint of vehicles, heavy ones included. Recordings without track ids draw anew in each frame."""
 
     _shares, _positive = ("share", "dark", "wet"), ("half_range",)
-
     share: float = 0.0  # of dark vehicles, by track id, the same for all sensors and frames
     dark: float = 0.1  # their reflectivity relative to others
     wet: float = 1.0  # reflectivity of every vehicle relative to a dry one
@@ -418,7 +412,6 @@ class Weather(_Term):
     """Rain, fog or snow."""
 
     _shares, _positive = ("share",), ("reach",)
-
     extinction: float = 0.0  # per metre
     share: float = 0.0  # of rays into the open that return from the air, below 1
     reach: float = 8.0  # m by which the rate of such returns falls to 1/e

@@ -1,10 +1,8 @@
 """Readings: what a sensor says it measured and where it is believed to be, and how errors change that.
 
-An error term makes one `Reading` of another. The truth beside it (`TrueImage`) never changes: which object each pixel
-shows, how far off, and how obliquely, as rendered without any error.
-
-A random number depends on the seed, the error term and what it is drawn for, never on how many were drawn before, so
-that a sensor measures the same in any order of sensors, frames and processes, whichever others are used.
+An error term makes one `Reading` of another. The truth beside it (`TrueImage`), as rendered, never changes. A random
+number depends on the seed, the error term and what it is drawn for, never on how many were drawn before, so that a
+sensor measures the same in any order of sensors, frames and processes.
 """
 
 from __future__ import annotations

@@ -1,15 +1,13 @@
 """Sensors: the `SensorModel` protocol, what all models share, and `Sensor`, a model at a pose.
 
-All models share one rule. `rays()` gives a vector per pixel in the sensor's own frame, scaled so that
+`rays()` gives a vector per pixel in the sensor's own frame, scaled so that
 
     point = measurement · ray                                    (paper equation 2 for the camera)
     point in the world = measurement · (R ray) + t               (paper equation 1; R ray is `Sensor.world_rays`)
 
 A model that measures "depth" has rays of length 1 along its optical axis, one that measures "range" rays of length 1.
-A measurement that is NaN, infinite, zero or negative is no return and makes no point.
-
-A model is a frozen dataclass whose fields all have defaults: files hold them under the name of its class.
-`toolkit.sensors.models.register_sensor_model` makes a new model known to readers of files and to the command line.
+A measurement that is NaN, infinite, zero or negative is no return and makes no point. A model is a frozen dataclass
+whose fields all have defaults: files hold them under the name of its class (`models.register_sensor_model`).
 """
 
 from __future__ import annotations

@@ -135,9 +135,6 @@ class Places:
     offsets: Float64[np.ndarray, " n"]
     points: Float64[np.ndarray, "n 2"]
 
-    def __len__(self) -> int:
-        return len(self.lanes)
-
 
 @dataclass(frozen=True, eq=False)
 class Roads:
@@ -263,11 +260,11 @@ class Spawner:
         self.types, self.supply = types, supply or Supply(len(types.labels))
         self.roads = Roads.read(sumo)
         self.places = {kind: self.roads.places(site.area, SPAWN_REACH, kind) for kind in sorted(set(types.classes))}
-        if not len(self.places["passenger"]):
+        if not self.places["passenger"].lanes:
             where = f"within {SPAWN_REACH:.0f} m of the area {site.area.tolist()}"
             remedy = "give the network in site coordinates, or move the area onto the road"
             raise ValueError(f"site {site.name!r}: no lane open to cars {where}: {remedy}")
-        possible = np.array([len(self.places[kind]) > 0 for kind in types.classes])
+        possible = np.array([bool(self.places[kind].lanes) for kind in types.classes])
         rows = {label: np.flatnonzero(possible & (types.labels == label)) for label in SHARES}
         self.choices = {label: found for label, found in rows.items() if len(found)}
         shares = np.array([SHARES[label] for label in self.choices])
@@ -362,7 +359,7 @@ class Spawner:
     def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
         """Draw a free place with room for the body behind it, if found quickly."""
         places, length = self.places[self.types.classes[body]], self.types.sizes[body, 0]
-        candidates = self.rng.integers(len(places), size=_TRIES)
+        candidates = self.rng.integers(len(places.lanes), size=_TRIES)
         gaps = np.square(places.points[candidates][:, None] - taken[None]).sum(-1)
         drives = self.types.labels[body] != PEDESTRIAN
         free = (gaps > (length + (2.0 if drives else 0.5)) ** 2).all(axis=1)
@@ -382,7 +379,7 @@ class Spawner:
 
     def _add_walker(self, name: str, body: int, place: int) -> None:
         places = self.places["pedestrian"]
-        there = int(self.rng.integers(len(places)))
+        there = int(self.rng.integers(len(places.lanes)))
         start, end = (self.roads.lanes[places.lanes[at]].edge for at in (place, there))
         if (start, end) not in self.walks:
             stages = self.sumo.simulation.findIntermodalRoute(start, end, pType=f"{body}-0")

@@ -135,7 +135,7 @@ def test_routes_begin_on_lanes_and_go_on_by_links():
     assert set(places.lanes) == {"in_0", "out_0"}
     assert x.min() >= -30
     assert x.max() <= 10, "beyond the area the lane leads away from it"
-    assert len(places) == len(places.offsets) == len(places.lengths)
+    assert len(places.lanes) == len(places.offsets) == len(places.lengths)
     places = ROADS.places(AREA, 20.0, "pedestrian")
     assert set(places.lanes) == {"foot_0"}
     assert places.points[:, 0].min() < -25
