@@ -73,7 +73,7 @@ def site_detector(name: str, site: Site) -> Detector:
     if name == CLUSTER:
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:
-        from toolkit.detection.imported import ImportedDetector
+        from toolkit.detection.detect import ImportedDetector
 
         return ImportedDetector(name, site)
     from models.detector import load_detector, load_site_detector

@@ -22,7 +22,7 @@ from .detection.evaluation import (
     evaluate_recording as evaluate_recording,
     format_table as format_table,
 )
-from .detection.link.channel import LinkChannel as LinkChannel, delay_frames as delay_frames
+from .detection.link.channel import LinkChannel as LinkChannel, Tracks as Tracks, delay_frames as delay_frames
 from .detection.link.differences import (
     DifferenceReader as DifferenceReader,
     DifferenceSender as DifferenceSender,
@@ -33,7 +33,6 @@ from .detection.link.foreground import (
     decode_foreground as decode_foreground,
     encode_foreground as encode_foreground,
 )
-from .detection.link.tracks import Tracks as Tracks
 from .detection.label_doctor import diagnose as diagnose
 from .detection.metrics import (
     average_precision as average_precision,

@@ -34,21 +34,22 @@ import numpy as np
 from toolkit.boxes import Overlap, count_points
 from toolkit.calibration.poses import FoundPose
 from toolkit.calibration.scenes import Scenes
+from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.datasets.readings import ReadRecording, Reads
 from toolkit.datasets.recordings import Part
 from toolkit.detection.breakdown import FrameTruth, GroupRow, format_rows, group_rows, select_truth
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, check_codec
 from toolkit.detection.detect import describe_summary
-from toolkit.detection.link.load import SetLoad, format_loads, link_load
-from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, Reliability, evaluate, reliability
+from toolkit.detection.link.message import SetLoad, format_loads, link_load
+from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, Reliability, evaluate, match, reliability
 from toolkit.detection.place import Place, Stand
 from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin, with_file_digest
 from toolkit.detection.scheme import Chained, Fused, Scheme, scheme_codec
-from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
+from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme, fuse_frame
 from toolkit.detection.view import NMS_IOU, LinkMemory, View, stand_view
 from toolkit.frame import Frame, Recording, select_sensors
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, label_index
-from toolkit.points import detect_on_ground, has_centre_inside
+from toolkit.points import detect_on_ground, frame_points, has_centre_inside
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Processes
 from toolkit.runtime.text_tables import align_columns
@@ -56,6 +57,7 @@ from toolkit.sites.site import Site
 
 ALL_CLOUDS = "all clouds"
 STRETCH = 10  # frames that a worker scores at once
+EXAMPLE_IOU = 0.7  # at which a detection hits, in the paper's first column
 Scoring = Literal["exact", "published", "measured"]
 
 
@@ -460,3 +462,26 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
             (name,) = curve_files([label], [iou])
             title = f"IoU {iou:g}" if label == LABELS[VEHICLE] else f"{label}, IoU {iou:g}"
             draw_pr_curves(curves, unfinished / name, title=title)
+
+
+def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0) -> None:
+    """Draw the frame with the most objects, and hits, misses and false alarms of vehicles at `EXAMPLE_IOU`, from above.
+
+    Objects centred outside the area do not count. seed: of the sensors' noise.
+    """
+    from toolkit.plots.plan_view import FrameOutcome, draw_frame
+
+    site = recording.site
+    frame = noisy(max(recording, key=lambda frame: len(frame.objects)), seed)
+    truth, found = frame.objects, fuse_frame("early", frame, detector, site=site).detections
+    result = match(found, truth, EXAMPLE_IOU, counted=has_centre_inside(truth.boxes, site.area))
+    sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
+    draw_frame(
+        site,
+        out,
+        clouds=frame_points(frame, area=site),
+        truth=truth,
+        detections=found,
+        outcome=FrameOutcome(EXAMPLE_IOU, result.hit, ~result.scored, result.truth >= 0, result.ignored),
+        title=f"{site.name}, frame {frame.index}: early fusion of {sensors}, {detector_origin(detector)['detector']}",
+    )

@@ -40,8 +40,7 @@ def demo(
         detector: Detector, as in coview evaluate.
         overwrite: Replace existing files; those of another demo are replaced anyway.
     """
-    from toolkit.detection.evaluation import curve_files
-    from toolkit.detection.example_picture import draw_example
+    from toolkit.detection.evaluation import curve_files, draw_example
     from toolkit.objects import LABELS
 
     check_least("--frames", frames, 1)

@@ -27,8 +27,7 @@ from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.scenes import Scenes
 from toolkit.datasets.readings import ReadRecording, Reads, read_frame
-from toolkit.detection.link.channel import STALE, Lagged, delay_frames
-from toolkit.detection.link.tracks import Tracks
+from toolkit.detection.link.channel import STALE, Lagged, Tracks, delay_frames
 from toolkit.detection.metrics import match
 from toolkit.detection.scheme import Chained, Scheme
 from toolkit.detection.schemes import SCHEMES, find_scheme

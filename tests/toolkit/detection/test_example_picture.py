@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recording import Header, Scene, encode
-from toolkit.detection.example_picture import draw_example
+from toolkit.detection.evaluation import draw_example
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects

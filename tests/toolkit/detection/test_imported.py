@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from toolkit.detection.imported import ImportedDetector
+from toolkit.detection.detect import ImportedDetector
 from toolkit.objects import Detections
 from toolkit.sites.files import load_site
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.detection.link.load import CAPACITIES, PACKET, SetLoad, format_loads, link_load
+from toolkit.detection.link.message import CAPACITIES, PACKET, SetLoad, format_loads, link_load
 
 
 def test_packets_of_sensors_at_ten_hertz():

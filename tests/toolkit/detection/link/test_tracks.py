@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.detection.link.tracks import Tracks
+from toolkit.detection.link.channel import Tracks
 from toolkit.objects import Detections
 
 
