@@ -124,18 +124,14 @@ class VoxelNetConfig:
         if not (xmax > xmin and ymax > ymin and self.height[1] > self.height[0]):
             raise ValueError(f"area and height must ascend, got {self.area} and {self.height}")
         if min(self.voxel_size) <= 0 or self.max_points < 1:
-            raise ValueError(
-                f"voxels need a size above 0 and 1 point or more, got {self.voxel_size}, {self.max_points}"
-            )
+            raise ValueError(f"voxels need a size above 0 and points, got {self.voxel_size} and {self.max_points}")
         if bool(self.middle_widths) == bool(self.column_width):
             raise ValueError(
                 "give either three middle_widths or a column_width, "
                 f"got middle_widths {self.middle_widths} and column_width {self.column_width}"
             )
         if len(self.middle_widths) not in (0, 3) or len(self.rpn_widths) != 3 or len(self.rpn_layers) != 3:
-            raise ValueError(
-                "middle_widths, rpn_widths and rpn_layers need three entries each (middle_widths may be empty)"
-            )
+            raise ValueError("middle_widths (unless empty), rpn_widths and rpn_layers need three entries each")
         size = len(self.labels)
         unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
         if unknown or len(set(self.labels)) != size or not self.labels:

@@ -19,7 +19,7 @@ from torch import Tensor
 from models.config import VoxelNetConfig
 from models.network.anchors import decode, per_anchor
 from models.network.voxelnet import Prediction
-from toolkit.arrays import Bool, Float, Float32, Int64
+from toolkit.arrays import Float, Float32, Int64
 from toolkit.boxes import footprint_overlap, iou_bev, nms
 from toolkit.objects import Detections, label_index
 
@@ -73,8 +73,19 @@ def all_candidates(
     assert residuals is not None
     label = torch.tensor(config.anchor_labels, device=logits.device)
     least = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
-    cell = torch.nonzero(hopeful(logits, least, config), as_tuple=True)
-    at = label[cell[3]]
+    least = least[label][:, None] if config.kinds else least  # by anchor, or by label
+    if config.head == "published":
+        hopeful = torch.softmax(logits, -1)[..., 1:] > least
+    else:  # the class alone decides: a predicted IoU only lowers a score
+        bound = torch.logit(least)
+        if config.calibration:
+            pairs = torch.tensor(config.calibration, dtype=logits.dtype, device=logits.device)
+            slope, intercept = pairs[label].T[..., None] if config.kinds else pairs.T
+            bound = (bound - intercept) / slope
+        bound = torch.where(bound > math.log(1e-6), bound.clamp(max=_SURE_LOGIT), -torch.inf)
+        hopeful = logits > bound - _ROUNDING
+    cell = torch.nonzero(hopeful.any(-1), as_tuple=True)
+    own = cell[3] if config.kinds else slice(None)
     if config.head == "published":
         scores = torch.softmax(logits[cell], -1)[..., 1:]
     else:
@@ -82,44 +93,19 @@ def all_candidates(
         if quality is not None and config.quality_power:
             scores = scores * torch.sigmoid(quality[cell]) ** config.quality_power
         if config.calibration:
-            slope, intercept = _calibration(at, config, scores)
-            scores = torch.sigmoid(torch.logit(scores, 1e-6) * slope + intercept)
-    scores = torch.where(scores > (least[at][:, None] if config.kinds else least), scores, 0.0)
+            scores = torch.sigmoid(torch.logit(scores, 1e-6) * slope[own] + intercept[own])
+    scores = torch.where(scores > least[own], scores, 0.0)
     row, column = cell[1:3] if corner is None else (axis + corner[cell[0], k] for k, axis in enumerate(cell[1:3]))
     there = (scores.amax(-1) > 0) & (row < len(anchors)) & (column < anchors.shape[1])
     chosen = torch.nonzero(there)[:, 0]
-    scores, at, row, column, *kept = (each[chosen] for each in (scores, at, row, column, *cell))
+    scores, row, column, *kept = (each[chosen] for each in (scores, row, column, *cell))
     item, _, _, anchor = cell = tuple(kept)
     backwards = None if direction is None else direction[cell][:, 0] > 0
     boxes = decode(residuals[cell], anchors[row, column, anchor], backwards)
     place = (row * anchors.shape[1] + column) * count + anchor
-    own = torch.eye(len(config.labels), device=logits.device)
-    return Candidates(item, place, boxes, scores * own[at] if config.kinds else scores)
-
-
-def _calibration(label: Tensor, config: VoxelNetConfig, like: Tensor) -> tuple[Tensor, Tensor]:
-    """Slope and intercept for anchors of these labels."""
-    by_label = torch.tensor(config.calibration, dtype=like.dtype, device=like.device)
-    slope, intercept = by_label[label].T[..., None] if config.kinds else by_label.T
-    return slope, intercept
-
-
-def hopeful(
-    logits: Float[Tensor, "B H W A K"], least: Float[Tensor, " L"], config: VoxelNetConfig
-) -> Bool[Tensor, "B H W A"]:
-    """Find the few anchors that can pass their label's threshold.
-
-    The class alone decides: a predicted IoU only lowers a score, so no anchor left out here would pass later.
-    """
-    if config.head == "published":
-        return (torch.softmax(logits, -1)[..., 1:] > least).any(-1)
-    label = torch.tensor(config.anchor_labels, device=logits.device)
-    bound = torch.logit(least[label][:, None] if config.kinds else least)
-    if config.calibration:
-        slope, intercept = _calibration(label, config, logits)
-        bound = (bound - intercept) / slope
-    bound = torch.where(bound > math.log(1e-6), bound.clamp(max=_SURE_LOGIT), -torch.inf)
-    return (logits > bound - _ROUNDING).any(-1)
+    if config.kinds:
+        scores = scores * torch.eye(len(config.labels), device=logits.device)[label[anchor]]
+    return Candidates(item, place, boxes, scores)
 
 
 def suppress(

@@ -157,16 +157,12 @@ Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
 
 @dataclass(frozen=True)
 class Machine:
-    """Hardware that a training runs on.
-
-    bfloat16: multiply in that format (losses stay in float32); workers: processes that prepare examples, 0 for none;
-    checkpoint_s: seconds between checkpoints.
-    """
+    """Hardware that a training runs on."""
 
     device: str = "cpu"
-    bfloat16: bool = False
-    workers: int = 0
-    checkpoint_s: float = 300.0
+    bfloat16: bool = False  # multiply in that format; losses stay in float32
+    workers: int = 0  # processes that prepare examples
+    checkpoint_s: float = 300.0  # seconds between checkpoints
 
 
 @dataclass

@@ -16,9 +16,9 @@ from torch import Tensor
 from models.config import VoxelNetConfig
 from models.network.anchors import anchors
 from models.network.voxels import Voxels, collate, voxelise
-from models.training.losses import Assignment, assign, assign_by_kind, sample
+from models.training.losses import assign, assign_by_kind, sample
 from models.training.packed import STEPS_PER_METRE, PackedFrames, Rig
-from toolkit.arrays import Bool, Float, Float32
+from toolkit.arrays import Float, Float32
 from toolkit.boxes import count_points, points_in_boxes
 from toolkit.geometry import level_rows
 from toolkit.objects import HEAVY, Objects, label_index
@@ -156,26 +156,20 @@ class Samples(torch.utils.data.Dataset[Batch]):
         points, objects, inside = self._scene(k, rng)
         seen = count_points(points, objects.boxes) >= self.recipe.seen
         asked = inside & seen & has_centre_inside(objects.boxes, np.array(self.config.area))
-        found = self._assign(objects, asked)
+        if self.config.kinds:
+            found = assign_by_kind(self._anchors, self.config.kinds, objects.boxes, objects.labels, asked)
+        else:  # a network for vehicles alone ignores heavy ones
+            vehicle = objects.labels == label_index(self.config.labels[0])
+            rows = np.flatnonzero(vehicle & asked)
+            ignored = objects.boxes[(vehicle & ~asked) | (objects.labels == HEAVY)]
+            thresholds = {"positive": self.recipe.positive, "negative": self.recipe.negative}
+            found = assign(self._anchors, objects.boxes[rows], **thresholds, ignored=ignored)
+            found = found._replace(owner=np.append(rows, 0)[found.owner])
         if self.recipe.sampled:
             found = sample(found, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2)
         targets = torch.from_numpy(objects.boxes).float() if len(objects) else torch.ones(1, 7)
-        return Batch(
-            voxelise(points, self.config, rng=rng),
-            torch.from_numpy(found.labels)[None],
-            targets[torch.from_numpy(found.owner)][None],
-        )
-
-    def _assign(self, objects: Objects, asked: Bool[np.ndarray, " n"]) -> Assignment:
-        """Targets of the anchors. A network for vehicles alone ignores heavy ones; others tell them apart."""
-        if self.config.kinds:
-            return assign_by_kind(self._anchors, self.config.kinds, objects.boxes, objects.labels, asked)
-        vehicle = objects.labels == label_index(self.config.labels[0])
-        rows = np.flatnonzero(vehicle & asked)
-        ignored = objects.boxes[(vehicle & ~asked) | (objects.labels == HEAVY)]
-        thresholds = {"positive": self.recipe.positive, "negative": self.recipe.negative}
-        found = assign(self._anchors, objects.boxes[rows], **thresholds, ignored=ignored)
-        return Assignment(found.labels, np.append(rows, 0)[found.owner])
+        voxels = voxelise(points, self.config, rng=rng)
+        return Batch(voxels, torch.from_numpy(found.labels)[None], targets[torch.from_numpy(found.owner)][None])
 
     def _scene(self, k: int, rng: np.random.Generator) -> tuple[_Points, Objects, np.ndarray]:
         """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
