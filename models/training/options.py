@@ -16,8 +16,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from models.config import select_anchors
 
-SITE = """Area to train for: tjunction, roundabout, a site file, or general for any place;
-by default the area that all of the data shares."""
+SITE = "Area to train for: tjunction, roundabout, a site file, or general for any place; the data's when left out."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,20 +26,20 @@ class TrainingOptions:
     Attributes:
         data: Packed file made by coview pack.
         out: Folder for checkpoint, log, curves and weights.safetensors.
-        start: Shipped weights (such as general, to fit it to your junction) or a file to start from, instead of random.
-        preset: fast by default, or general for the site general; varied: thinner clouds, uneven ground; paper.
-        classes: Classes to detect: vehicle, heavy, cyclist, pedestrian; by default those of --start, or vehicle.
-        faces: Classes with boxes measured by a second stage; by default those of --start.
+        start: Shipped weights (such as general, to fit it to your junction) or a file to start from.
+        preset: fast, general, varied (thinner clouds, uneven ground) or paper; general at site general, else fast.
+        classes: Classes to detect: vehicle, heavy, cyclist, pedestrian; those of --start, or vehicle, when left out.
+        faces: Classes with boxes measured by a second stage; those of --start when left out.
         calibrate: Fit scores and thresholds on the frames of --validate; implied if --start is calibrated.
         size: The light network, or one as wide as the published.
-        voxel: Length and width of a voxel (m); 0.2 by default (the paper has 0.4 at the roundabout).
-        epochs: Passes over the data; by default the preset's.
-        batch: Frames per step; by default the preset's.
-        learning_rate: Highest learning rate; by default the preset's.
+        voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the roundabout).
+        epochs: Passes over the data; the preset's when left out.
+        batch: Frames per step; the preset's when left out.
+        learning_rate: Highest learning rate; the preset's when left out.
         seed: Seed of weights, order, noise and augmentation.
         validate: Packed file to measure AP on after each epoch.
         validate_frames: Number of its frames to use.
-        device: cpu or cuda; cuda by default if present.
+        device: cpu or cuda; cuda if present when left out.
         bfloat16: Multiply in bfloat16 on the CPU as on cuda: faster on a CPU that supports it, else slower.
         threads: Threads of PyTorch; fewer are faster beside other programs.
         workers: Processes that prepare examples.

@@ -9,18 +9,16 @@ from coview.progress_bar import progress_bar
 from models.training.options import TrainingOptions
 
 
-def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, json: bool = False) -> int:
+def train(site: Positional[str | None] = None, /, *, training: TrainingOptions, json: bool = False) -> int:
     """Train VoxelNet on a packed file.
 
-    Killed and started again it resumes, to the same weights. The same arguments train on a bare machine, without
-    pictures: python -m models.train.
+    If killed and started again, it resumes and ends with the same weights. The same arguments train on a bare machine,
+    without pictures: python -m models.train.
 
     Example: coview train tjunction --preset fast --data tjunction.packed --out runs/tjunction --validate test.packed
 
     Args:
-        site: Area to train for: tjunction, roundabout, a site file, or general for any place; by default the area that
-            all of the data shares.
-        options: Options of the training.
+        site: Area to train for: tjunction, roundabout, a site file, or general for any place; the data's when left out.
         json: Print the summary as JSON.
     """
     from models.train import run
@@ -36,9 +34,9 @@ def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, j
             else:
                 bar.figures(figures)
 
-        weights, measured = run(site, options, progress=report)
-    draw_training(read_curves(options.out / LOG), options.out)
-    pictures = "losses.png, ap.png" if options.validate else "losses.png"
-    text = f"{options.out}: {weights.name}, {LOG}, {pictures}"
+        weights, measured = run(site, training, progress=report)
+    draw_training(read_curves(training.out / LOG), training.out)
+    pictures = "losses.png, ap.png" if training.validate else "losses.png"
+    text = f"{training.out}: {weights.name}, {LOG}, {pictures}"
     print_result({"weights": str(weights), "ap": measured}, text, as_json=json)
     return OK
