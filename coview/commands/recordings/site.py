@@ -70,14 +70,14 @@ class ImportMap:
         else:
             imported = import_osm(self.osm, **place, lefthand=self.lefthand)  # type: ignore[arg-type]
         if self.sensors is None:
-            code = _saved(imported, self.out)
+            code = _save(imported, self.out)
             print(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")
             print("mounts along the kerbs are suggestions: give your own poles as --candidates FILE.geojson")
             return code
         from placement_env.search.greedy import with_first_sensors
 
         placed = with_first_sensors(imported, self.sensors)
-        code = _saved(placed.site, self.out)
+        code = _save(placed.site, self.out)
         print(placed)
         return code
 
@@ -134,7 +134,7 @@ class RandomSite:
 
         check_least("--seed", self.seed, 0)
         check_file(self.out, overwrite=self.overwrite)
-        return _saved(random_site(self.seed), self.out)
+        return _save(random_site(self.seed), self.out)
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def site(
     return command()
 
 
-def _saved(made: Site, out: Path) -> int:
+def _save(made: Site, out: Path) -> int:
     from toolkit.sites.files import save_site
 
     save_site(made, out)
