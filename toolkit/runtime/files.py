@@ -46,7 +46,7 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
     the block."""
     target = Path(os.path.realpath(path))
     try:
-        with _name_errors(path):
+        with _name_output(path):
             target.parent.mkdir(parents=True, exist_ok=True)
             if unfinished is None:
                 ending = f".unfinished{target.suffix}"
@@ -72,7 +72,7 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
     missing = [each for each in (target, *target.parents) if not each.exists()]
     unfinished = None
     try:
-        with _name_errors(folder):
+        with _name_output(folder):
             target.mkdir(parents=True, exist_ok=True)
             unfinished = Path(tempfile.mkdtemp(".unfinished", ".", target))
             yield unfinished
@@ -89,7 +89,7 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _name_errors(path: str | Path) -> Iterator[None]:
+def _name_output(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
