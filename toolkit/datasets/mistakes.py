@@ -76,7 +76,7 @@ class Mistake(NamedTuple):
 
     mistake: str
     remedy: str
-    undo: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
+    undo: Callable[..., dict[str, np.ndarray]]
 
 
 _COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
@@ -133,18 +133,13 @@ OBJECT_MISTAKES = (
 )
 
 
-def _make_lift(metres: float, place: str, remedy: str, way: str) -> Mistake:
-    return Mistake(
-        f"the boxes {place} the ground, by about {abs(metres):.1f} m",
-        f"{remedy} {abs(metres):.1f} m {way} column 2 (z) of objects",
-        lambda o: {"z": o["z"] - metres},
+LIFTED = tuple(
+    Mistake(
+        f"the boxes {'float above' if lift > 0 else 'are sunk into'} the ground, by about {abs(lift):.1f} m",
+        f"{'subtract' if lift > 0 else 'add'} {abs(lift):.1f} m {'from' if lift > 0 else 'to'} column 2 (z) of objects",
+        lambda o, lift=lift: {"z": o["z"] - lift},
     )
-
-
-_LIFTS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
-LIFTED = (
-    *(_make_lift(lift, "float above", "subtract", "from") for lift in _LIFTS),
-    *(_make_lift(-lift, "are sunk into", "add", "to") for lift in _LIFTS),
+    for lift in (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, -0.3, -0.4, -0.5, -0.6, -0.8, -1.0)
 )
 
 

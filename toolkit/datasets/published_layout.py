@@ -143,9 +143,8 @@ def parse_rows(
     if rows.size == 0:
         return Objects.empty()
     if rows.ndim != 2 or rows.shape[1] != len(OBJECT_COLUMNS):
-        raise ValueError(
-            f"{name} must have {len(OBJECT_COLUMNS)} columns ({', '.join(OBJECT_COLUMNS)}), got {rows.shape}"
-        )
+        columns = f"{len(OBJECT_COLUMNS)} columns ({', '.join(OBJECT_COLUMNS)})"
+        raise ValueError(f"{name} must have {columns}, got {rows.shape}")
     wrong = wrong_rows(rows)
     if (wrong != "").any():
         row = int((wrong != "").argmax())

@@ -118,18 +118,12 @@ def with_errors(
     if numbers is None and only_own_noise(errors):
         return noisy(frame, seed)
     numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors] if numbers is None else numbers
-    readings = []
+    readings, believed = [], []
     for sensor, measurement, number in zip(frame.sensors, frame.images, numbers, strict=True):
         true = TrueImage(sensor, measurement, frame.objects, frame.time, velocities)
-        readings.append(errors.read(true, seed=seed, sensor=number, frame=frame.index))
-    believed = tuple(
-        sensor if reading.pose is sensor.pose else Sensor(sensor.name, sensor.model, reading.pose)
-        for sensor, reading in zip(frame.sensors, readings, strict=True)
-    )
-    shifts = tuple(reading.shift for reading in readings)
-    return replace(
-        frame,
-        sensors=believed,
-        measurements=tuple(reading.measurement for reading in readings),
-        shifts=shifts if any(shift is not None for shift in shifts) else (),
-    )
+        reading = errors.read(true, seed=seed, sensor=number, frame=frame.index)
+        readings.append(reading)
+        believed.append(sensor if reading.pose is sensor.pose else Sensor(sensor.name, sensor.model, reading.pose))
+    measurements, shifts = (tuple(getattr(each, name) for each in readings) for name in ("measurement", "shift"))
+    shifts = shifts if any(shift is not None for shift in shifts) else ()
+    return replace(frame, sensors=tuple(believed), measurements=measurements, shifts=shifts)
