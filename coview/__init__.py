@@ -53,7 +53,7 @@ else:
     }
     _HOMES = {name: face for face, names in _FACES.items() for name in names}
 
-    def __getattr__(name: str) -> Any:
+    def __getattr__(name: str) -> object:
         from importlib import import_module
         from importlib.metadata import PackageNotFoundError, version
 

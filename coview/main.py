@@ -160,7 +160,7 @@ def command(name: str) -> Callable[..., int]:
 
 
 def refuse_hidden_packages() -> None:
-    """Raise ValueError for a user's file that hides our packages: Python takes the first `models` on its path."""
+    """Raise ValueError for a user's file that hides our packages."""
     from importlib.util import find_spec
     from pathlib import Path
 

@@ -123,7 +123,7 @@ class SettingOptions:
     """File of coview table for --fidelity table, in place of the shipped ones."""
 
     def build(self, site: Site, run: Run) -> tuple[Setting, str]:
-        """Return the setting at a site, and the currency of its prices. Raises ValueError where options do not fit."""
+        """Return the setting at a site, and its currency. Raises ValueError where options do not fit."""
         from placement_env.setting import Setting
         from toolkit.detection.link.range_images import find_codec
 

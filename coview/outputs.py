@@ -85,7 +85,7 @@ def report(error: BaseException, *, debug: bool = False) -> int:
 
 
 def _classify(error: BaseException) -> tuple[int, str]:
-    """Exit code and line of an error, by its type. Checks of input raise ValueError or OSError, and nothing else."""
+    """Exit code and line of an error, by its type."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):

@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
-from typing import Any
 
 from tqdm import tqdm
 
@@ -17,7 +16,7 @@ EVERY_S = 10.0  # between two lines where there is no terminal
 class Bar:
     """Progress bar of absolute counts, as of the toolkit's callbacks."""
 
-    def __init__(self, bar: Any, hidden: bool, unit: str = "") -> None:
+    def __init__(self, bar: tqdm[object], hidden: bool, unit: str = "") -> None:
         self._bar, self._hidden, self._stage = bar, hidden, unit
         self._done = self._first = 0
         self._began = time.monotonic()
@@ -53,7 +52,7 @@ class Bar:
             self._bar.write(text, file=sys.stderr)
 
     def describe(self) -> str:
-        """Describe the stage, what is done and to do, and the time left at the pace of this stage."""
+        """Describe the stage, its progress, and the time left."""
         done, total, spent = self._done, self._bar.total, time.monotonic() - self._began
         text = f"{self._stage or 'working'}: {done}{f' of {total}' if total else ''}"
         if not total or done <= self._first:

@@ -52,7 +52,7 @@ class PlannedSensor:
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of one pole's link at `RATE` frames a second, in the average and the largest frame, and its capacity."""
+    """Load of one pole's link at `RATE` frames a second, and its capacity."""
 
     pole: str
     mbit_s: float

@@ -220,7 +220,7 @@ def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) 
 
 
 def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> tuple[Figure, Axes]:
-    """Figure with a row for each name, the first on top. right: inches kept free beside the rows for figures."""
+    """Figure with a row for each name. right: inches kept free beside the rows."""
     names, rows = [shorten(name, LETTERS) for name in names], max(len(names), 1)
     left = 0.35 + 0.066 * max(map(len, names), default=0)
     height = HEAD + FOOT + ROW * rows

@@ -69,7 +69,7 @@ class PlanOption:
 
     @property
     def counted(self) -> Judgement | None:
-        """Result by which sets are compared, over the error profiles, failures and levels that the plan asks for."""
+        """Result by which sets are compared, over all requested cases."""
         return self.over_errors or self.left or self.over_levels or self.judged
 
 
@@ -114,7 +114,7 @@ class SchemeFigures:
 
 @dataclass(frozen=True)
 class SensorWorth:
-    """Shapley value of one sensor of the chosen set, in AP, and its interaction with each other one by name."""
+    """Shapley value of one sensor, in AP, and its interaction with each other one."""
 
     sensor: str
     shapley: float

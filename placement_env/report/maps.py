@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -41,7 +41,7 @@ def plan_view(
     poles_unused: Sequence[str] = (),
     ground: Ground | None = None,
 ) -> str:
-    """Draw the site with the chosen sensors, used and unused poles (names of mounts), and the ground each sensor sees.
+    """Draw the site with the chosen sensors, poles (names of mounts), and the ground each sensor sees.
 
     Without `ground`, fields of view up to the first building are drawn. Raises ValueError for an unknown pole, and for
     a ground of other sensors.
@@ -89,8 +89,10 @@ def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
 def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     """Map the points on the ground, per m², of all sensors in a frame. Raises ValueError for a ground of others."""
     density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
-    steps = point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100])).tolist()
-    legend = [(c, f"{name} /m²") for c, name in zip(steps, ["under 1", *point_names()[1:]], strict=True)]
+    from matplotlib.colors import to_hex
+
+    steps = map(to_hex, point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100])))
+    legend = [(colour, f"{name} /m²") for colour, name in zip(steps, ["under 1", *point_names()[1:]], strict=True)]
     cells = _Cells(point_colours(density), ground.open_ground, legend)
     title, alt = "points on the ground in a frame", "Map of the density of points on the ground"
     return _cell_map(site, ground, sensors, cells, title, alt, f"; mean over {SMOOTHED:g} x {SMOOTHED:g} m")
@@ -111,7 +113,7 @@ class _Cells(NamedTuple):
 
     colours: Float64[np.ndarray, "ny nx 4"]
     shown: Bool[np.ndarray, "ny nx"]
-    legend: Sequence[tuple[Any, str]]
+    legend: Sequence[tuple[str, str]]
 
 
 def _cell_map(

@@ -65,7 +65,7 @@ def scheme_runs(sensors: int) -> list[SchemeRun]:
 
 
 def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 1: late, hybrid and early fusion of all sensors, in AP, kbit per sensor and time."""
+    """Compare table 1: late, hybrid and early fusion of all sensors."""
     rows = []
     for run in scheme_runs(len(stored.sensors)):
         paper = SCHEME_TABLE[site][run.scheme]
@@ -94,7 +94,7 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
 
 
 def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
-    """Explain the counting of bits. Boxes of 256 bit in late fusion, far points of 96 bit in hybrid."""
+    """Explain the counting of bits in late and hybrid fusion."""
     if run.scheme == "late":
         boxes = kbit_per_sensor(stored, run) / 0.256
         return f"{boxes:.1f} boxes of 256 bit a sensor here, {paper / 0.256:.1f} in the paper"

@@ -109,7 +109,7 @@ def draw_pairs(names: Sequence[str], rows: Sequence[Compared], out: Path, *, tit
 
 
 def draw_agreement(groups: Mapping[str, Sequence[tuple[str, float, float]]], out: Path, *, title: str) -> None:
-    """Draw our figures over the paper's: a marker for each (name, paper, ours) of each group, and the diagonal."""
+    """Draw our figures over the paper's. groups: (name, paper, ours) of each marker."""
     with _chart(out, 6.0, 5.2) as axes:
         axes.plot([0, 1], [0, 1], color="#888888", linewidth=0.8, linestyle="dashed")
         styles = ((OUR_COLOUR, "o"), (PAPER_COLOUR, "^"))

@@ -179,7 +179,7 @@ def write_experiments(
     conditions: dict[str, str],
     causes: dict[str, str],
 ) -> None:
-    """Write CSV and SVG of each experiment, all figures as JSON, and the page: all of them or none."""
+    """Write the page, all figures as JSON, and CSV and SVG of each experiment."""
     with writing_together(out) as folder:
         pictures = {}
         for each in experiments:

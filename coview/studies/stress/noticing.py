@@ -61,7 +61,7 @@ class FalseAlarms:
 def time_faults(
     recording: SiteRecording, detector: Detector, run: Run = Run()
 ) -> tuple[tuple[Noticed, ...], tuple[FalseAlarms, ...]]:
-    """Time every fault of every sensor in every stretch of traffic, and count false alarms over every link.
+    """Time every fault of every sensor, and count false alarms over every link.
 
     recording: frames close together; run: with the seed of noise and links, and the number of first frames. Raises
     ValueError if no stretch of traffic is longer than `ONSET`.

@@ -131,7 +131,7 @@ def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, 
 
 
 def _group_by_scheme(rows: Sequence[StressRow]) -> Iterator[tuple[tuple[str, float], _Levels, _Schemes]]:
-    """Levels, and rows with an amount by kind, IoU and scheme. Groups with fewer than two of either are left out."""
+    """Levels, and rows by kind, IoU and scheme, where both are at least two."""
     found: dict[tuple[str, float], _Schemes] = {}
     for row in rows:
         if row.amount is not None:
@@ -239,7 +239,7 @@ def format_rows(rows: Sequence[StressRow]) -> str:
 
 
 def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -> str:
-    """Format the best scheme per range of levels, and where schemes overtake each other, if levels are numbers."""
+    """Format the best scheme per range of levels, and where schemes overtake each other."""
     best = [["highest AP", "IoU", "scheme", "from", "to"]]
     best += [[b.kind, f"{b.iou:g}", b.scheme, f"{b.start:.2f}", f"{b.end:.2f}"] for b in best_schemes(rows)]
     table = [["overtaken", "IoU", "scheme", "by", "from level", "95 % interval", "of draws"]]

@@ -100,7 +100,7 @@ class TableBlock:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture as SVG text. It has the sentence that states its conclusion, and a description for screen readers."""
+    """A picture as SVG text. alt: for screen readers."""
 
     svg: str
     caption: str
@@ -173,7 +173,7 @@ def to_html(document: Document, scene: Scene | None) -> str:
 
 
 def _data_address(svg: str) -> str:
-    """Address of a drawing as an image. No script runs in it, and its ids cannot clash with another drawing's."""
+    """Address of a drawing as an image, in which no script runs."""
     return "data:image/svg+xml;base64," + b64encode(svg.encode("utf-8")).decode("ascii")
 
 
@@ -244,7 +244,7 @@ def iou_value(iou: IoUs) -> float | str:
 
 
 def percent(share: float | None) -> str:
-    """Format a share in percent. A share that is neither 0 nor 100 % is never rounded to it.
+    """Format a share in percent, never rounded to 0 or 100 %.
 
     >>> percent(0.934), percent(0.0004), percent(1.0)
     ('93%', 'under 1%', '100%')

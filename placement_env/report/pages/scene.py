@@ -81,7 +81,7 @@ class Scene:
 
 
 def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence[Moment]) -> Scene:
-    """Build the scene of a plan: the site, chosen sensors with the ground they see, and the frames of `moments`."""
+    """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`."""
     with viser_server() as server:
         api = server.scene
         _add_site(api, site, {sensor.pole for sensor in plan.sensors})
@@ -191,7 +191,7 @@ def drape(
 
 
 def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
-    """Cells that a sensor sees, as rectangles along the rows of the grid; each sensor's lie a little above the last."""
+    """Cells that a sensor sees, as rectangles; each sensor's lie a little above the last."""
     half, boxes = ground.cell / 2, []
     for row, y in zip(ground.seen[index], ground.y, strict=True):
         steps = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))

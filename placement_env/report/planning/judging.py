@@ -125,7 +125,7 @@ class Judge:
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
     ) -> list[SetJudgement]:
-        """Judge sets intact and in all cases. stage: makes the callback of frames done from the name of a stage."""
+        """Judge sets intact and in all cases. stage: makes a progress callback from a name."""
         nothing, first = [None] * len(sets), replace(self.cases, errors=self.cases.profiles[0])
         judged = self.judge(sets, progress=stage("chosen set"))
         left = self.judge(sets, first, progress=stage("failures")) if first.failing else nothing
@@ -220,7 +220,7 @@ def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: D
 
 
 def _reduce(figures: Float64[np.ndarray, "cases *rest figures"], by: Combine) -> Float64[np.ndarray, "*rest figures"]:
-    """Figures of the case of least AP, or means over cases and the counts of the first. NaN is left out."""
+    """Figures of the case of least AP, or means over cases, without NaN."""
     if by == "worst":
         ap = figures[..., :1]
         worst = np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)
@@ -295,7 +295,7 @@ def choose_set(
 
 
 def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, Rule]:
-    """Return the index of the answer among options, some of them judged, and the rule that chose it."""
+    """Return the index of the answer among options, and the rule that chose it."""
 
     def thrift(entry: tuple[int, PlanOption, Judgement]) -> tuple[float, int, float, float]:
         _, option, judgement = entry
@@ -312,7 +312,7 @@ def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, 
 
 
 def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOption, ...]:
-    """Judged sets whose interval overlaps the chosen one's. The chosen set is left out; cheap sets come first."""
+    """Judged sets whose interval overlaps the chosen one's, cheap sets first."""
     best = options[chosen].counted
     others = [(option, option.counted) for i, option in enumerate(options) if i != chosen and option.counted]
     near = [(option, judged) for option, judged in others if best and overlap(judged, best)]
@@ -320,7 +320,7 @@ def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOpti
 
 
 def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
-    """Judged sets that no other beats in AP, kbit per sensor and price at once, by price, then AP."""
+    """Judged sets that no other beats in AP, kbit per sensor and price at once."""
     judged = [(option, option.counted) for option in options if option.counted is not None]
     figures = np.array([(-j.ap, o.kbit_per_sensor, o.price) for o, j in judged]).reshape(-1, 3)
     kept = [judged[i] for i in find_front(figures)]

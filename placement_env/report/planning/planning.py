@@ -166,7 +166,7 @@ def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int)
 
 
 def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge the middle and quarters of the area. The quarters around the middle are named by the compass."""
+    """Judge the middle and the quarters around it, named by the compass."""
     xmin, ymin, xmax, ymax = site.area
     middle, radius = np.array([xmin + xmax, ymin + ymax]) / 2, CENTRE * min(xmax - xmin, ymax - ymin)
     quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
@@ -434,7 +434,7 @@ class ChosenSet:
 
 
 def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
-    """Provenance of a plan. It has digests of all inputs, seeds and versions; nothing depends on the clock."""
+    """Provenance of a plan: digests of all inputs, seeds and versions."""
     question = findings.question
     setting, stock, seed = question.setting, question.stock, question.run.seed
     versions = {"coview": coview_version(), "python": platform.python_version()}
@@ -469,7 +469,7 @@ PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)
 
 
 def plan(question: Question) -> Planned:
-    """Answer a question with a plan. If nothing may be built or nothing reaches the requirement, it says why.
+    """Answer a question with a plan, which says why if nothing may be built.
 
     The same question has the same plan, byte for byte, whatever the cache and the processes. Raises ValueError and
     OSError for damaged inputs, ImportError without SUMO.

@@ -27,7 +27,7 @@ USUAL_SENSORS = 4
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stock:
-    """Sensors that may be mounted at a site, and their prices. Call it with the site to get the candidates.
+    """Sensors and prices. Call it with a site to get the candidates.
 
     candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and
     prices, None for the paper's camera at no price; keep_out: areas where no sensor may stand; capacity_kbit: of the

@@ -37,7 +37,7 @@ def refuse_traffic(question: Question, missing: Sequence[str], frames: int, part
 
 
 def describe_cases(question: Question) -> str:
-    """Cases of the AP by which sets are compared, "" for the intact set in all traffic at one error profile."""
+    """Cases of the AP by which sets are compared, "" for usual ones."""
     cases = question.cases
     words = [cases.describe_failures()] if cases.failing else []
     words += [cases.describe_levels()] if cases.levels > 1 else []
