@@ -70,7 +70,7 @@ def footprints(boxes: ArrayLike) -> Float64[np.ndarray, "n 4 2"]:
 
 
 def corners(boxes: ArrayLike) -> Float64[np.ndarray, "n 8 3"]:
-    """Eight corners of each box, in the order of the drawing above.
+    """Eight corners of each box, in the drawing's order.
 
     >>> corners([[0, 0, 1, 4, 2, 1.5, 0]])[0, [0, 6]].tolist()
     [[2.0, 1.0, 0.25], [-2.0, -1.0, 1.75]]
@@ -82,7 +82,7 @@ def corners(boxes: ArrayLike) -> Float64[np.ndarray, "n 8 3"]:
 
 
 def iou_bev(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
-    """Intersection over union of the footprints, exact for any yaw.
+    """IoU of the footprints, exact for any yaw.
 
     >>> iou_bev([[0, 0, 0, 4, 2, 1, 0]], [[2, 0, 9, 4, 2, 1, np.pi]]).round(6)
     array([[0.333333]])
@@ -93,7 +93,7 @@ def iou_bev(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
-    """Intersection over union of the volumes, exact for any yaw (paper equation 3).
+    """IoU of the volumes, exact for any yaw (paper equation 3).
 
     >>> iou_3d([[0, 0, 0, 4, 2, 1, 0]], [[0, 0, 0.5, 4, 2, 1, 0]]).round(6)
     array([[0.333333]])
@@ -230,7 +230,7 @@ def _iou_matrix(a: ArrayLike, b: ArrayLike, metric: Overlap) -> np.ndarray:
 
 
 def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
-    """IoU of row k of `a` with row k of `b`."""
+    """IoU of `a` with `b`, row by row."""
     if metric not in ("bev", "3d"):
         raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')
     overlap, size_a, size_b = _overlap_area(a, b), a[:, 3] * a[:, 4], b[:, 3] * b[:, 4]

@@ -63,7 +63,7 @@ def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
 
 
 def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
-    """Sensor number of each point, 0 if the cloud has none."""
+    """Sensor number of each point, 0 without one."""
     if "sensor" not in cloud.point:
         return np.zeros(len(positions(cloud)), np.int32)
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
@@ -88,7 +88,7 @@ def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None 
 
 
 def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
-    """Attributes of a cloud, positions included, as arrays that share memory."""
+    """Attributes of a cloud, with positions, in shared memory."""
     return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
 
 

@@ -61,7 +61,7 @@ class SensorCloud:
         return replace(self, points=self.in_sensor().astype(np.float32), frame="sensor")
 
     def in_world(self) -> Float64[np.ndarray, "n 3"]:
-        """Points in the world frame, float64, so that map coordinates keep their millimetres."""
+        """Points in the world frame, float64 for large coordinates."""
         points = self.points.astype(np.float64)
         return points if self.frame == "world" else transform(self.world_SE3_sensor, points)
 
@@ -76,7 +76,7 @@ class Region:
         raise NotImplementedError
 
     def record(self) -> dict[str, object]:
-        """Return its kind and numbers for JSON. `parse_region` reads them back."""
+        """Return kind and numbers for JSON and `parse_region`."""
         return {"kind": self.kind, **{name: np.asarray(value).tolist() for name, value in vars(self).items()}}
 
 
@@ -93,7 +93,7 @@ class Everywhere(Region):
 
 @dataclass(frozen=True)
 class Rectangle(Region):
-    """Detection area in which labels are complete. area: xmin, ymin, xmax, ymax (m)."""
+    """Detection area (xmin, ymin, xmax, ymax, m) with complete labels."""
 
     kind = "rectangle"
     area: tuple[float, float, float, float]
@@ -247,7 +247,7 @@ class Frame:
 
     @property
     def images(self) -> tuple[Image, ...]:
-        """Image of every sensor. Raises ValueError if a sensor measured a cloud."""
+        """Image of every sensor; ValueError for a cloud."""
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
             if isinstance(measurement, SensorCloud):
                 raise ValueError(f"sensor {sensor.name!r} measured a cloud, no image: choose what works with points")
@@ -272,7 +272,7 @@ class Frame:
         return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
 
     def with_clouds(self, clouds: Sequence[SensorCloud]) -> Frame:
-        """Return the frame with other clouds in place of its measurements."""
+        """Return the frame with other clouds as its measurements."""
         return replace(self, sensors=_cloud_sensors(clouds), measurements=tuple(clouds), shifts=())
 
     def seen_by(self, sensors: Sequence[int | str]) -> Frame:
@@ -289,7 +289,7 @@ class Frame:
         )
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> Frame:
-        """Return the frame with some of its objects. rows: a mask or indices."""
+        """Return the frame with some objects (mask or indices)."""
         rows = np.arange(len(self.objects))[rows]
         return replace(
             self,

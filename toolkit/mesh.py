@@ -94,7 +94,7 @@ def _unit_sphere(rings: int, sides: int) -> Float64[np.ndarray, "_ _ 3"]:
 
 
 def _cross(a: Float64[np.ndarray, "_ 3"], b: Float64[np.ndarray, "_ 3"]) -> Float64[np.ndarray, "n 3"]:
-    """Cross products row by row, faster than NumPy's for few rows."""
+    """Cross products by row, fast for few rows."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
@@ -118,7 +118,7 @@ def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
 
 
 def triangulate(shape: shapely.Geometry | np.ndarray) -> Mesh:
-    """Triangles of polygons, holes and all, at z = 0 facing up."""
+    """Triangles of polygons with holes, z = 0, facing up."""
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
     if len(parts) == 0:
         return merge([])
@@ -130,7 +130,7 @@ def triangulate(shape: shapely.Geometry | np.ndarray) -> Mesh:
 
 
 def place(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
-    """Turn a mesh by `yaw` (rad) about z, then move it."""
+    """Turn a mesh by `yaw` (rad), then move it."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return Mesh(mesh.vertices @ turn + [x, y, z], mesh.triangles)

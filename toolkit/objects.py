@@ -117,7 +117,7 @@ class UnionDetector(Detector, Protocol):
     def unions(
         self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> Sequence[Detections]:
-        """Detect in the points of each union together; equal to `__call__` up to rounding."""
+        """Detect in each union, as `__call__` up to rounding."""
 
 
 def known_labels(detector: Detector) -> tuple[str, ...] | None:
@@ -131,7 +131,7 @@ def known_labels(detector: Detector) -> tuple[str, ...] | None:
 
 
 def check_known(detector: Detector, labels: Iterable[str]) -> None:
-    """Raise ValueError for classes that a detector says it does not know."""
+    """Raise ValueError for classes that a detector does not know."""
     known = known_labels(detector)
     unknown = [label for label in labels if known is not None and label not in known]
     if unknown:

@@ -84,7 +84,7 @@ class _Header(NamedTuple):
     data: str
 
     def fields(self) -> Iterator[tuple[np.dtype, int]]:
-        """Type and number of the values of each field of a point."""
+        """Type and number of values of each field."""
         types = [self.row[name] for name in self.row.names or ()]
         return ((each.base, each.itemsize // each.base.itemsize) for each in types)
 

@@ -47,7 +47,7 @@ def frame_points(
 def crop_sensor(
     frame: Frame, index: int, crop: Crop, rng: np.random.Generator | None = None
 ) -> Float32[np.ndarray, "_ 3"]:
-    """Points of one sensor of a frame inside a crop, as `frame_points` has them."""
+    """Points of one sensor inside a crop, see `frame_points`."""
     sensor, measurement = frame.sensors[index], frame.measurements[index]
     if isinstance(measurement, SensorCloud):
         points = measurement.in_world()
@@ -59,7 +59,7 @@ def crop_sensor(
 
 
 class Crop(NamedTuple):
-    """Area (xmin ymin xmax ymax, m), height (m) and slope of a crop."""
+    """Area (xmin ymin xmax ymax, m), height (m) and slope."""
 
     area: tuple[float, ...]
     height: float
@@ -74,7 +74,7 @@ class Crop(NamedTuple):
         return Crop(tuple(get_area(place).tolist()), own if height is None else height, get_slope(place))
 
     def holds(self, points: Float[np.ndarray, "n 3"], floor: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Mask of the points it keeps, world frame. floor: in place of the ground."""
+        """Mask of kept points (world). floor: in place of ground."""
         level = points if self.slope == LEVEL else level_rows(points, self.slope)
         return is_inside(level, np.array(self.area), self.height, floor)
 
@@ -107,7 +107,7 @@ def is_inside(
 def count_on_ground(
     points: Float[np.ndarray, "n 3"], boxes: Float64[np.ndarray, "m 7"], place: Area
 ) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box; both are levelled on a slope."""
+    """Number of points in each box, levelled on a slope."""
     slope = get_slope(place)
     return count_points(level_rows(points, slope), level_rows(boxes, slope))
 
@@ -165,7 +165,7 @@ def is_beyond(
 
 
 def get_area(place: Area) -> Float64[np.ndarray, "4"]:
-    """xmin, ymin, xmax, ymax (m) of a place; ValueError if empty."""
+    """Area of a place (m), or ValueError if empty."""
     return place.area if isinstance(place, Site) else check_area(place)
 
 

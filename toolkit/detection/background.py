@@ -49,7 +49,7 @@ class Background:
 
     @staticmethod
     def learn(points: Float[np.ndarray, "n 3"], voxel: float = VOXEL, cell: float = 1.0) -> Background:
-        """Learn from points of the empty site. Several noisy sweeps are best."""
+        """Learn from points of the empty site, best several sweeps."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
         if not np.isfinite(points).all() or np.prod(np.ptp(points, axis=0) / voxel + 5.0) > MOST_VOXELS:
@@ -136,17 +136,17 @@ class KnownBackground:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Classes that the detector names. Raises AttributeError if it names none."""
+        """Classes that the detector names, or AttributeError."""
         return self.detector.labels  # type: ignore[attr-defined]
 
     @property
     def digest(self) -> str:
-        """SHA-256 of detector and background. Raises AttributeError if the detector has no digest."""
+        """SHA-256 of detector and background, or AttributeError."""
         own = self.detector.digest  # type: ignore[attr-defined]
         return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
 
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
-        """Detect in points (n, 3). Points that are not finite do not count."""
+        """Detect in the finite ones of points (n, 3)."""
         found = self.detector(points)
         return self._keep(found, points, self._new(points)) if len(found) else found
 
@@ -165,7 +165,7 @@ class KnownBackground:
         return finite[~self.background.holds(finite)]
 
     def _keep(self, found: Detections, points: Float[np.ndarray, "p 3"], new: Float[np.ndarray, "q 3"]) -> Detections:
-        """Keep detections that have enough points, and at least one, outside the background."""
+        """Keep detections with enough points outside the background."""
         there, outside = count_points(points, found.boxes), count_points(new, found.boxes)
         return found[(outside > 0) & (outside >= self.least * there)]
 

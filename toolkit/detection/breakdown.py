@@ -49,7 +49,7 @@ class Matched(NamedTuple):
 
 
 def kitti_ap(curve: Curve) -> float:
-    """AP at 40 recalls. NaN where nothing is to be found.
+    """AP at 40 recalls, NaN without a truth to find.
 
     >>> kitti_ap(precision_recall(np.array([0.9, 0.8]), np.array([True, False]), truths=2))
     0.5
@@ -139,7 +139,7 @@ class FrameTruth:
     complete: Region | None = None
 
     def keep(self, found: Detections) -> Detections:
-        """Return the detections that count: those in the area and where labels are complete."""
+        """Keep detections in the area, where labels are complete."""
         if self.complete is None:
             return found
         return found[has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes)]

@@ -72,7 +72,7 @@ class ClusterDetector:
 
     @staticmethod
     def of(recording: CoopDataset) -> ClusterDetector:
-        """Learn the empty site of a recording from four noisy sweeps of its sensors."""
+        """Learn from four noisy sweeps of a recording's empty site."""
         return ClusterDetector.learn(empty_sweeps(recording))
 
     @property
@@ -246,7 +246,7 @@ def foreground_clusters(
 def cluster_points(
     points: Float64[np.ndarray, "n 3"], *, reach: float = CLUSTER_REACH, fewest: int = FEWEST
 ) -> Int64[np.ndarray, " n"]:
-    """Object of each point by DBSCAN, numbered from 0, -1 for none."""
+    """Number of each point's object by DBSCAN, -1 for none."""
     return _dbscan(points - points.mean(axis=0), reach, fewest) if len(points) else np.zeros(0, np.int64)
 
 

@@ -37,7 +37,7 @@ class Codec(Protocol):
         """Name and parameters, the key of cached results."""
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Encode the points of one sensor in one frame, world frame (m)."""
+        """Encode a sensor's points in one frame, world frame (m)."""
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
         """Decode the points that arrive at the fusion centre."""
@@ -74,7 +74,7 @@ class ImageCodec(Protocol):
 
 
 class Parameters:
-    """Base of schemes and codecs whose results depend on their fields alone."""
+    """Base of what depends on its fields alone."""
 
     @property
     def digest(self) -> str:
@@ -84,7 +84,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class PaperCodec(Parameters):
-    """Codec with fixed bits for each point and box, without loss.
+    """Lossless codec with fixed bits for each point and box.
 
     Raises ValueError for a cost that is not finite or below 0.
 
@@ -128,7 +128,7 @@ PAPER = PaperCodec()
 
 
 def check_codec(codec: Codec) -> Codec:
-    """Return the codec if it is one. Raises ValueError if it is not."""
+    """Return the codec, or raise ValueError if it is none."""
     if isinstance(codec, type) or not isinstance(codec, Codec):
         raise ValueError(f"codec must be an object with the members of toolkit.detection.codec.Codec, got {codec!r}")
     return codec

@@ -82,7 +82,7 @@ def file_name(name: str) -> str:
 
 
 def summarise(found: Iterable[Detected]) -> dict[str, Any]:
-    """Count frames, detections and what reading left out, with the median milliseconds."""
+    """Count frames, detections and problems, with the median milliseconds."""
     samples = detections = 0
     problems, times = Counter[str](), list[tuple[float, float]]()
     for each in found:
@@ -135,7 +135,7 @@ class ImportedDetector:
         self(np.zeros((0, 3), np.float32))
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
-        """Detect in one cloud. Raises ValueError, in one line, if that fails."""
+        """Detect in one cloud. Raises ValueError if that fails."""
         try:
             detections = self._detect(points)
         except Exception as error:  # the detector may raise anything
@@ -151,12 +151,12 @@ class ImportedDetector:
 
     @property
     def digest(self) -> str:
-        """Digest of the detector. Raises AttributeError if it has none."""
+        """Digest of the detector, or AttributeError."""
         return str(self._detect.digest)
 
     @property
     def labels(self) -> Sequence[str]:
-        """Classes that the detector names. Raises AttributeError if it names none."""
+        """Classes that the detector names, or AttributeError."""
         labels: Sequence[str] = self._detect.labels
         return labels
 

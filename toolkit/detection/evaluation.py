@@ -160,7 +160,7 @@ class Evaluation(Sequence[Row]):
         return len(self.rows)
 
     def text(self) -> str:
-        """Return poses, AP, links, worth of the threshold, and the breakdown, as tables."""
+        """Return all figures as tables."""
         parts = ["\n".join(map(str, self.poses))] * bool(self.poses) + [format_table(self.rows)]
         if self.loads:
             parts.append(f"on a link at {self.loads[0].load.rate:g} Hz:\n{format_loads(self.loads)}")
@@ -174,7 +174,7 @@ class Evaluation(Sequence[Row]):
         return "\n\n".join(parts)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the provenance for JSON. An undefined figure is None."""
+        """Return all but the provenance for JSON, undefined as None."""
         figures = {
             "rows": [row.as_dict() for row in self.rows],
             "classes": [figures.as_dict() for figures in self.classes],

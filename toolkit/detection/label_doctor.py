@@ -57,7 +57,7 @@ class Seen:
 
 
 def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of every box, frame after frame. boxes: (m, 7) of each frame."""
+    """Fit of each frame's boxes (m, 7), one after another."""
     parts = [measure_fits(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
     return np.concatenate([np.zeros(0), *parts])
 
@@ -79,7 +79,7 @@ def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7
 
 
 def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
-    """True if boxes fit better, by at least `gain` and more than chance explains."""
+    """True if boxes fit better by `gain` and beyond chance."""
     change = (after - before)[(after > 0) | (before > 0)]
     if len(change) < LEAST_BOXES or change.mean() < gain:
         return False
@@ -280,7 +280,7 @@ TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box fre
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Findings of the doctor. healthy: what to say where there is none."""
+    """Findings of the doctor, and the word where none is."""
 
     findings: list[Finding]
     healthy: str = "nothing suspected"
@@ -396,7 +396,7 @@ def _find_most(attempts: Sequence[_Undone], current: np.ndarray, *gain: float) -
 
 
 def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Undone | None:
-    """Return the first explanation unless the freer one fits better by a margin."""
+    """Return the freer explanation if it wins by a margin."""
     if best is None or freer is None:
         return best or freer
     one, other = _means([best, freer])

@@ -66,7 +66,7 @@ class Match:
 
 @dataclass(frozen=True)
 class Curve:
-    """Precision and recall of the detections of at least each score; scores descend."""
+    """Precision and recall down to each score; scores descend."""
 
     precision: Float64[np.ndarray, " k"]
     recall: Float64[np.ndarray, " k"]
@@ -98,14 +98,14 @@ class Reliability:
 
     @property
     def error(self) -> float:
-        """Expected calibration error: mean distance of score and share over all detections."""
+        """Expected calibration error over all detections."""
         filled = self.count > 0
         gap = np.abs(self.score[filled] - self.true[filled])
         return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], bins: int = 10) -> Reliability:
-    """Build the reliability diagram of detections. An empty bin has NaN.
+    """Build the reliability diagram, NaN in empty bins.
 
     >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
     array([0. , 0.5])
@@ -184,7 +184,7 @@ def match(
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
 ) -> Match:
-    """Match the detections of one frame with its truths. Arguments are as in `evaluate`.
+    """Match detections and truths of one frame as `evaluate` does.
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> match(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), 0.7).truth
@@ -249,7 +249,7 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, "
 
 
 def average_precision(curve: Curve) -> float:
-    """Return the all-point interpolated AP (paper equations 4 and 5); NaN where recall is.
+    """Return the all-point interpolated AP (paper equations 4 and 5).
 
     >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=2))
     0.8333333333333333
@@ -318,7 +318,7 @@ class _Overlaps(NamedTuple):
     protocol: Protocol
 
     def resolve(self, threshold: float) -> tuple[np.ndarray, np.ndarray]:
-        """Truth that each detection hit, or -1, and a mask of ignored ones."""
+        """Truth that each detection hit, or -1, and ignored ones."""
         taken = (claim_then_test if self.protocol == "published" else greedy)(self.iou, threshold)
         iou, share = self.elsewhere.T
         return taken, ((iou >= threshold) | (share > MOSTLY)) & (taken < 0)

@@ -50,7 +50,7 @@ class Stand:
         return area + np.concatenate([self.middle, self.middle])
 
     def lift(self, points: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
-        """Return points on level ground, counted from the middle. points: world frame."""
+        """Put points (world) on level ground, counted from the middle."""
         near = points - [*self.middle, 0.0]
         return (near if self.ground is None or not len(near) else self.ground.points(near)).astype(np.float32)
 

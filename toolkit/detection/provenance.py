@@ -13,7 +13,7 @@ from toolkit.objects import Detector
 
 
 def coview_version() -> str:
-    """Version of this installation. "unknown" in a checkout that is not installed."""
+    """Version of this installation, "unknown" where not installed."""
     try:
         return version("coview")
     except PackageNotFoundError:
@@ -21,7 +21,7 @@ def coview_version() -> str:
 
 
 def dataset_origin(dataset: object) -> dict[str, object]:
-    """Name and file of a recording. None for one in memory."""
+    """Name and file of a recording, None in memory."""
     path = getattr(dataset, "path", None)
     return {"dataset": type(dataset).__name__ if path is None else Path(path).name, "dataset_path": path and str(path)}
 
@@ -38,7 +38,7 @@ def settings_origin(codec: Codec, **settings: object) -> dict[str, object]:
 
 
 def with_file_digest(origin: Mapping[str, object]) -> dict[str, object]:
-    """Add the SHA-256 of the recording's file. None if the file does not exist."""
+    """Add the SHA-256 of the recording's file, None without one."""
     path = origin.get("dataset_path")
     digest = None
     if isinstance(path, str) and path and Path(path).is_file():

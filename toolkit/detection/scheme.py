@@ -29,13 +29,13 @@ class Fused:
 
     @property
     def kbit_per_sensor(self) -> float:
-        """Mean kbit (1000 bit, paper section IV-A) over the sensors, 0 without any."""
+        """Mean kbit (1000 bit) over the sensors, 0 without any."""
         return float(self.bits.mean()) / 1000 if len(self.bits) else 0.0
 
 
 @runtime_checkable
 class Counts(Protocol):
-    """Counts of the points of C candidates in F frames. `placement_env.fidelity.visibility.Visibility` is one."""
+    """Numbers of points of C candidates in F frames."""
 
     @property
     def sent(self) -> Float32[np.ndarray, "C F"]:
@@ -71,7 +71,7 @@ class Scheme(Protocol):
         """True if each sensor detects alone and sends boxes."""
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect together with a set of sensors (indices, ascending) in one frame."""
+        """Detect together with sensors (indices, ascending) in one frame."""
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Number of points that each candidate sends in each frame."""
@@ -87,7 +87,7 @@ class Chained(Protocol):
     """Extra members of a scheme whose messages depend on earlier ones: a lost one makes others unreadable."""
 
     def dependencies(self, number: int, /) -> Sequence[int]:
-        """Numbers, from 0, of a sensor's messages needed to read one, itself the last."""
+        """Numbers of messages needed to read one, itself last."""
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
         """Bits that sensors send of a frame, arrived or not. Views share a memory, frame by frame."""

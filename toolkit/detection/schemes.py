@@ -80,7 +80,7 @@ class Hybrid(Parameters):
             raise ValueError(f"radius must be at least 0 m, got {self.radius}: None is the site's own")
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Fuse boxes as in late fusion, adding detections in the far points."""
+        """Fuse boxes as late, with detections in far points."""
         radius = self.find_radius(view.site)
         far = partial(is_beyond, radius=radius, metric=self.metric)
         points = view.share_points(sensors, f"beyond {radius} m, {self.metric}", far)
@@ -104,7 +104,7 @@ class Hybrid(Parameters):
         return distance > (radius if self.radius is None else self.radius)
 
     def find_radius(self, site: Area) -> float:
-        """Radius at a site. For a bare area it is the paper's usual one."""
+        """Radius at a site, the paper's for a bare area."""
         if self.radius is not None:
             return self.radius
         return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS
@@ -123,7 +123,7 @@ def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every
 
 
 def find_scheme(scheme: Scheme | str) -> Scheme:
-    """Return a scheme by its name, or itself. Raises ValueError for an unknown name."""
+    """Return a scheme by its name, or itself, or raise ValueError."""
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
     if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):

@@ -104,7 +104,7 @@ class Boxes:
 
 @dataclass(frozen=True, eq=False)
 class Sent(Generic[_Arrived]):
-    """Points or detections that arrived at the centre, and their cost."""
+    """Points or detections that arrived, and their cost."""
 
     arrived: _Arrived
     bits: int
@@ -166,7 +166,7 @@ class View:
         return self._clouds[key]
 
     def captured(self, sensor: int) -> Captured:
-        """Image behind the points of a sensor. Raises ValueError where only points are known."""
+        """Image behind a sensor's points; ValueError without images."""
         if self._images.capture is None:
             raise ValueError("this view has points alone, no images: choose a scheme and codec that work with points")
         if sensor not in self._captured:
@@ -174,7 +174,7 @@ class View:
         return self._captured[sensor]
 
     def scene(self, sensor: int) -> EmptyScene:
-        """Empty scene of a sensor. Raises ValueError where none is known."""
+        """Empty scene of a sensor; ValueError where none is known."""
         if self._images.scene is None:
             raise ValueError("this view knows no empty scenes: pass some of toolkit.calibration.empty_scene")
         return self._images.scene(sensor)

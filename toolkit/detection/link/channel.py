@@ -153,7 +153,7 @@ def delay_frames(
 def _put_together(
     history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
 ) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
-    """Combine these instants into a frame, with the apparent age of each measurement."""
+    """Combine these instants into a frame, with measurements' ages."""
     now = history[-1]
     sensors, measurements, shifts, ages = [], [], [], []
     for sensor, k in enumerate(newest):
@@ -178,7 +178,7 @@ FORGOTTEN = 1.0  # s without a detection
 
 
 class Tracks:
-    """Tracks of detected objects, none at first. Times are in s."""
+    """Tracks of detected objects, none at first; times in s."""
 
     def __init__(self) -> None:
         self._time = 0.0

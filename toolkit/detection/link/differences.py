@@ -83,7 +83,7 @@ class DifferenceSender:
 
 
 class DifferenceReader:
-    """Reader of a `DifferenceSender`'s messages. It has the same empty scene."""
+    """Reader of a `DifferenceSender`'s messages with its empty scene."""
 
     def __init__(self, scene: EmptyScene) -> None:
         self.scene = scene
@@ -159,7 +159,7 @@ class Reference:
 
     @cached_property
     def checksum(self) -> int:
-        """CRC-32 of the state. Equal if sender and reader share it."""
+        """CRC-32 of the state that sender and reader share."""
         pixels = np.flatnonzero(self.images)
         parts = (np.array([self.number, self.step_mm]), pixels, self.fine.ravel()[pixels], self.images.ravel()[pixels])
         return zlib.crc32(np.concatenate(parts).astype("<i8").tobytes())
@@ -278,7 +278,7 @@ class ForegroundDifferences(foreground.SendsForeground):
         check_differences(self.refers_to, self.key_every)
 
     def dependencies(self, number: int, /) -> range:
-        """Numbers of the messages needed to read one, itself the last.
+        """Numbers of messages needed to read one, itself last.
 
         >>> ForegroundDifferences(key_every=10).dependencies(12)
         range(10, 13)

@@ -31,7 +31,7 @@ from toolkit.sensors.sensor import Sensor, is_return
 
 
 class SendsForeground(Parameters):
-    """Base of schemes that detect once in all foreground. Sensors send the foreground."""
+    """Base of schemes that detect once in all foreground."""
 
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
@@ -51,7 +51,7 @@ class SendsForeground(Parameters):
         return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return the points on objects that count. Others stand out as well."""
+        """Return the points on objects that count."""
         return counts.on_objects
 
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
@@ -67,7 +67,7 @@ class SendsForeground(Parameters):
         return view.transmit(sensor, self.digest, through)
 
     def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
-        """Message of a sensor, and what the centre restores of it."""
+        """Message of a sensor, and what is restored of it."""
         raise NotImplementedError
 
 
@@ -113,7 +113,7 @@ def encode_foreground(
 
 
 class SentPixels(NamedTuple):
-    """Header of a message, measurements in steps, and masks of sent and missing pixels."""
+    """Header, measurements in steps, masks of sent and missing pixels."""
 
     header: wire.MessageHeader
     steps: ImageSteps
@@ -121,7 +121,7 @@ class SentPixels(NamedTuple):
     missing: ImageMask
 
     def restore(self, scene: EmptyScene) -> Restored:
-        """Draw the empty scene into all pixels that are neither sent nor missing."""
+        """Draw the empty scene into all pixels without a measurement."""
         measured = from_steps(self.steps, self.sent, self.header.step, scene.model)
         image = np.where(self.sent | self.missing, measured, scene.first)
         return Restored(self.header, image, self.sent, self.missing)
@@ -143,7 +143,7 @@ def read_foreground(message: bytes, scene: EmptyScene) -> SentPixels:
 
 
 def check_pixels(image: RangeImage, scene: EmptyScene, missing: ImageMask | None) -> tuple[ImageMask, ImageMask]:
-    """Masks of sent and missing pixels of an image. Raises ValueError as `encode_foreground`."""
+    """Masks of sent and missing pixels; ValueError as `encode_foreground`."""
     if (image.sensor.name, image.sensor.model) != (scene.name, scene.model):
         raise ValueError(f"the empty scene is of {scene.name!r}, {scene.model}, the image of {image.sensor.name!r}")
     sent = is_return(image.measurement, scene.model.max_range)
@@ -171,7 +171,7 @@ def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: Empty
 
 
 def decode_missing(content: bytes, start: int, sent: ImageMask) -> np.ndarray:
-    """Decode the missing pixels that begin at `start`. Raises ValueError for any other bytes."""
+    """Decode missing pixels from `start`, or raise ValueError."""
     if start == len(content):
         return np.zeros(sent.shape, bool)
     missing, end = decode_mask(content, start, sent.shape)
@@ -231,7 +231,7 @@ def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) 
 
 
 def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
-    """Draw the points of a sensor that sends nothing. captured: for sensor and crop."""
+    """Draw the points of a sensor that sends nothing."""
     return _draw(scene, captured.sensor, Crop.of(captured.area, captured.height), captured.lift)
 
 

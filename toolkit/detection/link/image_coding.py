@@ -80,7 +80,7 @@ def read_bits(data: bytes, start: int, width: Int64[np.ndarray, " n"]) -> tuple[
 
 
 def _places(width: np.ndarray) -> np.ndarray:
-    """Place of every bit in its number, from the highest down."""
+    """Place of every bit in its number, highest first."""
     ends = np.cumsum(width)
     return np.repeat(ends, width) - 1 - np.arange(int(width.sum()))
 
@@ -116,7 +116,7 @@ def encode_pixels(steps: ImageSteps, mask: ImageMask) -> bytes:
 
 
 def decode_pixels(content: bytes, shape: tuple[int, int]) -> tuple[ImageSteps, ImageMask]:
-    """Decode steps (0 outside the mask) and the mask. Raises ValueError for other bytes."""
+    """Decode steps and mask of pixels, or raise ValueError."""
     steps, mask, end = read_pixels(content, 0, shape)
     if end != len(content):
         raise ValueError(f"{mask.sum()} pixels must end the message, got {len(content) - end} bytes more")
@@ -179,7 +179,7 @@ def decode_values(
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Map whole numbers to those from 0 on, small absolute values first."""
+    """Map whole numbers to those from 0 on, small first."""
     return np.where(values >= 0, 2 * values, -2 * values - 1)
 
 
@@ -189,7 +189,7 @@ def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
 
 
 def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
-    """Predict every pixel of the mask. `_add_up` does the same one after another."""
+    """Predict the mask's pixels at once, as `_add_up` does."""
     at, wide = _pad_places(mask)
     known = np.full((mask.shape[0] + 1) * wide, -1, np.int64)
     if given is not None:

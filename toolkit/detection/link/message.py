@@ -82,7 +82,7 @@ def step_in_mm(step: float) -> int:
 
 
 def time_in_us(time: float) -> int:
-    """Convert seconds for messages. Raises ValueError for a negative time or NaN."""
+    """Convert seconds for messages; ValueError below 0 and for NaN."""
     if not 0 <= time < 2**43:
         raise ValueError(f"time of a message must be seconds from 0 on, got {time}")
     return round(time * 1e6)
@@ -138,7 +138,7 @@ class Arrival(Enum):
 
 
 class Inbox:
-    """Messages of one sensor, each taken once, and none after a newer one.
+    """Messages of one sensor, each once, none after a newer.
 
     sensor: its number, see `sensor_number`; latest: header of the last message taken, None before the first; taken,
     duplicates, late, lost: counts. A number not above the last one is a duplicate, if it was taken before, or else

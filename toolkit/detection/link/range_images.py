@@ -131,7 +131,7 @@ class RangeImages(Parameters):
         return decode_boxes(content)
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
-        """Estimate the bits. The size of a message depends on its content."""
+        """Estimate the bits, which depend on a message's content."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD)
 
@@ -144,7 +144,7 @@ def image_header(kind: wire.MessageKind, image: RangeImage, step: float, scene: 
 
 
 def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSteps:
-    """Convert measurements to whole steps, 0 for pixels that are not sent."""
+    """Convert measurements to whole steps, 0 where not sent."""
     steps = np.zeros(measurement.shape, np.int64)
     steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
     return steps
