@@ -15,7 +15,7 @@ from placement_env.setting import Setting
 HEAVY = ("torch", "open3d", "numpy", "h5py", "matplotlib", "tyro", "gymnasium", "importlib.metadata")
 
 
-def test_names_are_those_of_the_type_checker_and_load_lazily():
+def test_names_load_lazily_and_make_searches_and_environments():
     tree = ast.parse(Path(coview.__file__).read_text())
     (block,) = (node for node in tree.body if isinstance(node, ast.If))
     imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
@@ -29,9 +29,6 @@ def test_names_are_those_of_the_type_checker_and_load_lazily():
     code = f"import sys, coview; print([name for name in {HEAVY} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
-
-
-def test_searches_and_environments_by_name():
     objective = coview.Objective(Setting("tjunction", fidelity="table"))
     assert coview.search(objective, 2, method="exhaustive").best.subset
     with pytest.raises(ValueError, match=r"method must be one of portfolio, .*, got 'luck'"):

@@ -27,7 +27,7 @@ def points(n=2000, seed=0):
     return np.random.default_rng(seed).uniform((-9, -9, -1), (9, 9, 4), (n, 3)).astype(np.float32)
 
 
-def test_it_ignores_what_is_outside_and_a_batch_is_its_items():
+def test_digests_change_and_what_is_outside_is_ignored():
     detector: Detector = VoxelNetDetector(network())
     inside = points()
     inside = inside[(np.abs(inside) < 8).all(1)]
@@ -42,6 +42,20 @@ def test_it_ignores_what_is_outside_and_a_batch_is_its_items():
     for together, alone in zip(detector.batch(clouds), map(detector, clouds), strict=True):
         np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
         np.testing.assert_allclose(together.scores, alone.scores, atol=1e-5)
+
+    def changed():
+        other = network()
+        next(other.parameters()).data[0] += 1e-6
+        return other
+
+    digests = [
+        VoxelNetDetector(network()).digest,
+        VoxelNetDetector(changed()).digest,
+        VoxelNetDetector(network(), score_threshold=0.2).digest,
+        VoxelNetDetector(network(), nms_threshold=0.2).digest,
+    ]
+    assert len(set(digests)) == len(digests)
+    assert VoxelNetDetector(network()).digest == digests[0]
 
 
 @pytest.mark.parametrize("empty", [np.zeros((0, 3), np.float32), np.float32([[50, 50, 1]])])
@@ -110,22 +124,6 @@ def test_files_of_another_size_or_kind_or_none_are_errors(tmp_path):
 def test_cuda_detects_the_same():
     here, there = VoxelNetDetector(network())(points()), VoxelNetDetector(network(), device="cuda")(points())
     np.testing.assert_allclose(there.boxes, here.boxes, atol=2e-2)
-
-
-def test_digest_changes_with_weights_configuration_and_thresholds():
-    def changed():
-        other = network()
-        next(other.parameters()).data[0] += 1e-6
-        return other
-
-    digests = [
-        VoxelNetDetector(network()).digest,
-        VoxelNetDetector(changed()).digest,
-        VoxelNetDetector(network(), score_threshold=0.2).digest,
-        VoxelNetDetector(network(), nms_threshold=0.2).digest,
-    ]
-    assert len(set(digests)) == len(digests)
-    assert VoxelNetDetector(network()).digest == digests[0]
 
 
 CLASSES = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())

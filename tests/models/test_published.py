@@ -200,7 +200,7 @@ def test_the_layout_is_the_documented_one_however_it_was_trained(network, tmp_pa
     assert load_published(checkpoint(tmp_path / "c.pth", prefixed), "roundabout").site == "roundabout"
 
 
-def test_boxes_and_points_turn_the_same_way_in_both_frames():
+def test_frames_turn_alike_and_digests_change():
     boxes = np.random.default_rng(0).uniform(0, 6, (20, 7))
 
     def ahead(of):
@@ -213,6 +213,15 @@ def test_boxes_and_points_turn_the_same_way_in_both_frames():
     carla = cloud("tjunction", 50)
     there = published.to_network(carla, "tjunction", "carla")
     np.testing.assert_allclose(published.to_network(to_site(carla, "tjunction"), "tjunction"), there, atol=1e-4)
+    network = VoxelNet(VoxelNetConfig.published("tjunction"))
+
+    def digest(**settings):
+        return published.PublishedDetector(network, "tjunction", **settings).digest
+
+    assert digest() == digest()
+    same = [digest(), digest(decoding="published"), digest(score_threshold=0.2), digest(nms_threshold=0.2)]
+    torch.nn.init.ones_(network.head.classes.bias)
+    assert len({*same, digest()}) == 5
 
 
 def documented_detections(classes, residuals, site):
@@ -326,15 +335,3 @@ def test_files_that_are_damaged_or_missing_and_unknown_sites_are_one_clear_line(
         load_published(tmp_path / "none.pth", "crossing")
     with pytest.raises((ValueError, TypeError)):
         published.to_network(np.zeros((2, 4), np.float32), "tjunction", "carla")
-
-
-def test_digest_changes_with_weights_decoding_and_thresholds():
-    network = VoxelNet(VoxelNetConfig.published("tjunction"))
-
-    def digest(**settings):
-        return published.PublishedDetector(network, "tjunction", **settings).digest
-
-    assert digest() == digest()
-    same = [digest(), digest(decoding="published"), digest(score_threshold=0.2), digest(nms_threshold=0.2)]
-    torch.nn.init.ones_(network.head.classes.bias)
-    assert len({*same, digest()}) == 5

@@ -50,7 +50,7 @@ def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float
     return Objective(Setting(candidates=some, fidelity=Counting(len(some)), scheme=scheme, weights=weights))  # type: ignore[arg-type]
 
 
-def test_rewards_are_sums_of_terms_asked_for_once():
+def test_rewards_are_sums_and_mounts_are_paid_once():
     score = objective(Weights(comm=0.001, price=0.01)).score([1, 4])
     assert score.kbit == 500.0
     assert score.kbit_per_sensor == 250.0
@@ -72,6 +72,16 @@ def test_rewards_are_sums_of_terms_asked_for_once():
     assert (first.cache_hit, again.cache_hit) == (False, True)
     assert first.reward == again.reward
     assert some.scored_by.asked == 1  # type: ignore[attr-defined]
+    some = objective()
+    rows = np.array([some.row(members) for members in ([], [0, 2, 4], [0, 1], [5, 3, 2])])
+    assert some.feasible(rows).tolist() == [True, True, False, False]
+    assert some.allowed([2]).tolist() == [True, True, False, False, True, True]
+    assert some.allowed(some.row([2])).tolist() == some.allowed([2]).tolist()
+    assert objective().score([0, 1]).price == 2.0
+    scored = objective(mounts=3, headings=2, price=2.0)
+    subsets = np.array([scored.row(members) for members in ((), (0,), (0, 1), (0, 2, 4), range(6))])
+    assert scored.price(subsets).tolist() == [0.0, 2.0, 2.0, 6.0, 6.0]
+    assert scored.price(np.zeros((0, 6), bool)).shape == (0,)
 
 
 @settings(max_examples=30, deadline=None)
@@ -83,19 +93,6 @@ def test_many_at_once_are_the_same_as_one_by_one(sets: list[set[int]]) -> None:
     alone = [other.score(members) for members in sets]
     assert together.reward.tolist() == [score.reward for score in alone]
     assert some.scored_by.asked == len({frozenset(members) for members in sets} - {frozenset()})  # type: ignore[attr-defined]
-
-
-def test_a_mount_has_one_sensor_and_is_paid_once():
-    some = objective()
-    rows = np.array([some.row(members) for members in ([], [0, 2, 4], [0, 1], [5, 3, 2])])
-    assert some.feasible(rows).tolist() == [True, True, False, False]
-    assert some.allowed([2]).tolist() == [True, True, False, False, True, True]
-    assert some.allowed(some.row([2])).tolist() == some.allowed([2]).tolist()
-    assert objective().score([0, 1]).price == 2.0
-    scored = objective(mounts=3, headings=2, price=2.0)
-    subsets = np.array([scored.row(members) for members in ((), (0,), (0, 1), (0, 2, 4), range(6))])
-    assert scored.price(subsets).tolist() == [0.0, 2.0, 2.0, 6.0, 6.0]
-    assert scored.price(np.zeros((0, 6), bool)).shape == (0,)
 
 
 @pytest.mark.parametrize(("scheme", "fits"), [("early", 3), ("hybrid", 3), ("late", 6)])

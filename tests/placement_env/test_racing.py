@@ -83,7 +83,7 @@ def test_the_last_rung_has_all_frames_and_the_cost_is_bounded(sets, frames, eta,
     assert len(np.unique(chosen[result.winners], axis=0)) == len(result.winners)
 
 
-def test_seeds_run_the_same_race_in_random_order():
+def test_seeds_and_verification_rank_all_that_tie():
     recorded = Recorded(noise=3.0)
     one, again, other = (race(recorded, SETS, 200, seed=seed) for seed in (1, 1, 2))
     assert [r.sets.tolist() for r in one.rungs] == [r.sets.tolist() for r in again.rungs]
@@ -97,6 +97,22 @@ def test_seeds_run_the_same_race_in_random_order():
         for name, result in (("random", race(recorded, SETS, 200, seed=seed)), ("time", in_time)):
             lost[name].append(truth.max() - truth[result.winners[0]])
     assert np.mean(lost["random"]) < 0.5 * np.mean(lost["time"])
+    cheap, dear, asked = np.array([0.9, 0.8, 0.7, 0.1]), np.array([0.5, 0.6, 0.6, 0.9]), []
+
+    def expensive(sets):
+        asked.append(sets)
+        return sets @ dear
+
+    sets = np.eye(4, dtype=bool)[[3, 2, 1, 0, 0]]
+    found = verify(lambda s: s @ cheap, expensive, sets, best=3)
+    assert found.sets.argmax(axis=1).tolist() == [1, 2, 0]
+    assert found.fast.tolist() == [0.8, 0.7, 0.9]
+    assert found.accurate.tolist() == [0.6, 0.6, 0.5]
+    assert len(asked) == 1
+    assert len(asked[0]) == 3
+    sets = np.eye(4, dtype=bool)
+    assert len(verify(lambda s: np.zeros(len(s)), lambda s: s @ np.arange(4.0), sets, best=1).sets) == 4
+    assert len(verify(lambda s: s @ np.arange(4.0), lambda s: s @ np.arange(4.0), sets, best=9).sets) == 4
 
 
 def test_equal_and_undefined_sets_in_a_race():
@@ -126,25 +142,6 @@ def test_equal_and_undefined_sets_in_a_race():
 def test_race_refuses(wrong):
     with pytest.raises(ValueError, match="a race needs"):
         race(Recorded(), **({"sets": SETS, "frames": 9} | wrong))
-
-
-def test_verify_ranks_the_best_few_by_the_dear_figure_and_all_that_tie():
-    cheap, dear, asked = np.array([0.9, 0.8, 0.7, 0.1]), np.array([0.5, 0.6, 0.6, 0.9]), []
-
-    def expensive(sets):
-        asked.append(sets)
-        return sets @ dear
-
-    sets = np.eye(4, dtype=bool)[[3, 2, 1, 0, 0]]
-    found = verify(lambda s: s @ cheap, expensive, sets, best=3)
-    assert found.sets.argmax(axis=1).tolist() == [1, 2, 0]
-    assert found.fast.tolist() == [0.8, 0.7, 0.9]
-    assert found.accurate.tolist() == [0.6, 0.6, 0.5]
-    assert len(asked) == 1
-    assert len(asked[0]) == 3
-    sets = np.eye(4, dtype=bool)
-    assert len(verify(lambda s: np.zeros(len(s)), lambda s: s @ np.arange(4.0), sets, best=1).sets) == 4
-    assert len(verify(lambda s: s @ np.arange(4.0), lambda s: s @ np.arange(4.0), sets, best=9).sets) == 4
 
 
 @pytest.mark.parametrize(("sets", "best"), [(SETS, 0), (SETS[:0], 1)])

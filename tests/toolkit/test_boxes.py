@@ -140,7 +140,7 @@ def test_nms_agrees_with_its_definition(boxes, data):
         assert bx.nms(boxes, scores, threshold, metric).tolist() == greedy_nms(boxes, scores, threshold, metric)
 
 
-def test_nms_keeps_the_first_of_equals_and_those_at_the_threshold():
+def test_boxes_suppress_equals_and_hold_points():
     chain = np.array([[x, 0, 0, 4, 2, 1, 0] for x in (0, 1, 2.5)], float)
     assert bx.nms(chain, [3, 2, 1], 0.3).tolist() == [0, 2]
     assert bx.nms(np.array([CAR, CAR]), [1, 1], 0.5).tolist() == [0]
@@ -155,6 +155,30 @@ def test_nms_keeps_the_first_of_equals_and_those_at_the_threshold():
     assert bx.iou_bev(row[:1], row[1:2]).item() == 0.5
     assert bx.nms(row, np.linspace(1, 0, 10), 0.5).tolist() == list(range(10))
     assert bx.nms(row, np.linspace(1, 0, 10), np.nextafter(0.5, 0)).tolist() == list(range(0, 10, 2))
+    points = np.array([[0, 0, 0.5], [np.nan, 0, 0.5], [0, np.inf, 0.5], [-np.inf, 0, 0], [0, 0, np.nan]])
+    assert bx.points_in_boxes(points, [CAR])[:, 0].tolist() == [True, False, False, False, False]
+    assert bx.points_in_boxes(np.zeros((0, 3)), [CAR]).shape == (0, 1)
+    assert bx.points_in_boxes(np.zeros((5, 3)), []).shape == (5, 0)
+    assert bx.count_points(np.zeros((0, 3), np.float32), [CAR, CAR]).tolist() == [0, 0]
+    assert bx.count_points(np.zeros((5, 3)), []).shape == (0,)
+    assert bx.points_in_boxes([], [[0, 0, 0, 1, 1, 1, 0]]).shape == (0, 1)
+    assert bx.count_points([], [[0, 0, 0, 1, 1, 1, 0]]).tolist() == [0]
+    rng = np.random.default_rng(5)
+    points = rng.uniform(-6, 6, (500, 3))
+    points[::50] = np.nan, np.inf, -np.inf
+    boxes = np.column_stack([rng.uniform(-5, 5, (9, 3)), rng.uniform(0.5, 6, (9, 3)), rng.uniform(-4, 4, 9)])
+    inside = bx.points_in_boxes(points, boxes)
+    assert inside.any()
+    for box, rows in enumerate(bx.rows_in_boxes(points, boxes)):
+        assert sorted(rows) == np.flatnonzero(inside[:, box]).tolist()
+    assert bx.rows_in_boxes(points, []) == []
+    with pytest.raises(ValueError, match=r"got \(3, 120\): pass points.T\?"):
+        bx.count_points(np.zeros((3, 120)), [CAR])
+    with pytest.raises(ValueError, match=r"truths must have shape \(n, 7\).* got \(3, 8\)"):
+        bx.check_boxes(np.ones((3, 8)), "truths")
+    assert bx.nms([CAR, CAR, CAR], [1, 2, 3], 0.5, labels=["a", "b", "a"]).tolist() == [2, 1]
+    with pytest.raises(ValueError, match=r"labels must have one entry for each of the 2 boxes, got shape \(1,\)"):
+        bx.nms([CAR, CAR], [1, 2], 0.5, labels=[0])
 
 
 @pytest.mark.parametrize(
@@ -192,33 +216,6 @@ def test_a_box_holds_its_corners_wherever_it_is(boxes, offset):
         assert bx.points_in_boxes(corners[row], boxes)[:, row].all()
         outside = boxes[row, :3] + (corners[row] - boxes[row, :3]) * (1 + 1e-4)
         assert not bx.points_in_boxes(outside, boxes[row : row + 1]).any()
-
-
-def test_points_in_boxes_have_the_shapes_they_need():
-    points = np.array([[0, 0, 0.5], [np.nan, 0, 0.5], [0, np.inf, 0.5], [-np.inf, 0, 0], [0, 0, np.nan]])
-    assert bx.points_in_boxes(points, [CAR])[:, 0].tolist() == [True, False, False, False, False]
-    assert bx.points_in_boxes(np.zeros((0, 3)), [CAR]).shape == (0, 1)
-    assert bx.points_in_boxes(np.zeros((5, 3)), []).shape == (5, 0)
-    assert bx.count_points(np.zeros((0, 3), np.float32), [CAR, CAR]).tolist() == [0, 0]
-    assert bx.count_points(np.zeros((5, 3)), []).shape == (0,)
-    assert bx.points_in_boxes([], [[0, 0, 0, 1, 1, 1, 0]]).shape == (0, 1)
-    assert bx.count_points([], [[0, 0, 0, 1, 1, 1, 0]]).tolist() == [0]
-    rng = np.random.default_rng(5)
-    points = rng.uniform(-6, 6, (500, 3))
-    points[::50] = np.nan, np.inf, -np.inf
-    boxes = np.column_stack([rng.uniform(-5, 5, (9, 3)), rng.uniform(0.5, 6, (9, 3)), rng.uniform(-4, 4, 9)])
-    inside = bx.points_in_boxes(points, boxes)
-    assert inside.any()
-    for row, rows in enumerate(bx.rows_in_boxes(points, boxes)):
-        assert sorted(rows) == np.flatnonzero(inside[:, row]).tolist()
-    assert bx.rows_in_boxes(points, []) == []
-    with pytest.raises(ValueError, match=r"got \(3, 120\): pass points.T\?"):
-        bx.count_points(np.zeros((3, 120)), [CAR])
-    with pytest.raises(ValueError, match=r"truths must have shape \(n, 7\).* got \(3, 8\)"):
-        bx.check_boxes(np.ones((3, 8)), "truths")
-    assert bx.nms([CAR, CAR, CAR], [1, 2, 3], 0.5, labels=["a", "b", "a"]).tolist() == [2, 1]
-    with pytest.raises(ValueError, match=r"labels must have one entry for each of the 2 boxes, got shape \(1,\)"):
-        bx.nms([CAR, CAR], [1, 2], 0.5, labels=[0])
 
 
 @given(st.lists(a_box(4.0), min_size=1, max_size=12).map(np.array), st.data())

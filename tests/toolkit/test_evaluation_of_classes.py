@@ -64,7 +64,7 @@ def mixed(classes, **options):
     return evaluate_recording(Mixed(), Knows(), Comparison(schemes=["early"], classes=classes, **options))
 
 
-def test_each_class_has_its_rows_whatever_their_order():
+def test_classes_have_rows_and_tables_one_after_another():
     rows = mixed(["vehicle", "cyclist", "pedestrian"])
     assert [(row.label, row.iou) for row in rows] == [
         *(("vehicle", iou) for iou in (0.7, 0.8, 0.9)),
@@ -83,25 +83,6 @@ def test_each_class_has_its_rows_whatever_their_order():
     for row in mixed([2, "cyclist", "vehicle", "cyclist"], iou_thresholds=[0.5]):
         twin = alone[row.label]
         assert (row.ap, row.recall, row.precision) == pytest.approx((twin.ap, twin.recall, twin.precision), nan_ok=True)
-
-
-def test_class_figures_say_what_the_threshold_is_worth():
-    vehicle, cyclist, pedestrian = mixed(["vehicle", "cyclist", "pedestrian"]).classes
-    assert [(c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)] == [
-        ("vehicle", 0.5, 4, 4, 4), ("cyclist", 0.5, 4, 8, 6), ("pedestrian", 0.25, 4, 3, 2),
-    ]  # fmt: skip
-    assert (vehicle.recall, vehicle.precision, vehicle.false_alarms_per_frame) == (1, 1, 0)
-    assert (cyclist.recall, cyclist.precision, cyclist.false_alarms_per_frame) == (0.75, 1, 0)
-    assert (pedestrian.recall, pedestrian.precision, pedestrian.false_alarms_per_frame) == (0, 0, 0.5)
-    assert vehicle.reliability.error == pytest.approx(0.1)
-    written = pedestrian.as_dict()
-    assert written["calibration_error"] == pytest.approx(0.7)
-    assert sum(written["reliability"]["count"]) == 2
-    assert written["reliability"]["true"][0] is None
-    json.dumps(written, allow_nan=False)
-
-
-def test_tables_of_several_classes_stand_one_after_another():
     rows = mixed(["vehicle", "pedestrian"])
     first, second = format_table(rows).split("\n\n")
     assert first.splitlines()[0] == "vehicle, 4 to find"
@@ -119,6 +100,22 @@ def test_tables_of_several_classes_stand_one_after_another():
         mixed(["tram"])
     with pytest.raises(ValueError, match="a class and an IoU threshold"):
         mixed([])
+
+
+def test_class_figures_say_what_the_threshold_is_worth():
+    vehicle, cyclist, pedestrian = mixed(["vehicle", "cyclist", "pedestrian"]).classes
+    assert [(c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)] == [
+        ("vehicle", 0.5, 4, 4, 4), ("cyclist", 0.5, 4, 8, 6), ("pedestrian", 0.25, 4, 3, 2),
+    ]  # fmt: skip
+    assert (vehicle.recall, vehicle.precision, vehicle.false_alarms_per_frame) == (1, 1, 0)
+    assert (cyclist.recall, cyclist.precision, cyclist.false_alarms_per_frame) == (0.75, 1, 0)
+    assert (pedestrian.recall, pedestrian.precision, pedestrian.false_alarms_per_frame) == (0, 0, 0.5)
+    assert vehicle.reliability.error == pytest.approx(0.1)
+    written = pedestrian.as_dict()
+    assert written["calibration_error"] == pytest.approx(0.7)
+    assert sum(written["reliability"]["count"]) == 2
+    assert written["reliability"]["true"][0] is None
+    json.dumps(written, allow_nan=False)
 
 
 def test_files_of_curves_are_named_by_class(tmp_path):

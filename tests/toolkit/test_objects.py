@@ -9,7 +9,7 @@ CAR = np.array([[0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 THREE = np.repeat(CAR, 3, axis=0) + np.arange(3)[:, None]
 
 
-def test_labels_and_defaults_by_name_and_number():
+def test_labels_by_name_and_detectors_that_know_them():
     assert [label_index(name) for name in LABELS] == [0, 1, 2, 3]
     assert [label_index(number) for number in range(4)] == [0, 1, 2, 3]
     for wrong in ("tram", -1, 4):
@@ -25,6 +25,16 @@ def test_labels_and_defaults_by_name_and_number():
     for share in (1.5, np.nan):
         with pytest.raises(ValueError, match="whole numbers"):
             Objects(boxes, np.array([0.0, share]))
+    assert known_labels(lambda points: Detections.empty()) is None
+    assert known_labels(Knows(("heavy", "vehicle"))) == ("vehicle", "heavy")
+    assert known_labels(Knows([1, 1])) == ("cyclist",)
+    check_known(Knows(("heavy", "vehicle")), ["heavy"])
+    check_known(lambda points: Detections.empty(), ["heavy"])
+    with pytest.raises(ValueError, match="the detector knows vehicle only, not heavy, cyclist: take one"):
+        check_known(Knows(("vehicle",)), ["heavy", "vehicle", "cyclist"])
+    for labels in ("vehicle", 3, ["tram"]):
+        with pytest.raises(ValueError, match=r"labels of a detector must be a list|label must be one of"):
+            known_labels(Knows(labels))
 
 
 def test_rows_stay_together_in_order_and_cannot_be_changed():
@@ -72,16 +82,3 @@ class Knows:
 
     def __call__(self, points):
         return Detections.empty()
-
-
-def test_a_detector_may_say_which_classes_it_knows():
-    assert known_labels(lambda points: Detections.empty()) is None
-    assert known_labels(Knows(("heavy", "vehicle"))) == ("vehicle", "heavy")
-    assert known_labels(Knows([1, 1])) == ("cyclist",)
-    check_known(Knows(("heavy", "vehicle")), ["heavy"])
-    check_known(lambda points: Detections.empty(), ["heavy"])
-    with pytest.raises(ValueError, match="the detector knows vehicle only, not heavy, cyclist: take one"):
-        check_known(Knows(("vehicle",)), ["heavy", "vehicle", "cyclist"])
-    for wrong in ("vehicle", 3, ["tram"]):
-        with pytest.raises(ValueError, match=r"labels of a detector must be a list|label must be one of"):
-            known_labels(Knows(wrong))

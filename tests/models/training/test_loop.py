@@ -177,7 +177,7 @@ def test_a_training_that_goes_on_executes_nothing_of_its_checkpoint(packed_file,
     assert "executed" not in capsys.readouterr().out
 
 
-def test_settings_logs_and_curves_are_read_as_they_were_saved(tmp_path):
+def test_settings_logs_and_curves_are_kept_in_order(tmp_path):
     path = tmp_path / loop.CHECKPOINT
     for step in (1, 2):
         save_atomically(path, {"step": step, "weights": torch.arange(3)})
@@ -190,9 +190,6 @@ def test_settings_logs_and_curves_are_read_as_they_were_saved(tmp_path):
     check_identity(tmp_path, read, identity)
     with pytest.raises(ValueError, match="another preset and start: choose another folder"):
         check_identity(tmp_path, read, {**identity, "preset": {"seed": 1}, "start": "abc"})
-
-
-def test_logs_forget_what_came_later_and_curves_keep_their_order(tmp_path):
     path = tmp_path / "log.csv"
     loop.cut_log(path, 5)
     for step in (5, 10, 15):

@@ -59,7 +59,7 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
     assert tally.resamples(seed=1).tolist() == whole.tolist()
 
 
-def test_blocks_are_drawn_as_one_and_one_block_has_no_width():
+def test_blocks_ratios_and_percentiles_of_what_is_defined():
     draws = block_draws(10, block=4, resamples=200, seed=5)
     assert draws.shape == (200, 10)
     assert (draws[:, 0:4] == draws[:, :1]).all()
@@ -75,6 +75,21 @@ def test_blocks_are_drawn_as_one_and_one_block_has_no_width():
     scores, hits = [[0.9], [0.8, 0.7]], [[True], [False, True]]
     low, high = ap_interval(scores, hits, [1, 1])
     assert low == high == pytest.approx((1 + 2 / 3) / 2)
+    low, high = ap_interval([[0.5]] * 4, [[False]] * 4, [0] * 4)
+    assert np.isnan([low, high]).all()
+    low, high = ap_interval([[0.5], []], [[True], []], [1, 0], draws=block_draws(2, block=1))
+    assert (low, high) == (1.0, 1.0)
+    found, there = np.array([1, 0, 2, 3, 1.0]), np.array([1, 2, 2, 3, 4.0])
+    draws = block_draws(5, block=2, resamples=1000, seed=3)
+    figures = np.array([row @ found / (row @ there) for row in draws])
+    assert ratio_interval(found, there, draws=draws) == pytest.approx(np.quantile(figures, [0.025, 0.975]))
+    assert np.isnan(ratio_interval([0, 0], [0, 0])).all()
+    assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(1.0, 3.0)
+    with pytest.raises(ValueError, match="one part and one whole per frame"):
+        ratio_interval([1.0, 2.0], [1.0])
+    for settings in ({"block": 0}, {"resamples": 0}):
+        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
+            block_draws(1, **settings)
 
 
 def test_intervals_cover_as_often_as_they_say():
@@ -92,24 +107,6 @@ def test_intervals_cover_as_often_as_they_say():
     values = [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 100
     (low, high), (low_of_1, high_of_1) = (ap_interval(*values, draws=block_draws(100, block=n)) for n in (4, 1))
     assert high - low > 1.5 * (high_of_1 - low_of_1)
-
-
-def test_ratios_and_percentiles_of_what_is_defined():
-    low, high = ap_interval([[0.5]] * 4, [[False]] * 4, [0] * 4)
-    assert np.isnan([low, high]).all()
-    low, high = ap_interval([[0.5], []], [[True], []], [1, 0], draws=block_draws(2, block=1))
-    assert (low, high) == (1.0, 1.0)
-    found, there = np.array([1, 0, 2, 3, 1.0]), np.array([1, 2, 2, 3, 4.0])
-    draws = block_draws(5, block=2, resamples=1000, seed=3)
-    figures = np.array([row @ found / (row @ there) for row in draws])
-    assert ratio_interval(found, there, draws=draws) == pytest.approx(np.quantile(figures, [0.025, 0.975]))
-    assert np.isnan(ratio_interval([0, 0], [0, 0])).all()
-    assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(1.0, 3.0)
-    with pytest.raises(ValueError, match="one part and one whole per frame"):
-        ratio_interval([1.0, 2.0], [1.0])
-    for settings in ({"block": 0}, {"resamples": 0}):
-        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
-            block_draws(1, **settings)
 
 
 @pytest.mark.parametrize("confidence", [0.0, 1.0, 95.0])

@@ -59,7 +59,7 @@ def synergy_by_sum(values):
     return index
 
 
-def test_gloves_and_sixteen_sensors():
+def test_gloves_additive_functions_and_sixteen_sensors():
     # Sensor 0 is needed with 1 or 2 (a left glove and two right ones): 2/3, 1/6, 1/6.
     values = np.array([0, 0, 0, 1, 0, 1, 0, 1.0])
     assert shapley(values) == pytest.approx([2 / 3, 1 / 6, 1 / 6])
@@ -70,6 +70,22 @@ def test_gloves_and_sixteen_sensors():
     assert worth.shapley.sum() == pytest.approx(1 - np.prod(1 - share))
     assert (worth.synergy <= 1e-12).all()  # coverage is submodular
     assert worth.evaluations == 65536
+    share = np.arange(1.0, 13.0)
+    worth = estimate_worth(lambda sets: sets @ share, 12, rounds=8)
+    assert worth.shapley == pytest.approx(share)
+    assert worth.shapley_margin == pytest.approx(0, abs=1e-12)
+    assert worth.synergy == pytest.approx(0, abs=1e-12)
+    calls = []
+
+    def value(sets):
+        calls.append(sets)
+        return sets.sum(axis=1) / 10.0
+
+    worth = estimate_worth(value, 10, rounds=8)
+    assert len(calls) == 1
+    assert len(np.unique(calls[0], axis=0)) == len(calls[0]) == worth.evaluations <= 8 * 2 * 10**2
+    with pytest.raises(ValueError, match="finite"):
+        estimate_worth(lambda sets: np.full(len(sets), np.nan), 3)
 
 
 @given(st.integers(1, 5), st.integers(0, 2**32 - 1))
@@ -181,25 +197,6 @@ def test_samples_share_out_everything_and_repeat_with_their_seed(values, seed):
     assert worth.shapley.sum() == pytest.approx(values[-1] - values[0], abs=1e-12)
     assert worth.shapley.tobytes() == again.shapley.tobytes()
     assert worth.synergy_margin.tobytes() == again.synergy_margin.tobytes()
-
-
-def test_sampled_worth_of_additive_functions_and_of_none():
-    share = np.arange(1.0, 13.0)
-    worth = estimate_worth(lambda sets: sets @ share, 12, rounds=8)
-    assert worth.shapley == pytest.approx(share)
-    assert worth.shapley_margin == pytest.approx(0, abs=1e-12)
-    assert worth.synergy == pytest.approx(0, abs=1e-12)
-    calls = []
-
-    def value(sets):
-        calls.append(sets)
-        return sets.sum(axis=1) / 10.0
-
-    worth = estimate_worth(value, 10, rounds=8)
-    assert len(calls) == 1
-    assert len(np.unique(calls[0], axis=0)) == len(calls[0]) == worth.evaluations <= 8 * 2 * 10**2
-    with pytest.raises(ValueError, match="finite"):
-        estimate_worth(lambda sets: np.full(len(sets), np.nan), 3)
 
 
 @pytest.mark.parametrize("wrong", [{"rounds": 7}, {"confidence": 1.0}, {"sensors": 0}])

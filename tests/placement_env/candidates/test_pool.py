@@ -123,7 +123,7 @@ def test_each_pose_is_what_its_factors_say_on_mounts_outside_keep_out_areas():
     assert candidates.factors[:, 1].tolist() == [0, 1, 2]  # 7 m is what became of 6 m, not of 4.5 m
 
 
-def test_blind_poses_go_and_names_tell_the_others_apart():
+def test_blind_poses_go_and_models_are_free():
     site = square()
     some, every = (pool(site, heights=(6.0,), tilts=(0.1,), blind=blind) for blind in (False, True))
     assert len(every) == 3 * 8
@@ -136,6 +136,18 @@ def test_blind_poses_go_and_names_tell_the_others_apart():
     assert len({s.name for s in candidates.sensors}) == len(candidates) == 720 * 3
     assert candidates.sensors[3].name == "p0_6.0m_h0.5_t11_camera0"
     assert candidates.sensors[5].name == "p0_6.0m_h0.5_t11_lidar"
+    with pytest.raises(ValueError, match="no sensors of its own"):
+        paper_candidates(square())
+    with pytest.raises(ValueError, match="has no mount"):
+        pool(square(0))
+    assert choose_candidates(SITE, "paper").digest() == paper_candidates(SITE).digest()
+    assert choose_candidates(SITE, "pool").digest() == pool(SITE).digest()
+    lidar = SpinningLidar()
+    assert {sensor.model for sensor in choose_candidates(SITE, "pool", [lidar]).sensors} == {lidar}
+    with pytest.raises(ValueError, match="have their models"):
+        choose_candidates(SITE, "paper", [lidar])
+    with pytest.raises(FileNotFoundError):
+        choose_candidates(SITE, "nowhere.geojson")
 
 
 @pytest.mark.parametrize(
@@ -165,21 +177,6 @@ def test_bad_arguments_are_refused_in_one_line(arguments, message):
     with pytest.raises(ValueError, match=message) as error:
         pool(square(), **arguments)
     assert "\n" not in str(error.value)
-
-
-def test_candidates_by_name_with_models_that_are_free():
-    with pytest.raises(ValueError, match="no sensors of its own"):
-        paper_candidates(square())
-    with pytest.raises(ValueError, match="has no mount"):
-        pool(square(0))
-    assert choose_candidates(SITE, "paper").digest() == paper_candidates(SITE).digest()
-    assert choose_candidates(SITE, "pool").digest() == pool(SITE).digest()
-    lidar = SpinningLidar()
-    assert {sensor.model for sensor in choose_candidates(SITE, "pool", [lidar]).sensors} == {lidar}
-    with pytest.raises(ValueError, match="have their models"):
-        choose_candidates(SITE, "paper", [lidar])
-    with pytest.raises(FileNotFoundError):
-        choose_candidates(SITE, "nowhere.geojson")
 
 
 def test_own_sensors_come_first_in_half_of_the_sets():

@@ -108,7 +108,7 @@ def test_a_vector_draws_what_scalars_draw(name: str, given: dict[str, Any]) -> N
         assert np.array_equal(one[4]["action_mask"], other[4]["action_mask"])
 
 
-def test_everything_that_is_open_is_drawn_and_nothing_else():
+def test_seeds_settle_draws_and_all_that_is_open_is_drawn():
     env: Any = gym.make(CASES[0][0], **CASES[0][1]).unwrapped
     seen: dict[str, set[Any]] = {"site": set(), "budget": set(), "scheme": set(), "failed": set()}
     env.reset(seed=0)
@@ -122,24 +122,21 @@ def test_everything_that_is_open_is_drawn_and_nothing_else():
         assert not (env.action_masks()[:-1] & state.failed[0]).any()
         assert not state.failed[0, len(objective.candidates) :].any()
     assert {key: len(values) for key, values in seen.items()} == {"site": 2, "budget": 3, "scheme": 2, "failed": 3}
-    env = gym.make("coview/SensorSelect-v0", fidelity="table")
-    env.reset(seed=5)
-    before = env.unwrapped.np_random.bit_generator.state
-    env.reset()
-    assert env.unwrapped.np_random.bit_generator.state == before
-
-
-def test_a_seed_settles_every_draw_and_options_go_before() -> None:
-    env: Any = gym.make(CASES[0][0], **CASES[0][1]).unwrapped
+    other: Any = gym.make("coview/SensorSelect-v0", fidelity="table")
+    other.reset(seed=5)
+    before = other.unwrapped.np_random.bit_generator.state
+    other.reset()
+    assert other.unwrapped.np_random.bit_generator.state == before
+    again: Any = gym.make(CASES[0][0], **CASES[0][1]).unwrapped
 
     def run(options: dict[str, Any] | None = None) -> list[np.ndarray]:
-        return [env.reset(seed=7, options=options)[0], *[env.reset(options=options)[0] for _ in range(8)]]
+        return [again.reset(seed=7, options=options)[0], *[again.reset(options=options)[0] for _ in range(8)]]
 
-    for one, other in zip(run(), run(), strict=True):
-        assert np.array_equal(one, other)
+    for one, two in zip(run(), run(), strict=True):
+        assert np.array_equal(one, two)
     told = {"site": "roundabout", "scheme": "late", "budget": 3, "failed": [2]}
     assert len({each.tobytes() for each in run(told)}) == 1
-    assert np.flatnonzero(env.task.state.failed[0]).tolist() == [2]
+    assert np.flatnonzero(again.task.state.failed[0]).tolist() == [2]
     assert len({each.tobytes() for each in run()}) > 4
     with pytest.raises(ValueError, match="budget of an episode must be a whole number"):
         env.reset(options={"budget": (1, 2)})

@@ -47,7 +47,7 @@ def test_clouds_without_noise_are_what_the_renderer_measures(small_traffic, smal
             assert np.allclose(np.sort(points, axis=0), np.sort(expected, axis=0), atol=1e-4)
 
 
-def test_a_cloud_is_the_same_in_any_order_and_company(renders, small_traffic, small_candidates):
+def test_clouds_are_the_same_in_company_and_profiles_have_keys(renders, small_traffic, small_candidates):
     assert renders.clouds(1, 2).dtype == np.float32
     turned = Renders(small_traffic, small_candidates.select([3, 2]))
     for k in (3, 0, 1):
@@ -59,6 +59,16 @@ def test_a_cloud_is_the_same_in_any_order_and_company(renders, small_traffic, sm
     other = Renders(small_traffic, small_candidates, noise_seed=1)
     assert other.digest != renders.digest
     assert not np.array_equal(other.clouds(1, 2)[:50], renders.clouds(1, 2)[:50])
+    paper = Renders(small_traffic, small_candidates, errors=PAPER_ERRORS)
+    assert paper.digest == renders.digest
+    assert paper.clouds(1, 2).tobytes() == renders.clouds(1, 2).tobytes()
+    more = ErrorProfile("typical", (*TYPICAL.terms, rain(1.0)))
+    profiles = (PAPER_ERRORS, TYPICAL, POOR, more)
+    assert len({Renders(small_traffic, small_candidates, errors=each).digest for each in profiles}) == 4
+    renamed = Renders(small_traffic, small_candidates, errors=replace(TYPICAL, name="other"))
+    assert renamed.digest == Renders(small_traffic, small_candidates, errors=TYPICAL).digest
+    with pytest.raises(ValueError, match="drawn from a seed"):
+        Renders(small_traffic, small_candidates, noise_seed=None, errors=TYPICAL)
 
 
 def test_clouds_of_errors_are_the_same_in_any_company(small_traffic, small_candidates):
@@ -175,19 +185,6 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
 
 
 NONE = ErrorProfile("none", ())
-
-
-def test_paper_is_what_there_was_and_every_profile_has_its_own_keys(renders, small_traffic, small_candidates):
-    paper = Renders(small_traffic, small_candidates, errors=PAPER_ERRORS)
-    assert paper.digest == renders.digest
-    assert paper.clouds(1, 2).tobytes() == renders.clouds(1, 2).tobytes()
-    more = ErrorProfile("typical", (*TYPICAL.terms, rain(1.0)))
-    profiles = (PAPER_ERRORS, TYPICAL, POOR, more)
-    assert len({Renders(small_traffic, small_candidates, errors=each).digest for each in profiles}) == 4
-    renamed = Renders(small_traffic, small_candidates, errors=replace(TYPICAL, name="other"))
-    assert renamed.digest == Renders(small_traffic, small_candidates, errors=TYPICAL).digest
-    with pytest.raises(ValueError, match="drawn from a seed"):
-        Renders(small_traffic, small_candidates, noise_seed=None, errors=TYPICAL)
 
 
 def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp_path, monkeypatch):

@@ -38,7 +38,7 @@ def field(**settings) -> Site:
     return Site("field", AREA, **settings)
 
 
-def test_the_grid_covers_the_area_of_which_nothing_is_seen_without_sensors():
+def test_walls_cast_shadows_on_the_grid_of_the_area():
     ground = visible_ground(field(), [], cell=0.5)
     assert ground.cell == 0.5
     assert (ground.x[0], ground.x[-1], len(ground.x)) == (-11.75, 11.75, 48)
@@ -54,15 +54,6 @@ def test_the_grid_covers_the_area_of_which_nothing_is_seen_without_sensors():
     assert ground.views.tolist() == np.zeros((32, 48)).tolist()
     assert visible_polygons(ground) == []
     assert [part.area for part in blind_polygons(ground)] == [24 * 16]
-
-
-@pytest.mark.parametrize("cell", [0.0, -1.0, np.nan, np.inf, 11.0, 1e-5])
-def test_a_cell_must_fit(cell):
-    with pytest.raises(ValueError, match="cell"):
-        visible_ground(field(), [], cell=cell)
-
-
-def test_a_wall_casts_the_shadow_that_geometry_says():
     wall = Solid(rectangle(-2.1, -2.2, -1.9, 3.1), -0.5, 2.05, "wall")
     ground = visible_ground(field(solids=(wall,)), [HIGH])
     x, y = middles(ground)
@@ -78,9 +69,6 @@ def test_a_wall_casts_the_shadow_that_geometry_says():
     expected &= (elevation >= -1.4) & ground.open_ground
     assert np.array_equal(ground.seen[0], expected)
     assert 60 < (~expected[elevation >= -1.4]).sum() < 400
-
-
-def test_without_anything_in_between_the_field_of_view_is_seen():
     sensors = [
         Sensor(
             "camera", DepthCamera(width=160, height=120, fov=1.1, max_range=14.0), look((-9.0, -5.0, 4.0), 0.6, 0.4)
@@ -96,6 +84,12 @@ def test_without_anything_in_between_the_field_of_view_is_seen():
         assert 0.02 < seen.mean() < 0.9
     near = np.hypot(np.hypot(x, y), 3.0 - TARGET_HEIGHT) < 6.0
     assert np.array_equal(ground.seen[2], near & (np.arctan2(TARGET_HEIGHT - 3.0, np.hypot(x, y)) >= -1.4))
+
+
+@pytest.mark.parametrize("cell", [0.0, -1.0, np.nan, np.inf, 11.0, 1e-5])
+def test_a_cell_must_fit(cell):
+    with pytest.raises(ValueError, match="cell"):
+        visible_ground(field(), [], cell=cell)
 
 
 def test_rings_and_walls_are_seen_the_same_each_time():

@@ -67,7 +67,7 @@ def heights(kind: str) -> np.ndarray:
     return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh in DRAWN if each == kind])
 
 
-def test_people_have_their_shares_heights_and_strides():
+def test_people_and_two_wheelers_have_their_shares_and_heights():
     counts = Counter(kind for kind, _ in DRAWN)
     assert set(counts) == set(drawn_bodies.PEOPLE)
     for kind, share in {"adult": 0.73, "child": 0.165, "pram": 0.05, "walker": 0.02, "wheelchair": 0.035}.items():
@@ -85,16 +85,6 @@ def test_people_have_their_shares_heights_and_strides():
     assert {drawn_bodies.draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
     assert drawn_bodies.draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
     assert standing(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
-
-
-DRAWN_TWO_WHEELERS = [drawn_bodies.draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)]
-
-
-def sizes(kind: str) -> np.ndarray:
-    return np.array([np.ptp(mesh.vertices, axis=0) for each, mesh in DRAWN_TWO_WHEELERS if each == kind])
-
-
-def test_two_wheelers_have_their_shares_and_stand_on_both_wheels():
     counts = Counter(kind.removesuffix("_alone") for kind, _ in DRAWN_TWO_WHEELERS)
     assert set(counts) == set(drawn_bodies.TWO_WHEELERS)
     shares = {"bicycle": 0.5, "cargo_bicycle": 0.05, "e_scooter": 0.15, "motorcycle": 0.17, "scooter": 0.13}
@@ -107,6 +97,13 @@ def test_two_wheelers_have_their_shares_and_stand_on_both_wheels():
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
         assert np.ptp(low[:, 0]) > 0.5 * np.ptp(mesh.vertices[:, 0]) * (0.7 if "cargo" in kind else 1), kind
         assert np.ptp(low[:, 1]) < 0.3, kind
+
+
+DRAWN_TWO_WHEELERS = [drawn_bodies.draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)]
+
+
+def sizes(kind: str) -> np.ndarray:
+    return np.array([np.ptp(mesh.vertices, axis=0) for each, mesh in DRAWN_TWO_WHEELERS if each == kind])
 
 
 @pytest.mark.parametrize(

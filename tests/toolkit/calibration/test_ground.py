@@ -177,7 +177,7 @@ def test_a_cloud_in_a_crooked_sensors_frame_is_put_on_its_ground(method, height,
     assert np.abs(ground.points(transform(invert(world_SE3_sensor), flat))[:, 2]).max() < 0.06
 
 
-def test_points_boxes_and_headings_go_there_and_back():
+def test_heights_motions_and_boxes_of_a_tilted_ground():
     rng = np.random.default_rng(1)
     points = rng.uniform(-12, 12, (500, 3))
     np.testing.assert_allclose(TILTED.points_back(TILTED.points(points)), points, atol=1e-12)
@@ -196,9 +196,6 @@ def test_points_boxes_and_headings_go_there_and_back():
     one, other = level(points), level(from_points(points))
     assert one.plane.tobytes() == other.plane.tobytes()
     assert one.deviation.heights.tobytes() == other.deviation.heights.tobytes()
-
-
-def test_heights_and_motions_of_a_tilted_ground():
     motion = TILTED.level_SE3_frame
     np.testing.assert_allclose(motion[:3, :3] @ motion[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.linalg.det(motion) == pytest.approx(1.0)
@@ -214,7 +211,7 @@ def test_heights_and_motions_of_a_tilted_ground():
     assert Ground(np.array([0.5, 0.0, 1.0])).height(np.array([[2.0, 9.0]])).tolist() == [2.0]
 
 
-def test_wrong_arguments_and_points_are_refused():
+def test_wrong_arguments_are_refused_and_heights_warned_of():
     points = street(np.random.default_rng(0))
     for arguments, message in (
         ({"method": "spline"}, "method"),
@@ -229,9 +226,6 @@ def test_wrong_arguments_and_points_are_refused():
     ):
         with pytest.raises(ValueError, match=message):
             level(wrong)
-
-
-def test_warnings_name_the_height_of_the_ground_where_it_is_known():
     rng = np.random.default_rng(4)
     world = street(rng)
     assert level_warning(world) is None

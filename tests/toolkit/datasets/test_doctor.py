@@ -43,7 +43,7 @@ def views(shown=CENTRES):
     return [SensorImages(each, rays, np.stack([image(each, x) for x in shown])) for each in SENSORS]
 
 
-def test_frozen_images_are_named_and_healthy_ones_not():
+def test_images_frozen_or_blind_are_named():
     assert not any(frozen_frames(each, rows(CENTRES), SITE).any() for each in views())  # 9 twice: parked
     assert not blind_frames(views()).any()
     assert list(failing_sensors(views(), rows(CENTRES), SITE, range(6))) == []
@@ -60,9 +60,6 @@ def test_frozen_images_are_named_and_healthy_ones_not():
     ]  # fmt: skip
     nearby = rows([-4.0, -3.0, -1.0, 9.0, 9.0, 2.0])  # has moved, but stands still where it was
     assert not frozen_frames(frozen, nearby, SITE)[2]
-
-
-def test_half_of_what_is_usual_is_blind_unless_all_are():
     images = views()
     dark = images[0].depth.copy()
     there = np.flatnonzero(dark[3] > 0)

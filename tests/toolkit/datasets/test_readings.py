@@ -86,7 +86,7 @@ def test_models_have_the_errors_of_a_profile_in_any_company():
     assert not same(with_errors(frame, POOR, 5), all_)
 
 
-def test_calibration_stays_over_frames_and_places_the_cloud():
+def test_calibration_and_clocks_move_clouds_and_cars():
     poses = [[sensor.pose.tolist() for sensor in read_frame(Frames(), k, errors=TYPICAL).sensors] for k in range(4)]
     assert poses[0] == poses[1] == poses[3]
     still = replace(frame_at(0), index=1)
@@ -99,19 +99,16 @@ def test_calibration_stays_over_frames_and_places_the_cloud():
     for c, (true, placed) in enumerate(zip(*clouds, strict=True)):
         assert np.array_equal(said.images[c], frame.measurements[c])
         assert np.allclose(placed - true, said.sensors[c].position - SENSORS[c].position, atol=1e-4)
-
-
-def test_a_clocks_offset_moves_points_on_cars_in_close_frames():
     late = ErrorProfile("late", (ClockOffset(0.05),))
-    clouds = [frame_points(each, area=AREA) for each in (frame_at(1), read_frame(Frames(), 1, errors=late))]
-    moved = 0
-    for true, said in zip(*clouds, strict=True):
-        step = said - true
+    pair = [frame_points(each, area=AREA) for each in (frame_at(1), read_frame(Frames(), 1, errors=late))]
+    count = 0
+    for true, shifted in zip(*pair, strict=True):
+        step = shifted - true
         some = np.abs(step).sum(axis=1) > 0
         assert np.allclose(step[:, 1:], 0)
         assert len(np.unique(step[some, 0].round(4))) <= 1
-        moved += some.sum()
-    assert 10 < moved < sum(map(len, clouds[0])) / 2
+        count += some.sum()
+    assert 10 < count < sum(map(len, pair[0])) / 2
     late = ErrorProfile("late", (ClockOffset(0.05),))
     with pytest.raises(ValueError, match=r"at most 0\.5 s apart, got 5 s"):
         read_frame(Frames(5.0), 1, errors=late)

@@ -9,7 +9,7 @@ from toolkit.geometry import pose
 from toolkit.objects import Detections, Objects
 
 
-def test_a_listing_reads_when_asked():
+def test_listings_read_when_asked_with_rotations_and_poses():
     read = []
 
     def load(name):
@@ -22,6 +22,20 @@ def test_a_listing_reads_when_asked():
     assert read == ["b"]
     assert [sample.name for sample in listing] == ["a", "b", "c"]
     assert listing[-1].name == "c"
+    off = pose(yaw=0.3)[:3, :3] + 0.004
+    matrix = records.rigid(off, [1, 2, 3])
+    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+    assert np.abs(matrix[:3, :3] - off).max() < 0.01
+    for wrong in (np.diag([1.0, 1, -1]), 1.2 * np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)):
+        with pytest.raises(ValueError, match="must turn by a rotation"):
+            records.rigid(wrong, [0, 0, 0])
+    with pytest.raises(ValueError, match="NaN"):
+        records.rigid(np.eye(3), [np.nan, 0, 0])
+    placed = pose(1.0, 2.0, 3.0, yaw=0.5)
+    np.testing.assert_allclose(records.rigid_matrix(placed.tolist()), placed)
+    np.testing.assert_allclose(records.rigid_matrix(placed[:3].ravel().astype(str)), placed)
+    np.testing.assert_allclose(records.heading(pose(9.0, yaw=0.25), [0.5, -3.0]), [0.75, -2.75])
+    assert records.heading(np.diag([1.0, -1, 1, 1]), 0.5) == pytest.approx(-0.5)
 
 
 @pytest.mark.parametrize(
@@ -39,23 +53,6 @@ def test_a_listing_reads_when_asked():
 def test_damage_is_one_line_with_the_file(damage, names):
     with pytest.raises(ValueError, match=f"f.json .*{names}"), records.named_damage("f.json", "list"):
         damage()
-
-
-def test_rotations_poses_and_headings():
-    off = pose(yaw=0.3)[:3, :3] + 0.004
-    matrix = records.rigid(off, [1, 2, 3])
-    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
-    assert np.abs(matrix[:3, :3] - off).max() < 0.01
-    for wrong in (np.diag([1.0, 1, -1]), 1.2 * np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)):
-        with pytest.raises(ValueError, match="must turn by a rotation"):
-            records.rigid(wrong, [0, 0, 0])
-    with pytest.raises(ValueError, match="NaN"):
-        records.rigid(np.eye(3), [np.nan, 0, 0])
-    placed = pose(1.0, 2.0, 3.0, yaw=0.5)
-    np.testing.assert_allclose(records.rigid_matrix(placed.tolist()), placed)
-    np.testing.assert_allclose(records.rigid_matrix(placed[:3].ravel().astype(str)), placed)
-    np.testing.assert_allclose(records.heading(pose(9.0, yaw=0.25), [0.5, -3.0]), [0.75, -2.75])
-    assert records.heading(np.diag([1.0, -1, 1, 1]), 0.5) == pytest.approx(-0.5)
 
 
 BOX = [1.0, 2, 3, 4, 2, 1.5, 0.5]

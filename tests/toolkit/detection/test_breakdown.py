@@ -52,7 +52,7 @@ def found_at(places, scores=None, labels=None):
     return Objects(boxes, kinds) if scores is None else Detections(boxes, np.array(scores), kinds)
 
 
-def test_centres_are_matched_best_first_within_their_class():
+def test_centres_are_matched_by_range_and_points():
     found, truths = found_at([0.9, 0.2, 9.0], [0.9, 0.8, 0.7]), found_at([0.0, 20.0])
     matched = by_centre([found], [truths], [np.array([True, True])], 1.0, 0)
     assert matched.hits.tolist() == [True, False, False]  # the surer one takes it, though the other is nearer
@@ -67,6 +67,21 @@ def test_centres_are_matched_best_first_within_their_class():
     assert (len(empty.scores), empty.truths) == (0, 0)
     alarm = by_centre([found_at([0.0], [0.5])], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
     assert alarm.hits.tolist() == [False]
+    # Two of three cars found, surest first, then a false alarm at 12 m, then nothing.
+    rows = group_rows([judged(frame(), (5.0, 25.1, 12.0), (0.9, 0.8, 0.85))], "vehicle")
+    assert row(rows, "ours", "BEV 0.5").truths == 3
+    assert row(rows, "ours", "BEV 0.5").ap == pytest.approx(1 / 3 + 2 / 3 / 3)
+    assert row(rows, "ours", "BEV 0.5", "0-20 m").ap == 1  # the surest is the hit
+    assert row(rows, "ours", "BEV 0.5", "20-35 m").ap == 1
+    assert row(rows, "ours", "BEV 0.5", "35-50 m").ap == 0
+    assert np.isnan(row(rows, "ours", "BEV 0.5", "50 and more m").ap)
+    assert row(rows, "ours", "BEV 0.5", "1-4 points").ap == 1
+    assert row(rows, "ours", "BEV 0.5", "5-19 points").ap == pytest.approx(1 / 2)  # the false alarm counts in all
+    assert row(rows, "ours", "3D 0.5", "100 and more points").truths == 1
+    assert row(rows, "KITTI R40", "BEV 0.7").ap == pytest.approx((13 + 13 * 2 / 3) / 40)
+    assert row(rows, "nuScenes", "centre 0.5 m").truths == 3
+    means = [row(rows, "nuScenes", f"centre {d:g} m").ap for d in (0.5, 1, 2, 4)]
+    assert row(rows, "nuScenes", "centre, mean").ap == pytest.approx(np.mean(means))
 
 
 # x of cars, and how many points lie in each: the last is out of the area, the fourth has none
@@ -119,21 +134,3 @@ def test_rows_count_once_what_overlaps_where_labels_are_complete():
     rows = group_rows([judged(seen, (5.0, 12.0), (0.8, 0.9))], "vehicle")
     assert row(rows, "ours", "BEV 0.5").truths == 1
     assert row(rows, "ours", "BEV 0.5").ap == 1  # the false alarm at 12 m lies where nobody labelled
-
-
-def test_rows_by_range_and_points():
-    """Two of three cars found, surest first, then a false alarm at 12 m, then nothing."""
-    rows = group_rows([judged(frame(), (5.0, 25.1, 12.0), (0.9, 0.8, 0.85))], "vehicle")
-    assert row(rows, "ours", "BEV 0.5").truths == 3
-    assert row(rows, "ours", "BEV 0.5").ap == pytest.approx(1 / 3 + 2 / 3 / 3)
-    assert row(rows, "ours", "BEV 0.5", "0-20 m").ap == 1  # the surest is the hit
-    assert row(rows, "ours", "BEV 0.5", "20-35 m").ap == 1
-    assert row(rows, "ours", "BEV 0.5", "35-50 m").ap == 0
-    assert np.isnan(row(rows, "ours", "BEV 0.5", "50 and more m").ap)
-    assert row(rows, "ours", "BEV 0.5", "1-4 points").ap == 1
-    assert row(rows, "ours", "BEV 0.5", "5-19 points").ap == pytest.approx(1 / 2)  # the false alarm counts in all
-    assert row(rows, "ours", "3D 0.5", "100 and more points").truths == 1
-    assert row(rows, "KITTI R40", "BEV 0.7").ap == pytest.approx((13 + 13 * 2 / 3) / 40)
-    assert row(rows, "nuScenes", "centre 0.5 m").truths == 3
-    means = [row(rows, "nuScenes", f"centre {d:g} m").ap for d in (0.5, 1, 2, 4)]
-    assert row(rows, "nuScenes", "centre, mean").ap == pytest.approx(np.mean(means))

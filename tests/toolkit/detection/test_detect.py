@@ -59,7 +59,7 @@ def test_a_street_that_leans_far_from_the_origin_is_detected_in(levelling):
     assert found.detect_ms > 0
 
 
-def test_raw_clouds_are_warned_of_and_counted_from_the_middle():
+def test_clouds_are_counted_warned_of_or_empty():
     (found,) = detect_frames(samples(pose(0.0, 0.0, -1.7)), Blocks(), Place("none"))
     assert "ground seems to lie at z = -1.70 m" in str(found.stand.warning)
     assert found.stand.ground is None
@@ -74,9 +74,6 @@ def test_raw_clouds_are_warned_of_and_counted_from_the_middle():
     assert other[0].stand.ground is not other[1].stand.ground
     with pytest.raises((ValueError, TypeError), match=r"one of map, plane, none|Type-check"):
         Place("flat")
-
-
-def test_clouds_without_points_and_some_sensors_only():
     nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     few = Frame.of_clouds("1", (SensorCloud("s", np.array([[1, 1, 1.0]], np.float32), np.eye(4)),), Objects.empty())
     first, second = detect_frames([nothing, few], Blocks())

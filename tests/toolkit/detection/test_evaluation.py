@@ -106,7 +106,7 @@ def test_oracles_are_perfect_and_detect_once_per_sensor():
     assert "nan" in format_table([row])
 
 
-def test_rows_are_what_fusion_and_metrics_give():
+def test_rows_are_of_fusion_and_metrics_and_repeat_with_a_seed():
     oracle = Oracle(needed=2)
     (row,) = run(oracle, schemes=["late"], sensor_sets=[["s0", 2]], iou_thresholds=[0.7], noise_seed=None)
     fused, truths, counted = [], [], []
@@ -120,9 +120,6 @@ def test_rows_are_what_fusion_and_metrics_give():
     assert 0 < row.recall < 1
     assert row.kbit_per_sensor == pytest.approx(np.mean([f.bits for f in fused]) / 1000)
     np.testing.assert_array_equal(row.curve.recall, expected.curve.recall)
-
-
-def test_rows_repeat_with_a_seed_and_report_frames():
     options = {"schemes": ["early"], "iou_thresholds": [0.7]}
     sent = [run(noise_seed=seed, **options)[0].kbit_per_sensor for seed in (1, 1, 2, 3, 4)]
     assert sent[0] == sent[1]

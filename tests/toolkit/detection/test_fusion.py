@@ -56,7 +56,7 @@ def hybrid(*given, radius=None, **settings):
 SCHEMES = [early, late, hybrid]
 
 
-def test_early_detects_once_in_all_points():
+def test_early_late_and_hybrid_send_and_detect_as_they_should():
     seen = []
 
     def spy(points):
@@ -69,9 +69,6 @@ def test_early_detects_once_in_all_points():
     np.testing.assert_array_equal(seen[0], np.concatenate(clouds))
     assert fused.bits.tolist() == [96 * len(points) for points in clouds]
     assert fused.kbit_per_sensor == fused.bits.mean() / 1000
-
-
-def test_late_and_hybrid_send_boxes_and_far_points():
     fused = late(frame(), grid_detector, site=AREA)
     local = [grid_detector(points) for points in frame_points(frame(), area=AREA)]
     assert fused.bits.tolist() == [256 * len(boxes) for boxes in local]

@@ -244,7 +244,7 @@ def test_match_and_evaluate_agree(protocol):
         np.testing.assert_equal(vars(list(metrics.matches(*pair, AT, protocol=protocol))[AT.index(0.5)]), vars(alone))
 
 
-def test_curves_reliability_and_usual_thresholds():
+def test_curves_and_options_that_are_unusable():
     curve = metrics.precision_recall(np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2)
     assert curve.score.tolist() == [0.9, 0.5]
     assert curve.recall.tolist() == [0, 1]
@@ -262,23 +262,6 @@ def test_curves_reliability_and_usual_thresholds():
     assert metrics.TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
     assert metrics.USUAL_IOUS[VEHICLE] == metrics.USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
     assert metrics.USUAL_IOUS[CYCLIST] == metrics.USUAL_IOUS[PEDESTRIAN] == (0.25, 0.5, 0.7)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (([Detections(CAR, np.array([np.nan]))], [Objects(CAR)]), "row 0 of frame 0 is NaN"),
-        (([Detections(CAR * 0, np.ones(1))], [Objects(CAR)]), "detections of frame 0 row 0"),
-        (([Detections(CAR, np.ones(1))], [Objects(CAR * np.nan)]), "truths of frame 0 row 0"),
-        (([Detections(CAR, np.ones(1))] * 2, [Objects(CAR)]), "one ended after 1"),
-    ],
-)
-def test_unusable_input_is_refused_with_its_place(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        metrics.evaluate(*arguments, iou_thresholds=[0.5])
-
-
-def test_unusable_options_and_counts_are_refused():
     frame = [Detections(CAR, np.ones(1))], [Objects(CAR)]
     for thresholds in ([0.0], [1.1], [np.nan]):
         with pytest.raises(ValueError, match=r"must lie in \(0, 1\]"):
@@ -296,7 +279,21 @@ def test_unusable_options_and_counts_are_refused():
             metrics.precision_recall(np.array([0.9]), np.array(hits), truths)
 
 
-def test_frames_may_come_one_at_a_time_and_thresholds_twice():
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([Detections(CAR, np.array([np.nan]))], [Objects(CAR)]), "row 0 of frame 0 is NaN"),
+        (([Detections(CAR * 0, np.ones(1))], [Objects(CAR)]), "detections of frame 0 row 0"),
+        (([Detections(CAR, np.ones(1))], [Objects(CAR * np.nan)]), "truths of frame 0 row 0"),
+        (([Detections(CAR, np.ones(1))] * 2, [Objects(CAR)]), "one ended after 1"),
+    ],
+)
+def test_unusable_input_is_refused_with_its_place(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        metrics.evaluate(*arguments, iou_thresholds=[0.5])
+
+
+def test_frames_come_one_at_a_time_and_heavy_overlaps_are_ignored():
     detections, truths = random_frames(1)
     streamed = metrics.evaluate(iter(detections), (t for t in truths), iou_thresholds=AT)
     assert [streamed[t].ap for t in AT] == [
@@ -307,17 +304,10 @@ def test_frames_may_come_one_at_a_time_and_thresholds_twice():
     assert metrics.evaluate(found, there, iou_thresholds=[0.7, 0.5, 0.7]) == metrics.evaluate(
         found, there, iou_thresholds=[0.7, 0.5]
     )
-
-
-def scored(boxes, scores, label="vehicle"):
-    return Detections(np.concatenate(boxes), np.array(scores), np.array([label] * len(boxes)))
-
-
-def test_a_detection_mostly_on_a_heavy_vehicle_or_that_overlaps_it_enough_is_ignored():
     bus = Objects(BUS, np.array(["heavy"]))
     for forward, ignored in ((4.0, True), (5.9, True), (6.0, False), (7.0, False)):  # its front is at 6 m
-        found = metrics.match(scored([moved(CAR, 20 + forward)], [0.9]), bus, 0.5)
-        assert found.ignored.tolist() == [ignored], forward
+        match = metrics.match(scored([moved(CAR, 20 + forward)], [0.9]), bus, 0.5)
+        assert match.ignored.tolist() == [ignored], forward
         result = metrics.evaluate([scored([moved(CAR, 20 + forward)], [0.9])], [bus], iou_thresholds=[0.5])[0.5]
         assert result.fp == (not ignored)
     giant = BUS * [1, 1, 1, 1.0, 3.0, 1, 1]  # a third of its footprint on the bus
@@ -327,6 +317,10 @@ def test_a_detection_mostly_on_a_heavy_vehicle_or_that_overlaps_it_enough_is_ign
         assert (
             metrics.evaluate([scored([BUS], [0.9], label)], [bus], iou_thresholds=[0.5], label=label)[0.5].fp == alarms
         )
+
+
+def scored(boxes, scores, label="vehicle"):
+    return Detections(np.concatenate(boxes), np.array(scores), np.array([label] * len(boxes)))
 
 
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])

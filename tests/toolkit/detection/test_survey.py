@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,8 +61,9 @@ def test_surveys_count_what_stands_in_the_area_if_anything():
     assert len(nobody.points_on_vehicles([0, 1])) == 0
     clean, rough = survey(Recording()), survey(Recording(), reads=Reads(errors="poor"))
     assert rough.kbit_per_sensor.sum() < clean.kbit_per_sensor.sum()
-    assert rough.provenance["errors"]["profile"] == "poor"
-    assert clean.provenance["errors"]["profile"] == "paper"
+    for each, profile in ((rough, "poor"), (clean, "paper")):
+        errors: Any = each.provenance["errors"]
+        assert errors["profile"] == profile
     with pytest.raises(ValueError, match="unknown error profile 'x'"):
         survey(Recording(), reads=Reads(errors="x"))
 
@@ -74,7 +76,7 @@ def test_bad_requests_are_refused(options, message):
         survey(Recording(), **options)
 
 
-def test_points_are_counted_for_each_class_that_is_asked_for():
+def test_points_are_counted_by_class_and_without_a_site():
     found = survey(Recording(), reads=Reads(noise_seed=3))
     assert list(found.by_class) == ["vehicle", "cyclist", "pedestrian", "heavy"]
     assert [len(found.by_class[label]) for label in found.by_class] == [20, 0, 0, 5]
@@ -98,23 +100,6 @@ def test_points_are_counted_for_each_class_that_is_asked_for():
         found.points_on_objects("vehicle", [0])
     with pytest.raises(ValueError, match="label must be one of"):
         survey(Recording(), classes=["tram"])
-
-
-def sample(counts):
-    boxes = np.array([[x, 0.0, 0, 2, 2, 2, 0] for x in (0.0, 10.0, 20.0)])
-    points = np.array([[0, 0, 0], [0.5, 0, 0], [10, 0, 0], [99, 0, 0]], np.float32)
-    cloud = SensorCloud("s", points, np.eye(4))
-    others = OtherObjects(boxes[:1], ("cone",), np.array([2]))
-    return Frame.of_clouds(
-        "0", (cloud,), Objects(boxes, np.array([0, 0, 2])), (), counts, others, problems={"doubled labels": 1}
-    )
-
-
-class Labelled(list):
-    site = None
-
-
-def test_what_is_counted_without_a_site():
     recording = Labelled([sample(np.array([2, 1, 0])), sample(np.array([2, 0, 0]))])
     found = survey(recording, classes=["vehicle"])
     figures = found.as_dict([[0]])
@@ -133,3 +118,17 @@ def test_what_is_counted_without_a_site():
     assert "cyclist from" not in found.text([[0]])
     with pytest.raises(ValueError, match="need one frame"):
         survey(Labelled())
+
+
+def sample(counts):
+    boxes = np.array([[x, 0.0, 0, 2, 2, 2, 0] for x in (0.0, 10.0, 20.0)])
+    points = np.array([[0, 0, 0], [0.5, 0, 0], [10, 0, 0], [99, 0, 0]], np.float32)
+    cloud = SensorCloud("s", points, np.eye(4))
+    others = OtherObjects(boxes[:1], ("cone",), np.array([2]))
+    return Frame.of_clouds(
+        "0", (cloud,), Objects(boxes, np.array([0, 0, 2])), (), counts, others, problems={"doubled labels": 1}
+    )
+
+
+class Labelled(list):
+    site = None

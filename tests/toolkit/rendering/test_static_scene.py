@@ -27,7 +27,7 @@ def places(rng, n=3000, margin=30.0):
     return rng.uniform(AREA[:2] - margin, AREA[2:] + margin, (n, 2))
 
 
-def test_ground_and_ponds_are_what_the_site_says():
+def test_meshes_repeat_and_stand_on_grounds_and_ponds():
     assert np.abs(drop(build_scenery(site()), places(np.random.default_rng(0)))).max() < 1e-4
     uneven = site(relief=Relief(0.1, 3))
     xy = places(np.random.default_rng(0), margin=12.0)
@@ -45,6 +45,19 @@ def test_ground_and_ponds_are_what_the_site_says():
     mesh = build_scenery(site(pond))
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
     assert (scene.cast_rays(slanted)["t_hit"].numpy() < 1.9).all()
+    assert np.allclose(
+        drop(build_scenery(site(Solid(SQUARE / 20, -0.3, 0.8, "building"))), np.array([[0.2, 0.15]])), 0.8
+    )
+    for name in ("tjunction", "roundabout"):
+        first, second = build_scenery(load_site(name)), build_scenery(load_site(name))
+        assert np.array_equal(first.vertices, second.vertices)
+        assert np.array_equal(first.triangles, second.triangles)
+        assert 10_000 < len(first.triangles) < 300_000
+        assert np.isfinite(first.vertices).all()
+    made = random_site(np.random.default_rng(3))
+    mesh = build_scenery(made)
+    assert np.isfinite(mesh.vertices).all()
+    assert len(mesh.triangles) < 300_000
 
 
 @pytest.mark.parametrize(
@@ -70,22 +83,6 @@ def test_houses_have_windows_set_into_closed_walls(outline):
     assert 0.1 < panes.mean() < 0.5
     assert (hit["primitive_normals"].numpy()[:, 0] < -0.99).all()  # outwards
     assert np.allclose(drop(mesh, np.array([[4.0, 3.0]])), 7.0)
-
-
-def test_meshes_repeat_with_a_sane_number_of_triangles():
-    assert np.allclose(
-        drop(build_scenery(site(Solid(SQUARE / 20, -0.3, 0.8, "building"))), np.array([[0.2, 0.15]])), 0.8
-    )
-    for name in ("tjunction", "roundabout"):
-        first, second = build_scenery(load_site(name)), build_scenery(load_site(name))
-        assert np.array_equal(first.vertices, second.vertices)
-        assert np.array_equal(first.triangles, second.triangles)
-        assert 10_000 < len(first.triangles) < 300_000
-        assert np.isfinite(first.vertices).all()
-    made = random_site(np.random.default_rng(3))
-    mesh = build_scenery(made)
-    assert np.isfinite(mesh.vertices).all()
-    assert len(mesh.triangles) < 300_000
 
 
 def test_hedges_and_leaves_let_rays_pass_within_their_place():

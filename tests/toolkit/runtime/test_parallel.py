@@ -56,15 +56,6 @@ def test_a_loop_is_serial_lazy_and_the_same_in_processes():
     assert list(spread(square, [], workers=2)) == []
 
 
-def test_lost_work_is_done_again_or_given_up(tmp_path):
-    assert list(spread(DiesOnce(tmp_path, 5), range(9), workers=2)) == [x * x for x in range(9)]
-    assert (tmp_path / "killed").exists()
-    with pytest.raises(WorkLost, match=f"died {RETRIES + 1} times in a row, at or near input 7") as error:
-        list(spread(os._exit, [7], workers=2))
-    assert "\n" not in str(error.value)
-    assert isinstance(error.value, RuntimeError)
-
-
 @dataclass(frozen=True)
 class Ticks:
     """Ticks twice for each input; the first process that gets 2 is killed over it, in between."""
@@ -123,11 +114,17 @@ def ends(process: int) -> bool:
     return False
 
 
-def test_nobody_is_left_when_the_rest_is_not_wanted(tmp_path):
+def test_nobody_is_left_and_lost_work_is_done_again(tmp_path):
     results = spread(time.sleep, [0.0, 36000.0, 36000.0], workers=2)
     next(results)
     assert isinstance(results, Generator)
     results.close()  # which returns at once, or never
+    assert list(spread(DiesOnce(tmp_path, 5), range(9), workers=2)) == [x * x for x in range(9)]
+    assert (tmp_path / "killed").exists()
+    with pytest.raises(WorkLost, match=f"died {RETRIES + 1} times in a row, at or near input 7") as error:
+        list(spread(os._exit, [7], workers=2))
+    assert "\n" not in str(error.value)
+    assert isinstance(error.value, RuntimeError)
 
 
 def test_workers_end_with_a_parent_that_is_killed(tmp_path):

@@ -117,7 +117,7 @@ def test_the_share_that_drops_out(read, wall, sensor, share):
     assert set(np.unique(said.measurement)) == {0.0, 30.0}
 
 
-def test_share_and_range_take_pixels(read, street):
+def test_shares_and_ranges_take_pixels_and_edges_mix_what_is_read(read, street):
     term = DropOut(half_range=25.0)
     lost = np.mean([~read(term, street, frame=f).valid[street.valid] for f in range(12)], axis=0)
     expected = 1 - chance_of_return(street.ranges, street.cosines, 25.0, 2.0)[street.valid]
@@ -127,6 +127,10 @@ def test_share_and_range_take_pixels(read, street):
         assert lost[some].mean() == pytest.approx(expected[some].mean(), abs=0.02)
     nothing = replace(street, measurement=np.zeros_like(street.measurement))
     assert not read(DropOut(0.5, 40.0), nothing).measurement.any()
+    # Edges of returns that an earlier term took are none.
+    said = read(MixedPixels(1.0), street).measurement
+    assert (said != street.measurement).mean() > 0.005
+    assert not said[~street.valid].any()
 
 
 def test_shares_and_laws_are_of_some_sensors(read, wall, sensor):
@@ -176,13 +180,6 @@ def test_edges_mix_between_and_within_bounds(read, halves):
     assert (read(MixedPixels(1.0, gap=9.5, reach=10.5), halves).measurement != halves.measurement).any()
     image = np.where(halves.measurement > 15, np.float32(0), halves.measurement)
     assert np.array_equal(read(MixedPixels(1.0), replace(halves, measurement=image)).measurement, image)
-
-
-def test_it_mixes_what_is_read_and_not_what_was_there(read, street):
-    """Edges of returns that an earlier term took are none."""
-    said = read(MixedPixels(1.0), street).measurement
-    assert (said != street.measurement).mean() > 0.005
-    assert not said[~street.valid].any()
 
 
 def angle_between(a, b):
@@ -241,7 +238,7 @@ def test_calibration_has_its_root_mean_square_and_is_constant(read, street):
     assert not np.array_equal(read(Calibration(0.01, 0.05), street, number=6).pose, single)
 
 
-def test_a_pole_sways_with_time_about_a_level_axis(read, street):
+def test_poles_sway_and_noise_is_drawn_anew(read, street):
     term = PoleSway(0.004, 3.0)
     height, rest = street.sensor.position[2], street.sensor.pose
     angles, moves = [], []
@@ -258,23 +255,20 @@ def test_a_pole_sways_with_time_about_a_level_axis(read, street):
     assert np.linalg.matrix_rank(tips, tol=1e-9) == 1
     crossings = int((np.diff(np.sign(tips @ tips[np.abs(tips).sum(axis=1).argmax()])) != 0).sum())
     assert 60 / 4.0 * 2 - 1 <= crossings <= 60 / 2.0 * 2 + 1  # two a period of 2 to 4 s
-
-
-def test_noise_and_sway_are_of_poles_frames_and_seeds(read, street):
     other = replace(street.sensor, name="other")
     said = [
         read(PoleSway(0.004), replace(street, sensor=s), number=n).pose for n, s in ((1, street.sensor), (2, other))
     ]
     assert np.array_equal(*said)
-    term = RangeNoise(constant=0.1)
-    said = [
-        read(term, street, **with_).measurement.tobytes()
+    noise = RangeNoise(constant=0.1)
+    drawn = [
+        read(noise, street, **with_).measurement.tobytes()
         for with_ in ({}, {"frame": 4}, {"seed": 1}, {"number": 6}, {})
     ]
-    assert said[0] == said[4]
-    assert len(set(said)) == 4
-    said = read(OwnNoise(), street)
-    assert (said.measurement - street.measurement)[street.valid].std() == pytest.approx(0.015, rel=0.02)
+    assert drawn[0] == drawn[4]
+    assert len(set(drawn)) == 4
+    own = read(OwnNoise(), street)
+    assert (own.measurement - street.measurement)[street.valid].std() == pytest.approx(0.015, rel=0.02)
 
 
 @pytest.mark.parametrize("metres", [5.0, 20.0, 60.0])

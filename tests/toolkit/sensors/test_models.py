@@ -148,7 +148,7 @@ LIDAR = SpinningLidar(channels=16, azimuth_step=0.05)
 SOLID_STATE = SolidStateLidar(rows=25, columns=120)
 
 
-def test_solid_state_lidars_measure_in_their_field_and_windows():
+def test_solid_state_and_row_lidars_measure_in_their_field():
     assert np.allclose(np.rad2deg([SolidStateLidar().horizontal_fov, SolidStateLidar().vertical_fov]), [120, 25])
     x, y, z = np.moveaxis(SOLID_STATE.rays().astype(np.float64), -1, 0)
     azimuth, elevation = np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arcsin(z))
@@ -167,12 +167,9 @@ def test_solid_state_lidars_measure_in_their_field_and_windows():
     near = slope < -0.1
     assert np.allclose(found[near], -4.0 / slope[near], rtol=1e-3)
     assert not found[slope > 0].any()
-
-
-def test_lidars_by_rows_have_headings_noise_and_names():
     model = SolidStateLidar(rows=100, columns=100, sigma=0.01, sigma_per_metre=0.001)
-    near, far = (np.full(model.shape, metres, np.float32) for metres in (10.0, 90.0))
-    assert (model.noisy(near, np.random.default_rng(0)) - near).std() == pytest.approx(0.02, rel=0.05)
+    close, far = (np.full(model.shape, metres, np.float32) for metres in (10.0, 90.0))
+    assert (model.noisy(close, np.random.default_rng(0)) - close).std() == pytest.approx(0.02, rel=0.05)
     assert (model.noisy(far, np.random.default_rng(0)) - far).std() == pytest.approx(0.10, rel=0.05)
     assert not model.noisy(np.zeros(model.shape, np.float32), np.random.default_rng(0)).any()
     wide, clean = replace(ROWS, columns=4000, sigma=0.03), np.full((4, 4000), 20.0, np.float32)

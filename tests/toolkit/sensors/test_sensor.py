@@ -367,7 +367,7 @@ CAMERA = DepthCamera()
 LIDAR = SpinningLidar(channels=16)
 
 
-def test_default_cameras_and_lidars_have_the_papers_rays():
+def test_cameras_and_lidars_have_the_papers_rays():
     assert CAMERA.shape == (150, 200)
     np.testing.assert_allclose(CAMERA.intrinsic, [[200, 0, 200], [0, 200, 150], [0, 0, 1]])
     assert CAMERA.sigma == 0.015
@@ -388,20 +388,17 @@ def test_default_cameras_and_lidars_have_the_papers_rays():
     assert rays.shape == (1, 10, 3)
     np.testing.assert_allclose(rays[0, :, 1], -rays[0, ::-1, 1], atol=1e-6)
     assert (rays[..., 0] > np.cos(0.5)).all()
-
-
-def test_camera_rays_in_image_and_world():
     camera = DepthCamera(width=64, height=41, stride=3, fov=1.2, centre=(30.0, 22.5))
     pixels = camera.rays() @ camera.intrinsic.T
     rows, columns = camera.shape
-    u, v = np.meshgrid(np.arange(columns) * 3, np.arange(rows) * 3)
-    np.testing.assert_allclose(pixels[..., 0], u, atol=1e-4)
-    np.testing.assert_allclose(pixels[..., 1], v, atol=1e-4)
+    across, down = np.meshgrid(np.arange(columns) * 3, np.arange(rows) * 3)
+    np.testing.assert_allclose(pixels[..., 0], across, atol=1e-4)
+    np.testing.assert_allclose(pixels[..., 1], down, atol=1e-4)
     sensor = Sensor("s", CAMERA, look((3.0, -2.0, 5.2), heading=2.0, tilt=0.3))
-    depth = np.random.default_rng(0).uniform(1, 80, CAMERA.shape)
-    in_sensor = depth[..., None] * CAMERA.rays().astype(np.float64)
+    depths = np.random.default_rng(0).uniform(1, 80, CAMERA.shape)
+    in_sensor = depths[..., None] * CAMERA.rays().astype(np.float64)
     expected = transform(sensor.pose, in_sensor.reshape(-1, 3))
-    np.testing.assert_allclose((sensor.world_rays * depth.ravel()).T + sensor.position, expected, atol=1e-4)
+    np.testing.assert_allclose((sensor.world_rays * depths.ravel()).T + sensor.position, expected, atol=1e-4)
     sensor = Sensor("s", CAMERA, look((0.0, 0.0, 5.0), heading=np.pi / 2))
     rays = sensor.world_rays.reshape(3, *CAMERA.shape)
     np.testing.assert_allclose(rays[:, 75, 100], [0, 1, 0], atol=1e-6)

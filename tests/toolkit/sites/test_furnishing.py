@@ -71,7 +71,7 @@ def avenue(seed):
     return plot.solids
 
 
-def test_avenues_hang_over_the_road_and_what_drives_passes_below():
+def test_avenues_islands_and_slivers_are_planted():
     seen = 0
     for seed in range(12):
         solids = avenue(seed)
@@ -85,6 +85,23 @@ def test_avenues_hang_over_the_road_and_what_drives_passes_below():
         assert min(near, default=1.0) > 0.99
         assert [len(s.footprint) for s in solids] == [len(s.footprint) for s in avenue(seed)]
     assert 4 <= seen <= 11
+    kinds, numbers, sizes = set(), [], []
+    for seed in range(25):
+        plot = planted(seed)
+        ground, *rest = plot.solids
+        assert ground.kind == "island"
+        assert 27.0**2 < shapely.Polygon(ground.footprint).area < 28.0**2
+        low = [shapely.Polygon(s.footprint) for s in rest if s.kind != "tree"]
+        assert min((p.distance(plot.road.carriageway) for p in low), default=1) >= LANE_CLEARANCE
+        kinds |= {s.kind for s in rest}
+        numbers.append(len(rest))
+        sizes += [np.ptp(s.footprint, axis=0).max() for s in rest if s.kind in ("hedge", "bush")]
+        assert len(planted(seed).solids) == len(plot.solids)
+    assert {"hedge", "bush", "tree", "sign", "container", "planter"} <= kinds
+    assert min(numbers) < 25 < 50 < max(numbers)
+    assert min(sizes) < 1.0 < 4.0 < max(sizes)
+    narrow = [(-20.0, -8.0, 20.0, -2.0), (-20.0, 2.0, 20.0, 8.0), (-20.0, -8.0, -3.0, 8.0), (3.0, -8.0, 20.0, 8.0)]
+    assert planted(0, narrow).solids == []
 
 
 def test_crowns_are_clumps_and_narrower_beside_houses():
@@ -132,26 +149,6 @@ def planted(seed, sides=SIDES):
     plot = Plot(Road([], [], [rectangle(*side) for side in sides], []), shapely.box(-60, -60, 60, 60), [])
     furnishing.plant_islands(plot, np.random.default_rng(seed))
     return plot
-
-
-def test_islands_are_planted_off_the_lanes_and_slivers_stay_bare():
-    kinds, numbers, sizes = set(), [], []
-    for seed in range(25):
-        plot = planted(seed)
-        ground, *rest = plot.solids
-        assert ground.kind == "island"
-        assert 27.0**2 < shapely.Polygon(ground.footprint).area < 28.0**2
-        low = [shapely.Polygon(s.footprint) for s in rest if s.kind != "tree"]
-        assert min((p.distance(plot.road.carriageway) for p in low), default=1) >= LANE_CLEARANCE
-        kinds |= {s.kind for s in rest}
-        numbers.append(len(rest))
-        sizes += [np.ptp(s.footprint, axis=0).max() for s in rest if s.kind in ("hedge", "bush")]
-        assert len(planted(seed).solids) == len(plot.solids)
-    assert {"hedge", "bush", "tree", "sign", "container", "planter"} <= kinds
-    assert min(numbers) < 25 < 50 < max(numbers)
-    assert min(sizes) < 1.0 < 4.0 < max(sizes)
-    narrow = [(-20.0, -8.0, 20.0, -2.0), (-20.0, 2.0, 20.0, 8.0), (-20.0, -8.0, -3.0, 8.0), (3.0, -8.0, 20.0, 8.0)]
-    assert planted(0, narrow).solids == []
 
 
 def works(seed, line=LINE, edge="in0"):

@@ -31,7 +31,7 @@ TURNED = Site("berlin", AREA, map_SE3_site=pose(3.0, 4.0, 34.0, yaw=np.pi / 2), 
 UTM = "+proj=utm +zone=33 +datum=WGS84 +units=m +no_defs"
 
 
-def test_projections_are_those_of_proj():
+def test_sites_lie_on_earth_by_projections_of_proj():
     # Independent figures: one degree of longitude and latitude at 52.505° on WGS84 are 67,922.6 m and 111,268.5 m.
     metres = project(np.array([[13.401, 52.505], [13.4, 52.506], CENTRE]), CENTRE)
     np.testing.assert_allclose(metres, [[67.9, 0.0], [0.0, 111.27], [0, 0]], atol=0.05)
@@ -56,16 +56,13 @@ def test_projections_are_those_of_proj():
     assert longitude_latitude(site, np.zeros((1, 2))) == pytest.approx(
         np.array([[104 / 111319.49, -196 / 110574.28]]), abs=1e-8
     )
-
-
-def test_sites_lie_on_earth_in_boxes_with_bearings_or_nowhere():
     xy = np.array([[0.0, 0.0], [100.0, 0.0], [-4.0, 3.0]])
-    degrees = longitude_latitude(TURNED, xy)
-    assert degrees is not None
+    placed = longitude_latitude(TURNED, xy)
+    assert placed is not None
     # x of the site points to the map's north, y to its west; the site's zero is 3 m east and 4 m north of CENTRE
-    assert project(degrees, CENTRE) == pytest.approx(np.array([[3.0, 4.0], [3.0, 104.0], [0.0, 0.0]]), abs=1e-6)
-    assert degrees[2] == pytest.approx(CENTRE, abs=1e-9)
-    assert site_metres(TURNED, degrees) == pytest.approx(xy, abs=1e-6)
+    assert project(placed, CENTRE) == pytest.approx(np.array([[3.0, 4.0], [3.0, 104.0], [0.0, 0.0]]), abs=1e-6)
+    assert placed[2] == pytest.approx(CENTRE, abs=1e-9)
+    assert site_metres(TURNED, placed) == pytest.approx(xy, abs=1e-6)
     assert longitude_latitude(TURNED, np.zeros((0, 2))) == pytest.approx(np.zeros((0, 2)))
     assert longitude_latitude(load_site("tjunction"), np.zeros((2, 2))) is None
     with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is \(geo_reference\)"):

@@ -237,7 +237,7 @@ def shape(polygons):
     return shapely.union_all([shapely.Polygon(p) for p in polygons])
 
 
-def test_tracks_turns_and_legs_of_a_network():
+def test_whole_roads_have_tracks_turns_and_legs():
     tracks = maps.find_tracks(NET)  # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
     assert tracks.bounds == pytest.approx((-80, -3.75, 25.5, -0.25), abs=0.5)
     assert tracks.area == pytest.approx(80 * 3 + 20 * 3.5 + 5.5 * 2.6, abs=1.5)
@@ -254,9 +254,6 @@ def test_tracks_turns_and_legs_of_a_network():
     paths, widths = maps.legs(NET)
     assert widths == [(3.5, 3.5)]  # 5 m of lanes, from the middle of the inner one
     np.testing.assert_allclose(paths[0], [[-80, -2], [0, -2], [130, -2]])
-
-
-def test_roads_are_whole_and_footways_yield():
     lanes = [shapely.box(-60, -4, -0.8, 4), shapely.box(0.8, -4, 60, 4)]
     footways = [shapely.box(-60, 4, 60, 6), shapely.box(-0.8, 1, 0.8, 5)]
     track = shapely.box(-60, -3, 60, 0)

@@ -131,7 +131,7 @@ def near(path, window, level, storey):
     return roads_near(read_opendrive(path, (0.0, 0.0)), window, level, storey)
 
 
-def test_lanes_lie_side_by_side(street, tmp_path):
+def test_lanes_lie_side_by_side_in_windows(street, tmp_path):
     (road,) = near(street(tmp_path), WINDOW, 0.0, 3.5)
     found = [(lane.kind, lane.outline.bounds, lane.width) for lane in lanes(road)]
     assert found == [
@@ -142,9 +142,6 @@ def test_lanes_lie_side_by_side(street, tmp_path):
         ("sidewalk", (-50, -7.5, 50, -5.5), 2.0),
     ]
     np.testing.assert_allclose(list(lanes(road))[3].middle[[0, -1]], [[-50, -4.25], [50, -4.25]])
-
-
-def test_roads_within_a_window_and_their_steepest_slope(street, tmp_path):
     high = street(tmp_path, elevation='<elevation s="0" a="6"/>')
     assert near(high, WINDOW, 0.0, 3.5) == []
     assert len(near(high, WINDOW, 4.0, 3.5)) == 1
@@ -153,9 +150,6 @@ def test_roads_within_a_window_and_their_steepest_slope(street, tmp_path):
     there = near(path, WINDOW, 0.0, 5.0)
     assert find_plane(there, WINDOW, np.eye(4))[2] == pytest.approx(0.04)
     assert find_plane(there, WINDOW.buffer(20.0), np.eye(4))[2] == pytest.approx(0.3)
-
-
-def test_damaged_numbers(street, tmp_path):
     path = street(tmp_path, lanes='<lanes><laneSection s="zero"/></lanes>')
     with pytest.raises(ValueError, match="<laneSection> needs a finite number as s, got 'zero'"):
         list(lanes(near(path, WINDOW, 0.0, 3.5)[0]))

@@ -76,7 +76,7 @@ def moved(sample, shift):
     return replace(sample.with_clouds(clouds), objects=objects, others=replace(sample.others, boxes=others))
 
 
-def test_points_boxes_and_places_are_where_they_were(samples, finds_the_car):
+def test_points_boxes_and_classes_are_drawn_as_asked(samples, finds_the_car):
     first, second = Drawing(finds_the_car).draw_all(samples)
     np.testing.assert_allclose(first.clouds[0].points, samples[0].clouds[0].in_world(), atol=1e-5)
     np.testing.assert_allclose(second.clouds[1].place, [20, 10, 5])
@@ -88,22 +88,6 @@ def test_points_boxes_and_places_are_where_they_were(samples, finds_the_car):
     assert first.describe() == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
     assert second.describe() == "second: 500 points, 2 labelled, 1 detected, 0 hits, 0 missed, 1 false alarm"
     assert Drawing().draw_all(samples)[0].describe() == "first: 400 points, 3 labelled, 0 detected"
-
-
-def test_labels_detections_and_outcomes_stand_on_level_ground(touched, finds_the_car):
-    (drawn,) = Drawing(finds_the_car).draw_all([touched])
-    np.testing.assert_array_equal(drawn.outcomes["hits"]["vehicle"], drawn.detections["vehicle"])
-    np.testing.assert_array_equal(drawn.outcomes["missed"]["pedestrian"], drawn.truth["pedestrian"])
-    assert drawn.outcomes["false alarms"] == {}
-    assert drawn.describe() == "first: 408 points, 3 labelled, 1 detected, 1 hit, 1 missed, 0 false alarms"
-    (far,) = Drawing(finds_the_car, Place("none", area=(95.0, -5.0, 105.0, 5.0))).draw_all([touched])
-    assert far.outcomes == {"hits": {}, "missed": {}, "false alarms": {}}
-    drawing = Drawing(finds_the_car, Place("plane"))
-    (drawn,) = drawing.draw_all([moved(touched, [3.0, 0.0, -7.3])])
-    assert drawn.outcomes["hits"]["vehicle"][0, 2] == pytest.approx(0.75, abs=0.05)
-
-
-def test_classes_sensors_and_areas_are_drawn_as_asked(samples, finds_the_car):
     (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).draw_all(samples[1:] * 2)
     assert ([cloud.name for cloud in second.clouds], second.truth, second.detections) == (["south"], {}, {})
     (first,) = Drawing(finds_the_car, classes=["pedestrian"]).draw_all(samples[:1])
@@ -118,6 +102,19 @@ def test_classes_sensors_and_areas_are_drawn_as_asked(samples, finds_the_car):
     (drawn,) = drawing.draw_all(samples[:1])
     np.testing.assert_allclose(drawn.detections["vehicle"][0, :3], [12, 3, 0.75])
     np.testing.assert_allclose(drawn.truth["vehicle"][0, :3], [2, 5, 0.75])
+
+
+def test_labels_detections_and_outcomes_stand_on_level_ground(touched, finds_the_car):
+    (drawn,) = Drawing(finds_the_car).draw_all([touched])
+    np.testing.assert_array_equal(drawn.outcomes["hits"]["vehicle"], drawn.detections["vehicle"])
+    np.testing.assert_array_equal(drawn.outcomes["missed"]["pedestrian"], drawn.truth["pedestrian"])
+    assert drawn.outcomes["false alarms"] == {}
+    assert drawn.describe() == "first: 408 points, 3 labelled, 1 detected, 1 hit, 1 missed, 0 false alarms"
+    (far,) = Drawing(finds_the_car, Place("none", area=(95.0, -5.0, 105.0, 5.0))).draw_all([touched])
+    assert far.outcomes == {"hits": {}, "missed": {}, "false alarms": {}}
+    drawing = Drawing(finds_the_car, Place("plane"))
+    (drawn,) = drawing.draw_all([moved(touched, [3.0, 0.0, -7.3])])
+    assert drawn.outcomes["hits"]["vehicle"][0, 2] == pytest.approx(0.75, abs=0.05)
 
 
 def test_samples_are_coloured_and_counted_from_an_origin_near_by(samples):

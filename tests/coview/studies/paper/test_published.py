@@ -14,7 +14,7 @@ from coview.studies.paper.published import (
 )
 
 
-def test_tables_1_and_2_have_the_published_sets():
+def test_tables_and_statements_are_the_published_ones():
     for site in PAPER_SITES:
         everyone = sensor_sets(site).rows[0]
         assert SCHEME_TABLE[site]["early"].ap[0] == everyone.early
@@ -31,18 +31,6 @@ def test_tables_1_and_2_have_the_published_sets():
     assert roundabout.best["early"][2:6] == ((1, 2, 3, 5, 6, 7), (1, 2, 3, 5, 7), (1, 3, 5, 7), (1, 3, 7))
     assert roundabout.best["late"][2] == (0, 1, 2, 3, 5, 7)
     assert roundabout.best["late"][6] == (1, 3)
-
-
-@pytest.mark.parametrize("site", PAPER_SITES)
-def test_sets_are_ascending_and_listed_best_first(site):
-    rows = sensor_sets(site).rows
-    assert all(list(row.sensors) == sorted(set(row.sensors)) for row in rows)
-    for size in range(1, 9):
-        early = [row.early for row in rows if len(row.sensors) == size]
-        assert early == sorted(early, reverse=True)
-
-
-def test_tables_3_and_4_and_statements():
     for site in PAPER_SITES:
         assert all(row.early == row.late for row in sensor_sets(site).rows if len(row.sensors) == 1)
     ap = {(row.region, row.sensors): row.ap for row in (*REGION_TABLE["tjunction"], *REGION_TABLE["roundabout"])}
@@ -57,3 +45,12 @@ def test_tables_3_and_4_and_statements():
         for says in (*CURVE_STATEMENTS[site], *DENSITY_STATEMENTS[site]):
             assert says.sensors in sensor_sets(site).best["early"]
             assert 0 <= says.value <= 1
+
+
+@pytest.mark.parametrize("site", PAPER_SITES)
+def test_sets_are_ascending_and_listed_best_first(site):
+    rows = sensor_sets(site).rows
+    assert all(list(row.sensors) == sorted(set(row.sensors)) for row in rows)
+    for size in range(1, 9):
+        early = [row.early for row in rows if len(row.sensors) == size]
+        assert early == sorted(early, reverse=True)

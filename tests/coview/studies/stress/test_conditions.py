@@ -12,7 +12,7 @@ from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.error_terms import Calibration
 
 
-def test_kinds_have_distinct_levels_of_pose_errors():
+def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
     for kind in KINDS:
         made = make_conditions(kind, ["a", "b"])
         assert {each.kind for each in made} == {kind}
@@ -33,9 +33,6 @@ def test_kinds_have_distinct_levels_of_pose_errors():
     assert all(each.redrawn for each in made)
     with pytest.raises(ValueError, match="choose among bytes, pose, mounting, silent"):
         make_conditions("earthquake", [])
-
-
-def test_each_sensor_and_pair_fails_in_turn():
     made = make_conditions("pairs", ["a", "b", "c"])
     assert [(each.level, each.silent) for each in made] == [
         ("a and b", (0, 1)),

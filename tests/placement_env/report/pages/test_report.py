@@ -139,7 +139,7 @@ def test_the_scene_turns_and_hides_what_is_switched_off(page):
     assert turned > 0.1
 
 
-def test_tables_sort_by_number_and_back(page):
+def test_tables_sort_and_contents_lead_to_sections(page):
     table = page.locator("#failures table")
 
     def column(number):
@@ -156,9 +156,6 @@ def test_tables_sort_by_number_and_back(page):
     for _ in range(2):  # a row without a figure is last both ways
         ranges.locator("th button", has_text="AP").first.click()
         assert ranges.locator("tbody tr").last.locator("td").first.inner_text() == ">30 m"
-
-
-def test_contents_lead_to_sections_and_the_page_prints(page):
     page.locator("nav summary").click()  # closed on narrow screens
     page.locator("nav a").last.click()
     assert page.url.endswith("#method")

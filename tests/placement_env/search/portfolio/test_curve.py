@@ -44,7 +44,7 @@ def test_each_number_has_its_winner_that_pays(street):
     assert [point.pays for point in points] == [True, True, False]
 
 
-def test_each_point_says_the_ap_at_each_error_profile(street):
+def test_points_have_ap_by_profile_and_nothing_has_no_curve(street):
     class Less(DetectorEvaluator):
         def at_thresholds(self, sets, frames, progress=None):
             found = super().at_thresholds(sets, frames, progress)
@@ -62,9 +62,6 @@ def test_each_point_says_the_ap_at_each_error_profile(street):
         point.by_errors
         for point in budget_curve(street.objective, 2, judging=Judging(evaluators=(CasesEvaluator((exact,)),) * 2))
     ] == [(), ()]
-
-
-def test_nothing_to_build_has_no_curve(street):
     poor = Objective(
         Setting(candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", most_price=1.0)
     )

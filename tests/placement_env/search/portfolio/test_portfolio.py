@@ -100,7 +100,7 @@ class Rough(Truth):
         return found._replace(ap=found.ap - less, resamples=found.resamples - less[:, None])
 
 
-def test_the_race_and_the_judgement_are_over_error_profiles(deceived):
+def test_profiles_are_judged_and_what_does_not_fit_refused(deceived):
     """With exact sensors 1 and 2 are the best two; with the others 1 and 3."""
     errors = Cases(errors=("paper", "poor"))
     race, final = (CasesEvaluator((Truth(shift=shift), Rough(shift=shift)), errors) for shift in (0.0, -0.05))
@@ -116,6 +116,12 @@ def test_the_race_and_the_judgement_are_over_error_profiles(deceived):
     assert all(each.low <= each.ap <= each.high for each in said.by_errors)
     alone = portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth()))).assessment
     assert (alone.by_errors, alone.errors_by) == ((), "")
+    with pytest.raises(ValueError, match="a portfolio needs fresh traffic"):
+        portfolio.search(deceived, 2)
+    with pytest.raises(ValueError, match="confidence must lie between 0 and 1, got 1"):
+        portfolio.search(deceived, 2, judging=Judging(confidence=1.0))
+    with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
+        portfolio.search(deceived, 0, judging=Judging(evaluators=(Truth(), Truth())))
 
 
 def test_what_sets_cost_counts_and_nothing_may_pay(street):
@@ -185,15 +191,6 @@ def test_it_detects_on_a_real_evaluator(street):
     ap = street.detected.partial(street.objective.row(found.best.subset)[None], 8).ap[0]
     assert found.assessment.ap == pytest.approx(ap)
     assert found.assessment.ap == pytest.approx(0.8)
-
-
-def test_it_refuses_what_does_not_fit(deceived):
-    with pytest.raises(ValueError, match="a portfolio needs fresh traffic"):
-        portfolio.search(deceived, 2)
-    with pytest.raises(ValueError, match="confidence must lie between 0 and 1, got 1"):
-        portfolio.search(deceived, 2, judging=Judging(confidence=1.0))
-    with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
-        portfolio.search(deceived, 0, judging=Judging(evaluators=(Truth(), Truth())))
 
 
 def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):

@@ -48,7 +48,7 @@ def test_tracks_go_on_by_the_books_filter_or_stay():
     assert tracks._covariance[0, 2, 2] == pytest.approx(v + q * 0.01 - across**2 / (position + p))
 
 
-def test_the_nearest_of_its_label_within_the_gate_is_joined():
+def test_the_nearest_is_joined_once_in_order():
     tracks = Tracks()
     tracks.update(cars([[0, 0], [2, 0], [1, 0]], labels=np.array([0, 0, 1])), 0.0)
     tracks.update(cars([[2.4, 0], [0.4, 0], [1.4, 0]], labels=np.array([0, 0, 1])), 0.1)
@@ -61,9 +61,6 @@ def test_the_nearest_of_its_label_within_the_gate_is_joined():
         tracks.update(cars([[0.0, 0.0]]), 0.0)
         tracks.update(cars([[apart, 0.0]]), step)
         assert len(tracks) == tracks_then, apart
-
-
-def test_repeated_or_missing_measurements_and_order_of_times():
     tracks = drive(10.0)
     before = tracks._state.copy(), tracks._covariance.copy()
     tracks.update(cars([[19.1, 0.0]]), 0.1 * 19)
