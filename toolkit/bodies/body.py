@@ -1,8 +1,8 @@
 """Bodies of moving objects: a triangle mesh and the ground truth box it stands in.
 
-A body's frame is its ground truth box: origin at the centre of the box, x forward, y left, z up. Wheels or soles touch
-its floor at z = -height / 2. The box is tight around the whole mesh, umbrellas and loads included, unless `truth` says
-otherwise: wing mirrors of drawn bodies stick out of their boxes, as annotators of real data leave them out.
+A body's frame is its box: origin at the centre, x forward, y left, z up; wheels or soles touch its floor. The box is
+tight around the whole mesh, umbrellas and loads included, unless `truth` says otherwise: wing mirrors of drawn bodies
+stick out of their boxes, as annotators of real data leave them out.
 """
 
 from __future__ import annotations
@@ -65,10 +65,8 @@ def include_mirrors(body: Body) -> Body:
 
 
 def stretch_randomly(body: Body, rng: np.random.Generator, spread: float = 0.03) -> Body:
-    """Stretch a body along each axis by a factor N(1, spread). Factors are cut at two spreads; the box follows."""
+    """Stretch a body and its box along each axis by a factor N(1, spread), cut at two spreads."""
     factors = 1 + spread * np.clip(rng.standard_normal(3), -2, 2)
-    truth = None
-    if body.truth is not None:
-        length, width, height = (np.array(body.truth) * factors).tolist()
-        truth = length, width, height
+    length, width, height = (np.array(body.size) * factors).tolist()
+    truth = None if body.truth is None else (length, width, height)
     return Body(body.name, body.label, (body.vertices * factors).astype(np.float32), body.triangles, truth)

@@ -1,9 +1,9 @@
 """Bodies drawn at random for a class: cars, heavy vehicles, two-wheelers and people.
 
-The ground truth box of a drawn vehicle is the body without its wing mirrors, which stick out of it by 8 to 25 cm. Roof
-signs, roof boxes, racks, loads and spare wheels belong to the box, and so does a trailer, which makes a car an
-articulated heavy vehicle. `toolkit.bodies.body.include_mirrors` gives the other convention. Articulated vehicles are
-straight: a body is rigid.
+The ground truth box of a drawn vehicle is the body without its wing mirrors, which stick out of it by 8 to 25 cm
+(`toolkit.bodies.body.include_mirrors` gives the other convention). Roof signs, roof boxes, racks, loads and spare
+wheels belong to the box, and so does a trailer, which makes a car an articulated heavy vehicle: straight, as a body is
+rigid.
 """
 
 from __future__ import annotations

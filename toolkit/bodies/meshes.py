@@ -265,8 +265,7 @@ def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh
     """Load the mesh files in `folder` and below, and say how each was taken.
 
     mirrors: count visible wing mirrors into the ground truth boxes of vehicles. Raises FileNotFoundError for a missing
-    folder; ValueError, naming the file, for a mesh that cannot be read, is empty or broken, has an implausible size, or
-    has no clear class.
+    folder; ValueError, naming the file, for a mesh that is damaged, implausibly large or small, or of no clear class.
     """
     folder = Path(folder)
     if not folder.is_dir():

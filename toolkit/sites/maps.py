@@ -136,10 +136,10 @@ def kerbstones(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -
 
 
 def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[float, float]]]:
-    """Paths of the network's streets, with half their widths to the left and right (m).
+    """Paths of the network's streets within `reach` m of the site's middle, with half their widths left and right (m).
 
-    Paths are within `reach` m of the site's middle. A path runs along the lane nearest to the middle of the street, one
-    for each direction. It goes straight on for 130 m where its edge ends, since houses are drawn along 90 m.
+    A path runs along the lane nearest to the middle of the street, one for each direction, and straight on for 130 m
+    where its edge ends, since houses are drawn along 90 m.
     """
     edges: dict[ElementTree.Element, list[ElementTree.Element]] = {}
     for edge, lane in list_lanes(network):
@@ -162,8 +162,7 @@ def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "
 def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int) -> tuple[Site, str]:
     """Furnish a site around the map's own `solids`; return a note of what was drawn too.
 
-    The site has lanes, footways and bays; the uneven ground is drawn from `seed`. Mounts stand on posts of their own,
-    except for those on the map's lamp posts. Raises ValueError for a negative seed.
+    Mounts stand on posts of their own, except for those on the map's lamp posts. Raises ValueError for a negative seed.
     """
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")

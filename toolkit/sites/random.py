@@ -100,9 +100,8 @@ def sloping(relief: Relief) -> Relief:
 def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None = None) -> tuple[Sensor, ...]:
     """Hang random depth cameras and lidars on mounts. count: 1 to 10 if None.
 
-    They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher they hang (level at
-    eye level, 35° at most), most of them headed for the middle of the area. Cameras come first in order of name: d0,
-    d1, ... then lidars l2, l3, ...
+    They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher they hang, most
+    of them headed for the middle of the area. Cameras come first in order of name: d0, d1, ... then lidars l2, l3, ...
 
     Raises ValueError for a site without mounts and for a count below 1.
     """

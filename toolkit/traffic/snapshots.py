@@ -209,9 +209,9 @@ def simulate(
 ) -> Generator[Snapshot, None, None]:
     """Simulate `frames` snapshots of traffic on a site, `interval` (s) apart.
 
-    Below 1 s objects live as long as ever, in more frames: sensors at 10 Hz see one every 0.1 s. once: no body is used
-    again before all of its class have been, as is right for a fleet drawn afresh; some pedestrians walk in groups then.
-    Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
+    Below 1 s objects live as long as ever, in more frames. once: no body is used again before all of its class have
+    been, as is right for a fleet drawn afresh; some pedestrians walk in groups then. Same seed, same bytes. One
+    simulation runs at a time in a process: use up or close() the iterator before the next.
 
     Raises ValueError where the site has no network, nothing can drive near its area, or an argument does not fit;
     ImportError without SUMO; RuntimeError where another simulation is open.

@@ -96,10 +96,8 @@ class Supply:
 
     def several(self, rows: Int64[np.ndarray, " n"], number: int, rng: np.random.Generator) -> Int64[np.ndarray, " m"]:
         """Draw and take `number` of these rows."""
-        if not self.once:
-            return rng.choice(rows, number)
-        drawn = []
-        for _ in range(number):
+        drawn = [] if self.once else rng.choice(rows, number).tolist()
+        while len(drawn) < number:
             drawn.append(self.offer(rows, rng))
             self.take(drawn[-1])
         return np.array(drawn, np.int64)
