@@ -256,7 +256,7 @@ def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Area shared by the footprints of row k of `a` and row k of `b`."""
+    """Area shared by footprints, row by row."""
     if len(a) > _PAIRS_AT_ONCE:
         parts = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
         return np.concatenate([_overlap_area(a[part], b[part]) for part in parts])
@@ -281,7 +281,7 @@ def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _nonzero(divisor: np.ndarray) -> np.ndarray:
-    """Replace divisors under a picometre by 1: such an edge is too short for its quotient to count."""
+    """Replace divisors under a picometre by 1."""
     return np.where(np.abs(divisor) < 1e-12, 1.0, divisor)
 
 

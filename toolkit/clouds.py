@@ -58,7 +58,7 @@ def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarra
 
 
 def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
-    """Points of a cloud as an array that shares memory, (0, 3) for a cloud without points."""
+    """Points of a cloud in shared memory, (0, 3) without any."""
     return cloud.point.positions.cpu().numpy() if "positions" in cloud.point else np.zeros((0, 3), np.float32)
 
 
@@ -151,7 +151,7 @@ def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: f
 def points_per_box(
     cloud: PointCloud | Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]
 ) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box. It is the point density of paper section IV-E."""
+    """Number of points in each box, the paper's point density."""
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
 
@@ -248,7 +248,7 @@ _PLY_BYTES = {name: size for size, names in {**_SIZES, 8: "double float64"}.item
 
 
 def _ply_is_cut_off(content: bytes) -> bool:
-    """Return True if a ply ends before its last point. Open3D would fill the rest with stray memory."""
+    """Return True if a ply ends before its last point."""
     header, _, body = content.partition(b"end_header")
     vertex = re.search(r"element vertex (\d+)\s+((?:property \w+ \w+\s+)+)", header.decode("ascii", "replace"))
     if vertex is None:

@@ -148,7 +148,7 @@ def _four(values: Any) -> tuple[float, float, float, float]:
 
 
 def parse_region(record: object) -> Region:
-    """Return the region that `Region.record` wrote. Raises ValueError for an unknown kind and for damaged numbers."""
+    """Return the region that `Region.record` wrote, or raise ValueError."""
     fields: Mapping[str, Any] = record if isinstance(record, Mapping) else {}
     kind = str(fields.get("kind"))
     try:
@@ -236,7 +236,7 @@ class Frame:
         time: float = np.nan,
         **more: Any,
     ) -> Frame:
-        """Return a labelled frame of clouds, with labels as readers have them. more: other fields."""
+        """Return a labelled frame of clouds. more: other fields."""
         more |= {"categories": categories, "counts": counts, "others": OtherObjects() if others is None else others}
         return Frame(_cloud_sensors(clouds), tuple(clouds), objects, time, name=name, **more)
 
@@ -276,7 +276,7 @@ class Frame:
         return replace(self, sensors=_cloud_sensors(clouds), measurements=tuple(clouds), shifts=())
 
     def seen_by(self, sensors: Sequence[int | str]) -> Frame:
-        """Return the frame with some of its sensors (numbers or names). Raises ValueError for an unknown one."""
+        """Return the frame with some sensors; ValueError for unknown ones."""
         chosen = sorted(select_sensors(self.sensors, sensors))
         if len(chosen) == len(self.sensors):
             return self
@@ -318,7 +318,7 @@ class Frames(Protocol):
 
 @runtime_checkable
 class Recording(Frames, Protocol):
-    """Frames of one place, from anywhere. site: None if only the recording itself shows the place."""
+    """Frames of one place; its site may be unknown (None)."""
 
     @property
     def site(self) -> Site | None:

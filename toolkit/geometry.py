@@ -76,7 +76,7 @@ def transform(
 
 
 def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
-    """Return a slope as two floats, or raise ValueError if it is steeper than `STEEPEST`."""
+    """Return a slope as two floats; ValueError beyond `STEEPEST`."""
     numbers = tuple(map(float, slope))
     if len(numbers) != 2 or not np.hypot(*numbers) <= STEEPEST:
         raise ValueError(f"{name} must be a rise along x and along y, at most {STEEPEST:.0%} together, got {numbers}")
@@ -115,7 +115,7 @@ def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray,
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:
-    """Return a pose as float64, or raise ValueError if it is not a right-handed rigid motion."""
+    """Return a pose as float64, or ValueError for no rigid motion."""
     matrix = np.asarray(candidate, np.float64)
     if matrix.shape != (4, 4):
         raise ValueError(f"{name} must have shape (4, 4), got {matrix.shape}")

@@ -46,7 +46,7 @@ def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
 
 @lru_cache(maxsize=256)
 def _loft_triangles(s: int, p: int) -> Int64[np.ndarray, "m 3"]:
-    """Triangles of a loft over s rings of p points. The middles of both ends follow the points of the rings."""
+    """Triangles of a loft over s rings of p points."""
     ring, point = np.meshgrid(np.arange(s - 1) * p, np.arange(p), indexing="ij")
     a, b = (ring + point).ravel(), (ring + (point + 1) % p).ravel()
     first, last = s * p, s * p + 1

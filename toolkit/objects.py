@@ -112,7 +112,7 @@ class Detector(Protocol):
 
 @runtime_checkable
 class UnionDetector(Detector, Protocol):
-    """A detector that handles many unions of the same clouds faster than one after the other."""
+    """Detector that is fast for many unions of the same clouds."""
 
     def unions(
         self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]

@@ -151,7 +151,7 @@ class KnownBackground:
         return self._keep(found, points, self._new(points)) if len(found) else found
 
     def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in several unions of the same clouds. All at once if the detector can."""
+        """Detect in several unions of the same clouds."""
         if isinstance(self.detector, UnionDetector):
             found = self.detector.unions(clouds, unions)
         else:
@@ -180,7 +180,7 @@ def recording_background(recording: CoopDataset) -> Background:
 
 
 def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
-    """Yield cropped points of each sensor without road users. Four times over, with noise. The ground is levelled."""
+    """Yield cropped, levelled points of four noisy sweeps without road users."""
     empty, rng = empty_scene(recording), np.random.default_rng(0)
     for _ in range(_SWEEPS):
         for points in frame_points(empty, area=recording.site, rng=rng):
@@ -193,7 +193,7 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 
 def site_background(site: Site) -> Background:
-    """Return the background of all that stands still in a site's area up to its height, with the ground levelled."""
+    """Return the background of a site's scenery, with the ground levelled."""
     from toolkit.rendering.static_scene import build_scenery
 
     crop, slope = Crop.of(site), site.relief.slope

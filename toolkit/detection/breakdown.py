@@ -41,7 +41,7 @@ METRICS: dict[Overlap, str] = {"bev": "BEV", "3d": "3D"}
 
 
 class Matched(NamedTuple):
-    """Scores and hits of the detections of a class that count, and number of truths to find."""
+    """Scores and hits of a class, and number of truths."""
 
     scores: np.ndarray
     hits: np.ndarray
@@ -224,7 +224,7 @@ def _span(low: float, high: float, unit: str) -> str:
 
 
 def format_rows(rows: Sequence[GroupRow]) -> str:
-    """Format rows as tables, one per class and protocol. Each group of objects has a line, each measure a column."""
+    """Format rows as tables, one per class and protocol."""
     tables = []
     for label, protocol in sorted(
         dict.fromkeys((r.label, r.protocol) for r in rows), key=lambda key: LABELS.index(key[0])

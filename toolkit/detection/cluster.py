@@ -82,7 +82,7 @@ class ClusterDetector:
         return self.background.digest_settings(settings) + ("" if self.area is None else f" {self.area}")
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detect in points (n, 3), world frame. Points that are not finite are left out."""
+        """Detect in the finite ones of points (n, 3), world frame."""
         points = points if self.area is None else crop_points(points, self.area)
         points = points[np.isfinite(points).all(axis=1)]
         is_background = self.background.holds(points)
@@ -150,7 +150,7 @@ class _Rectangle(NamedTuple):
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
     def turn(self) -> _Rectangle:
-        """Swap the axes: the second becomes the first, and the reversed first becomes the second."""
+        """Swap the axes; the reversed first becomes the second."""
         low, high = np.array([[self.low[1], -self.high[0]], [self.high[1], -self.low[0]]])
         at_low, at_high = np.array([[self.at_low[1], self.at_high[0]], [self.at_high[1], self.at_low[0]]])
         return _Rectangle(self.yaw + np.pi / 2, low, high, at_low, at_high)

@@ -49,7 +49,7 @@ class Codec(Protocol):
         """Decode the detections that arrive at the fusion centre."""
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Amount:
-        """Expected bits of messages with these points and boxes: numbers, or arrays of one shape."""
+        """Expected bits of messages with these points and boxes."""
 
 
 @dataclass(frozen=True, eq=False)

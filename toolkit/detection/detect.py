@@ -31,7 +31,7 @@ from toolkit.sites.site import Site
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """Detections in one frame, world frame, where the frame stands, and the time that detecting took."""
+    """Detections in one frame, its stand, and the milliseconds taken."""
 
     frame: Frame
     detections: Detections
@@ -77,7 +77,7 @@ def write_detections(
 
 
 def file_name(name: str) -> str:
-    """Name of a frame, safe for a file: letters that no file name may have are replaced."""
+    """Name of a frame, safe for a file."""
     return "".join(letter if letter.isalnum() or letter in "-_.#" else "_" for letter in name)
 
 

@@ -81,7 +81,7 @@ class Row:
     false_alarms_per_frame: float = 0.0
 
     def as_dict(self) -> dict[str, object]:
-        """Return the row for JSON, without its curve. An undefined figure is None, such as AP without any truth."""
+        """Return the row for JSON, without its curve, undefined as None."""
         return replace_infinite({name: value for name, value in vars(self).items() if name != "curve"})
 
 
@@ -104,7 +104,7 @@ class ClassFigures:
     reliability: Reliability = field(repr=False, compare=False)
 
     def as_dict(self) -> dict[str, object]:
-        """Return the figures for JSON, the reliability diagram bin by bin. An undefined figure is None."""
+        """Return the figures for JSON, undefined as None."""
         bins = {name: column.tolist() for name, column in vars(self.reliability).items()}
         return replace_infinite({**vars(self), "calibration_error": self.reliability.error, "reliability": bins})
 
@@ -314,7 +314,7 @@ def _sends_images(scheme: Scheme | None, codec: Codec) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Scored:
-    """Truth of one frame, the result of each scheme and sensor set, and what was left out in reading it."""
+    """Truth of one frame, and the result of each scheme and set."""
 
     truth: FrameTruth
     fused: dict[tuple[str, tuple[int, ...]], Fused]
@@ -421,7 +421,7 @@ def format_table(rows: Iterable[Row]) -> str:
 
 
 def format_class_table(classes: Iterable[ClassFigures]) -> str:
-    """Format the worth of the detector's threshold. Each class, scheme and sensor set has a line."""
+    """Format the worth of the detector's threshold, line by line."""
     heads = ["class", "scheme", "sensors", "to find", "recall", "precision", "false/frame", "calibration error", "IoU"]
     table = [heads]
     for each in classes:

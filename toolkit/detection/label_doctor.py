@@ -38,7 +38,7 @@ GROUND_POINTS = 20_000  # evenly spaced points of a cloud for finding its ground
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Frame, its points standing on the ground, and the ground. Without a ground: all its points and None."""
+    """Frame, its points standing on the ground, and the ground if found."""
 
     sample: Frame
     points: Float64[np.ndarray, "n 3"]
@@ -138,7 +138,7 @@ LABEL_MISTAKES = (
 def undo_mistake(
     mistake: LabelMistake, boxes: Float64[np.ndarray, "n 7"], frame_SE3_world: Float64[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "n 7"]:
-    """Undo a mistake that was made in another frame, whose z is up as well. Boxes are in the world frame."""
+    """Undo a mistake made in another frame, of boxes (world)."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
     return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
@@ -173,7 +173,7 @@ LEAST_TRACKS = 2  # tracks that must need the undoing to head along their way
 
 
 class Shift(NamedTuple):
-    """Delay of labels behind their clouds, or ahead, in words, and the fits with and without it."""
+    """Delay of labels in words, and fits with and without it."""
 
     amount: str
     behind: bool
@@ -228,7 +228,7 @@ class Headed(NamedTuple):
 
 
 def against_their_way(samples: Sequence[Frame], undo: Callable[[Frame, np.ndarray], np.ndarray]) -> Headed | None:
-    """Find moving boxes that only a mistake turns backwards: once it is undone, hardly any heads the wrong way."""
+    """Find moving boxes that only a mistake turns backwards."""
     tracks: set[int] = set()
     mended = spoilt = total = 0
     for k, sample in enumerate(samples):
@@ -254,7 +254,7 @@ class Movers(NamedTuple):
 
 
 def find_movers(samples: Sequence[Frame], k: int) -> Movers:
-    """Find the moving boxes of frame k, by the nearest frame that has the track too and another time."""
+    """Find the moving boxes of frame k by its neighbours' tracks."""
     here = samples[k]
     rows, velocities = list[int](), list[np.ndarray]()
     for row, track in enumerate(here.objects.ids):
@@ -305,7 +305,7 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
 
 
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
-    """Return what looks wrong with labels of consecutive frames. The list is empty for healthy labels."""
+    """Return what looks wrong with labels of consecutive frames."""
     some = [Seen.of(sample) for sample in samples]
     total = sum(len(each.sample.objects) for each in some)
     beyond = sum(each.sample.problems.get(FULL_TURNS, 0) for each in some)
@@ -404,13 +404,13 @@ def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Und
 
 
 def _means(attempts: Sequence[_Undone]) -> list[float]:
-    """Mean fit under each explanation, over the boxes that have a fit under any of them."""
+    """Mean fit under each explanation, over the same boxes."""
     known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[known].mean()) for attempt in attempts]
 
 
 def _turn_each(some: Sequence[Seen]) -> _Undone:
-    """Turn each box by the angle that fits best, of those that degrees taken for radians leave open."""
+    """Turn each box by the angle that fits best."""
     boxes = []
     for each in some:
         rows = each.sample.objects.boxes

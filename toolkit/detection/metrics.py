@@ -90,7 +90,7 @@ class DetectionScore:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Mean score, share of true detections and number of detections, in bins of equal width of the score."""
+    """Mean score, share of true and number of detections, by bins."""
 
     score: Float[np.ndarray, " b"]
     true: Float[np.ndarray, " b"]

@@ -93,11 +93,11 @@ class Place:
         return (xmax - xmin) / 2, (ymax - ymin) / 2
 
     def at(self, site: Site | None) -> bool:
-        """True where detection is at the site itself. Its area, slope and ground are used then."""
+        """True where detection is at the site itself."""
         return site is not None and self.level is None and self.area is None
 
     def stands(self, frames: Iterable[Frame], site: Site | None = None) -> Iterator[tuple[Frame, Stand]]:
-        """Yield every frame with its stand. A frame without ground stays as it is, with a warning."""
+        """Yield every frame with its stand, with a warning without ground."""
         if site is not None and self.at(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
             return

@@ -64,7 +64,7 @@ class Scheme(Protocol):
 
     @property
     def sends_points(self) -> bool:
-        """True if sensors send points. A mount's link limits the points that it can carry; boxes always fit."""
+        """True if sensors send points, which a link may limit."""
 
     @property
     def sends_boxes(self) -> bool:
@@ -84,17 +84,17 @@ class Scheme(Protocol):
 
 @runtime_checkable
 class Chained(Protocol):
-    """Extra members of a scheme whose messages depend on earlier ones: a lost one makes others unreadable."""
+    """Extra members of a scheme whose messages depend on earlier ones."""
 
     def dependencies(self, number: int, /) -> Sequence[int]:
         """Numbers of messages needed to read one, itself last."""
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
-        """Bits that sensors send of a frame, arrived or not. Views share a memory, frame by frame."""
+        """Bits that sensors send of a frame, arrived or not."""
 
 
 def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:
-    """Return the scheme's own codec, else the given one. Its own is the attribute `codec`."""
+    """Return the scheme's own `codec`, else the given one."""
     return getattr(scheme, "codec", codec)
 
 

@@ -91,7 +91,7 @@ class Hybrid(Parameters):
         return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return the points beyond the site's radius. Raises ValueError for a radius or metric of its own."""
+        """Return points beyond the site's radius, or raise ValueError for another."""
         if self.radius is not None or self.metric != "horizontal":
             raise ValueError(
                 f"far points are counted by the site's hybrid radius, not by {self}: use Hybrid() at "

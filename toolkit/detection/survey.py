@@ -49,18 +49,18 @@ class Survey:
         return self.counts[:, list(sensors)].sum(axis=1)
 
     def points_on_objects(self, label: str, sensors: Sequence[int]) -> Int64[np.ndarray, " objects"]:
-        """Points of a sensor set on each object of a class. Raises ValueError for a class that was not counted."""
+        """Points on each object of a counted class, or ValueError."""
         if label not in self.by_class:
             raise ValueError(f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}")
         return self.by_class[label][:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
-        """Share of vehicles, or objects of a class, without a point of a sensor set; NaN without any."""
+        """Share of objects, by default vehicles, without a point, or NaN."""
         points = self.points_on_vehicles(sensors) if label is None else self.points_on_objects(label, sensors)
         return float((points == 0).mean()) if len(points) else float("nan")
 
     def as_dict(self, sensor_sets: Sequence[Sequence[int]]) -> dict[str, Any]:
-        """Return the figures for JSON, with shares of unseen vehicles for some sensor sets; None if undefined."""
+        """Return the figures for JSON, undefined as None."""
         named = {",".join(map(str, chosen)): chosen for chosen in sensor_sets}
         classes = {}
         for label, counts in self.by_class.items():

@@ -75,7 +75,7 @@ class Captured:
 
     @cached_property
     def pixels(self) -> Int64[np.ndarray, " n"]:
-        """Pixels of the points in the crop, in the order of these points, counted row after row."""
+        """Pixels of the points in the crop, in their order."""
         if self.kept is not None:
             return self.kept
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
@@ -88,7 +88,7 @@ class Captured:
         return RangeImage(self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index)
 
     def points(self, image: ImageRanges) -> Float32[np.ndarray, "n 3"]:
-        """Points that an image of this sensor measures, world frame. Only pixels that return anything have one."""
+        """Points, world frame, that an image of this sensor measures."""
         xyz, valid = unproject(self.sensor, image, self.frame.shifts[self.index] if self.frame.shifts else None)
         points = np.ascontiguousarray(xyz[:, valid].T)
         return points if self.lift is None else self.lift(points)
@@ -246,7 +246,7 @@ class View:
         return [self.send_boxes(self.detect([self.cloud(sensor)])) for sensor in sensors]
 
     def suppress(self, parts: Sequence[Boxes]) -> Boxes:
-        """Pool the boxes of all parts, best first. A box that overlaps a surer one of its label is dropped."""
+        """Pool all boxes, best first, without those that overlap surer ones."""
         start = perf_counter()
         merged = suppress(Detections.merge([part.detections for part in parts]), self.nms_iou)
         return Boxes(merged, _last(parts) + _ms_since(start))

@@ -72,14 +72,14 @@ PERFECT = LinkChannel()
 
 
 class Line:
-    """Messages of one sensor through a channel. In the order of sending. seed: of all random draws."""
+    """Messages of one sensor through a channel, drawn from a seed."""
 
     def __init__(self, channel: LinkChannel, seed: int | list[int]) -> None:
         self.channel, self._rng, self._sent = channel, np.random.default_rng(seed), 0
         self._bad = bool(self._rng.random() < channel.loss)
 
     def arrival(self, time: float) -> float:
-        """Arrival of a message measured at a time (s). Infinite if it is lost or not sent."""
+        """Arrival (s) of a message, infinite if lost or not sent."""
         channel, number = self.channel, self._sent
         self._sent += 1
         jitter, change = self._rng.standard_normal() * channel.jitter, self._rng.random()
@@ -193,7 +193,7 @@ class Tracks:
         return len(self._state)
 
     def update(self, detections: Detections, time: float) -> None:
-        """Update with detections in measurements of a time. Raises ValueError for a time before the last one."""
+        """Update with detections of a time, or raise ValueError if earlier."""
         if len(self) and time < self._time:
             raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
         step, again = time - self._time if len(self) else 0.0, bool(len(self)) and time == self._time

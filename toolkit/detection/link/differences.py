@@ -43,7 +43,7 @@ _REFERS = struct.Struct("<BBI")
 
 
 class MissedReference(ValueError):
-    """Difference from a message that the reader does not have. The next whole image can be read again."""
+    """Difference from a message that the reader does not have."""
 
 
 class DifferenceSender:
@@ -175,7 +175,7 @@ class Reference:
         return (self.fine + _FINE // 2) >> _FINE_BITS
 
     def after(self, number: int, steps: ImageSteps, sent: ImageMask) -> Reference:
-        """State after one more image. Means continue where pixels stand still, and restart where they do not."""
+        """State after one more image; means restart where pixels moved."""
         stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
         images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
         before = self.fine[sent]
@@ -190,7 +190,7 @@ class Reference:
         return sent & self.known & (np.abs(steps - self.whole_steps) <= most)
 
     def predict(self, pixels: ImageMask) -> tuple[np.ndarray, np.ndarray]:
-        """Mean of pixels in whole steps, and 1 where it was rounded down, else -1."""
+        """Mean in whole steps, and 1 where rounded down, else -1."""
         fine, whole = self.fine[pixels], self.whole_steps[pixels]
         return whole, np.where(fine >= _FINE * whole, 1, -1)
 

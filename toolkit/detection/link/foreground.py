@@ -41,11 +41,11 @@ class SendsForeground(Parameters):
 
     @property
     def codec(self) -> RangeImages:
-        """Codec that estimates a foreground message's mean bits by the number of pixels of a whole image."""
+        """Codec that estimates a foreground message's mean bits."""
         return RangeImages(self.step)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect once in the restored clouds of all sensors. Raises ValueError for an unknown empty scene or image."""
+        """Detect once in restored clouds; ValueError without scenes or images."""
         sent = [self._transmit(view, sensor) for sensor in sensors]
         boxes = view.suppress([view.detect([each.arrived for each in sent])])
         return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
@@ -93,7 +93,7 @@ class Foreground(SendsForeground):
 
 
 class Restored(NamedTuple):
-    """Image restored at the centre, masks of sent and missing pixels (0 in the image), and the message's header."""
+    """Restored image, masks of sent and missing pixels, and header."""
 
     header: wire.MessageHeader
     image: ImageRanges
@@ -158,13 +158,13 @@ def check_pixels(image: RangeImage, scene: EmptyScene, missing: ImageMask | None
 def write_scene_message(
     kind: wire.MessageKind, image: RangeImage, scene: EmptyScene, step: float, content: bytes, missing: np.ndarray
 ) -> bytes:
-    """Write a message made with an empty scene. The mask of missing pixels ends it, if there are any."""
+    """Write a message that ends with its missing pixels, if any."""
     header = image_header(kind, image, step, scene_number(scene))
     return wire.write_message(header, content + (encode_mask(missing) if missing.any() else b""))
 
 
 def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: EmptyScene) -> None:
-    """Raise ValueError unless a message is of that kind and made with that empty scene."""
+    """Raise ValueError for a message of another kind or scene."""
     rows, columns = scene.model.shape
     number = wire.sensor_number(scene.name)
     wire.check_header(header, kind, sensor=number, rows=rows, columns=columns, scene=scene_number(scene))
@@ -205,14 +205,14 @@ LEAST_COMPANY = 3  # missing pixels, counting the pixel itself, unless all are m
 
 
 class DrawnScene(NamedTuple):
-    """Points of an empty scene in the crop. World frame; their pixels are counted row after row."""
+    """Points of an empty scene in the crop, and their pixels."""
 
     points: Float32[np.ndarray, "n 3"]
     pixels: Int64[np.ndarray, " n"]
 
 
 class StandsOut(NamedTuple):
-    """Pixels of an image to send, ascending row after row, and mask of those without anything the scene has."""
+    """Pixels of an image to send, ascending, and missing ones."""
 
     pixels: Int64[np.ndarray, " n"]
     missing: ImageMask
@@ -245,7 +245,7 @@ def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> D
 
 
 def _keep_company(gone: ImageMask, expected: ImageMask) -> np.ndarray:
-    """Mask of missing pixels of which at least half of the expected pixels about them are missing too."""
+    """Mask of missing pixels with enough missing neighbours."""
     certain = gone & expected
     if not certain.any():
         return np.zeros_like(gone)

@@ -20,7 +20,7 @@ _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
 
 
 def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
-    """Pack numbers as bytes. Raises ValueError for a number below 0 or above 2^32 - 1."""
+    """Pack numbers of 0 to 2^32 - 1, or raise ValueError."""
     if len(values) and not (values.min() >= 0 and values.max() <= LARGEST):
         raise ValueError(f"numbers from 0 to {LARGEST} are packed, got {values.min()} to {values.max()}")
     size = np.frexp(values.astype(np.float64))[1].astype(np.int64)
@@ -60,13 +60,13 @@ def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarra
 
 
 def write_bits(values: Int64[np.ndarray, " n"], width: int | Int64[np.ndarray, " n"]) -> bytes:
-    """Write the lower `width` bits of each number, highest first. Zeros fill the last byte."""
+    """Write the lower `width` bits of each number, highest first."""
     width = np.broadcast_to(width, len(values))
     return np.packbits((np.repeat(values, width) >> _places(width)) & 1).tobytes()
 
 
 def read_bits(data: bytes, start: int, width: Int64[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Read numbers of `write_bits`, and their end. Raises ValueError if bytes are missing or filled otherwise."""
+    """Read numbers of `write_bits` and their end, or raise ValueError."""
     total = int(width.sum())
     end = start + -(-total // 8)
     if end > len(data):
@@ -86,7 +86,7 @@ def _places(width: np.ndarray) -> np.ndarray:
 
 
 def _variable(number: int) -> bytes:
-    """Write a number as 7 bits a byte, lowest first. The highest bit says that more follow."""
+    """Write a number as 7 bits a byte, lowest first."""
     out = bytearray()
     while number > 127:
         out.append(number & 127 | 128)
@@ -111,7 +111,7 @@ _ALONG_ROWS, _LEFT_AND_UP = 0, 1
 
 
 def encode_pixels(steps: ImageSteps, mask: ImageMask) -> bytes:
-    """Encode the pixels of the mask. Raises ValueError for steps below 0 or from 2^24 on."""
+    """Encode the mask's pixels, of steps below 2^24, or raise ValueError."""
     return encode_mask(mask) + encode_values(steps, mask)
 
 
@@ -141,7 +141,7 @@ def encode_mask(mask: ImageMask) -> bytes:
 
 
 def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[ImageMask, int]:
-    """Decode a mask, and return its end. Raises ValueError for bytes that `encode_mask` does not write."""
+    """Decode a mask, and return its end, or raise ValueError."""
     rows, columns = shape
     if start >= len(content) or content[start] not in (_ALONG_ROWS, _LEFT_AND_UP):
         raise ValueError("the content of an image must begin with 0 or 1: it is damaged")
@@ -238,6 +238,6 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
 
 
 def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Places of a mask's pixels in an image with a row more before and a column more on either side, and its width."""
+    """Places of a mask's pixels in a padded image, and its width."""
     pixels, columns = np.flatnonzero(mask), mask.shape[1]
     return pixels + 2 * (pixels // columns) + columns + 3, columns + 2

@@ -40,7 +40,7 @@ class MessageKind(IntEnum):
 
 @dataclass(frozen=True)
 class MessageHeader:
-    """Header of a message; fields as in the table above. Raises ValueError for a number that does not fit its field."""
+    """Header of a message; ValueError for a number that does not fit."""
 
     kind: MessageKind
     sensor: int = 0
@@ -74,7 +74,7 @@ def sensor_number(name: str) -> int:
 
 
 def step_in_mm(step: float) -> int:
-    """Convert a step (m) for messages. Raises ValueError unless it is a whole number of millimetres from 1 to 65535."""
+    """Convert a step (m) of 1 to 65535 mm, or raise ValueError."""
     mm = round(step * 1000) if 0 < step < 66 else 0
     if not (1 <= mm <= 65535 and abs(step * 1000 - mm) < 1e-6):
         raise ValueError(f"step must be a whole number of millimetres, 0.001 to 65.535 m, got {step}: such as 0.02")
@@ -95,7 +95,7 @@ def write_message(header: MessageHeader, content: bytes) -> bytes:
 
 
 def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
-    """Read header and content. Raises ValueError if cut off, damaged, no message or of another version."""
+    """Read header and content, or raise ValueError if they are damaged."""
     if len(message) < OVERHEAD:
         raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off")
     body, checksum = message[: -_CHECKSUM.size], message[-_CHECKSUM.size :]
@@ -116,7 +116,7 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
 
 
 def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> None:
-    """Check the header of a message. Raises ValueError for a message of another kind, sensor, shape, scene or step."""
+    """Raise ValueError for another kind, sensor, shape, scene or step."""
     if header.kind != kind:
         raise ValueError(f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}")
     for name, value in expected.items():
@@ -234,7 +234,7 @@ def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoa
 
 
 def format_loads(loads: Iterable[SetLoad]) -> str:
-    """Format the load of schemes and sensor sets. A line for each, a column with the share of each link's capacity."""
+    """Format the load of each scheme and sensor set as lines."""
     table = [["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES]]
     for each in loads:
         load, named = each.load, [each.scheme, ",".join(map(str, each.sensors)) or "none"]

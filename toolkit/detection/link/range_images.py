@@ -30,7 +30,7 @@ MOST_BOXES = 65535
 
 
 def encode_boxes(detections: Detections) -> bytes:
-    """Encode boxes, scores and labels. Raises ValueError for too many, and numbers that are not finite or too large."""
+    """Encode boxes, scores and labels, or raise ValueError if too large."""
     if len(detections) > MOST_BOXES:
         raise ValueError(f"a message holds at most {MOST_BOXES} boxes, got {len(detections)}")
     if not (np.isfinite(detections.boxes).all() and np.isfinite(detections.scores).all()):
@@ -86,7 +86,7 @@ STEPS = (0.02, 0.04, 0.08)  # m, the usual ones
 
 @dataclass(frozen=True)
 class RangeImages(Parameters):
-    """Codec of range images in whole steps (m). Raises ValueError for a step that messages cannot express."""
+    """Codec of range images in whole steps (m), or ValueError."""
 
     step: float = 0.02
 
@@ -111,7 +111,7 @@ class RangeImages(Parameters):
         return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Refuse points without their image. Raises ValueError: points alone do not say which pixels they are."""
+        """Raise ValueError: points alone do not say their pixels."""
         raise ValueError(f"{self} sends images, got {len(points)} points alone: use PaperCodec without images")
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
@@ -151,7 +151,7 @@ def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSte
 
 
 def from_steps(steps: ImageSteps, sent: ImageMask, step: float, model: SensorModel) -> ImageRanges:
-    """Convert steps of sent pixels to measurements (m), above 0 and below the model's range."""
+    """Convert steps to measurements (m) within the model's range."""
     last = np.nextafter(np.float32(model.max_range), np.float32(0))
     measured = np.zeros(steps.shape, np.float32)
     measured[sent] = np.clip(steps[sent] * step, step / 4, min(float(last), float(np.finfo(np.float32).max)))
