@@ -24,25 +24,7 @@ if TYPE_CHECKING:
 Spot = tuple[float, float, float]
 Handle = Any  # of a node or control of viser
 Look = dict[str, Any]  # keyword arguments of viser
-
-_CONTROL = """<style>.mantine-Notification-root{display:none!important}</style><script>
-addEventListener("message", function (event) {
-  if (event.source !== parent || !event.data || !event.data.scene) return;
-  var asked = event.data.scene, viewer = window.__viserMutable;
-  if (asked.reset) { viewer.resetCameraPose(true); return; }
-  Object.keys(asked.visible).forEach(function (name) {
-    viewer.messageQueue.push(
-      {type: "SetSceneNodeVisibilityMessage", name: name, owner: "", visible: asked.visible[name]});
-  });
-  viewer.requestRender();
-});
-var waiting = setInterval(function () {
-  var viewer = window.__viserMutable;
-  if (!viewer || !viewer.nodeRefFromName || !viewer.nodeRefFromName["/end"]) return;
-  clearInterval(waiting);
-  parent.postMessage({scene: {ready: true}}, "*");
-}, 50);
-</script>"""
+_FOLDER = Path(__file__).parent
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
@@ -110,8 +92,9 @@ def scene_html(server: ViserServer) -> str:
     """Return the scene as a page for an iframe, which tells when it is ready and switches nodes by messages."""
     server.scene.add_frame("/end", show_axes=False)
     html = server.get_scene_serializer().as_html()
-    head_end = html.index("</head>")
-    return html[:head_end] + _CONTROL + html[head_end:]
+    head_end, control = html.index("</head>"), (_FOLDER / "control.js").read_text(encoding="utf-8")
+    style = "<style>.mantine-Notification-root{display:none!important}</style>"
+    return f"{html[:head_end]}{style}<script>\n{control}</script>{html[head_end:]}"
 
 
 def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
@@ -228,16 +211,9 @@ def render_page(template: Path, data: object, script: str = "", **values: object
 
     environment = Environment(loader=FileSystemLoader(template.parent), autoescape=True, undefined=StrictUndefined)
     environment.trim_blocks = environment.lstrip_blocks = True
-    page: str = environment.get_template(template.name).render(
-        policy=POLICY, scene_data=None if data is None else script_data(data), script=script + scene_script(), **values
-    )
-    return page
-
-
-def scene_script() -> str:
-    """Script that loads a scene into its frame and switches its nodes. Every `input` with data-node names one node or
-    several. Of the frames of a recording one is shown at a time."""
-    return (Path(__file__).parent / "scene.js").read_text(encoding="utf-8")
+    shown = {"policy": POLICY, "scene_data": None if data is None else script_data(data)}
+    script += (_FOLDER / "scene.js").read_text(encoding="utf-8")
+    return environment.get_template(template.name).render(**shown, script=script, **values)
 
 
 def script_data(value: object) -> str:
