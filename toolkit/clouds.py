@@ -58,7 +58,7 @@ def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarra
 
 
 def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
-    """Points of a cloud in shared memory, (0, 3) without any."""
+    """Points of a cloud in shared memory, maybe (0, 3)."""
     return cloud.point.positions.cpu().numpy() if "positions" in cloud.point else np.zeros((0, 3), np.float32)
 
 
@@ -156,7 +156,7 @@ def points_per_box(
 
 
 class DensityMap(NamedTuple):
-    """Points per m² and number of sensors that see each cell of an area. Row 0 is at ymin, column 0 at xmin."""
+    """Points per m² and sensors by cell; row 0 at ymin."""
 
     points_per_m2: Float64[np.ndarray, "rows columns"]
     sensors: Int64[np.ndarray, "rows columns"]

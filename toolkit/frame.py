@@ -28,9 +28,11 @@ _UNKNOWN_MODEL = SpinningLidar()  # stands for the model of a sensor that is kno
 
 @dataclass(frozen=True, eq=False)
 class SensorCloud:
-    """Points that one sensor measured. points: (n, 3) m, in the sensor's own frame or in the world frame, as `frame`
-    says. world_SE3_sensor: pose of the sensor. time: of each point, seconds from the frame's time; intensity: as the
-    set gives it; ring: number of the laser. None where the set has none.
+    """Points that one sensor measured.
+
+    points: (n, 3) m, in the sensor's own frame or in the world frame, as `frame` says. world_SE3_sensor: pose of the
+    sensor. time: of each point, seconds from the frame's time; intensity: as the set gives it; ring: number of the
+    laser. None where the set has none.
     """
 
     name: str
@@ -127,7 +129,7 @@ class ImageWedge(Region):
         return shown
 
     def rectangles(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 4"]:
-        """Left, top, right, bottom of each box, cut to the image; all 0 for a box behind the camera."""
+        """Left, top, right, bottom of boxes, 0 behind the camera."""
         if not len(boxes):
             return np.zeros((0, 4))
         u, v, depth = (column.reshape(-1, 8) for column in self._pixels(corners(boxes).reshape(-1, 3)))
@@ -255,7 +257,7 @@ class Frame:
 
     @cached_property
     def clouds(self) -> tuple[SensorCloud, ...]:
-        """Points of every sensor. Points of an image are in the frame of the sensor's body (x forward, z up)."""
+        """Points of every sensor; of images in the body's frame."""
         clouds = []
         for k, (sensor, measurement) in enumerate(zip(self.sensors, self.measurements, strict=True)):
             if isinstance(measurement, SensorCloud):
@@ -358,8 +360,10 @@ def unproject(
 
 
 def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
-    """Return the positions of some sensors in `available`. wanted: names or numbers, None for all. Raises ValueError
-    for an unknown sensor, one chosen twice, and names that two sensors share.
+    """Return the positions of some sensors in `available`.
+
+    wanted: names or numbers, None for all. Raises ValueError for an unknown sensor, one chosen twice, and names that
+    two sensors share.
     """
     names = [sensor.name for sensor in available]
     if len(set(names)) < len(names):

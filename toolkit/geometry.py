@@ -67,7 +67,7 @@ def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4
 def transform(
     target_SE3_source: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*n 3"]
 ) -> Float[np.ndarray, "*n 3"]:
-    """Transform points (..., 3) to the target frame, in their dtype (paper equation 1)."""
+    """Transform points (..., 3), dtype kept (paper equation 1)."""
     points = np.asarray(points)
     if points.ndim < 1 or points.shape[-1] != 3:
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
@@ -115,7 +115,7 @@ def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray,
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:
-    """Return a pose as float64, or ValueError for no rigid motion."""
+    """Return a pose as float64; ValueError for no rigid motion."""
     matrix = np.asarray(candidate, np.float64)
     if matrix.shape != (4, 4):
         raise ValueError(f"{name} must have shape (4, 4), got {matrix.shape}")

@@ -15,7 +15,7 @@ Vector = tuple[float | int, float | int, float | int]
 
 
 class Mesh(NamedTuple):
-    """Vertices (m) and triangles (rows of corners). Corners are counter-clockwise seen from outside."""
+    """Vertices (m), and triangles counter-clockwise from outside."""
 
     vertices: Float64[np.ndarray, "k 3"]
     triangles: Int64[np.ndarray, "m 3"]

@@ -112,7 +112,7 @@ class Detector(Protocol):
 
 @runtime_checkable
 class UnionDetector(Detector, Protocol):
-    """Detector that is fast for many unions of the same clouds."""
+    """Detector that is fast for unions of the same clouds."""
 
     def unions(
         self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
@@ -121,7 +121,7 @@ class UnionDetector(Detector, Protocol):
 
 
 def known_labels(detector: Detector) -> tuple[str, ...] | None:
-    """Classes that a detector's attribute `labels` names, in the order of `LABELS`; None without it."""
+    """Classes that a detector's attribute `labels` names, or None."""
     labels = getattr(detector, "labels", None)
     if labels is None:
         return None

@@ -76,7 +76,7 @@ _TYPES = {
 
 
 class _Header(NamedTuple):
-    """Names of the fields, type of one point in the file, number of points, and how they are stored."""
+    """Names, type of a point, number of points, storage."""
 
     names: tuple[str, ...]
     row: np.dtype

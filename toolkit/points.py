@@ -113,7 +113,7 @@ def count_on_ground(
 
 
 def detect_on_ground(detector: Detector, points: Float32[np.ndarray, "n 3"], place: Area) -> Detections:
-    """Run a detector of level ground where the ground may slope."""
+    """Run a detector of level ground on ground that slopes."""
     slope = get_slope(place)
     if slope == LEVEL:
         return detector(points)
@@ -137,7 +137,7 @@ def join_clouds(clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarr
 
 
 def has_centre_inside(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
-    """Mask of boxes with their centre in the area or on its edge."""
+    """Mask of boxes with their centre in the area."""
     (x, y), (xmin, ymin, xmax, ymax) = boxes[:, :2].T, area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
 
@@ -170,5 +170,5 @@ def get_area(place: Area) -> Float64[np.ndarray, "4"]:
 
 
 def get_slope(place: Area) -> Slope:
-    """Slope of a place along x and y (m per m)."""
+    """Slope of a place (m per m)."""
     return place.relief.slope if isinstance(place, Site) else LEVEL

@@ -36,9 +36,10 @@ MOST_VOXELS = 1 << 28
 
 @dataclass(frozen=True)
 class Background:
-    """Voxels of the empty site and its ground height. origin: (3,) lowest corner of the grid (m); voxel: edge of a
-    voxel (m); occupied: (nx, ny, nz), including one layer round the occupied voxels; cell: edge of a ground cell (m);
-    ground: (kx, ky) height of the ground (m).
+    """Voxels of the empty site and its ground height.
+
+    origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), including one layer
+    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
     """
 
     origin: Float64[np.ndarray, "3"]
@@ -88,9 +89,10 @@ class Background:
 
 
 def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Estimate the ground's height in cells. It is the 5 % quantile of a cell's points, or the least of its neighbours
-    where that is more than half a metre lower. Finally every cell takes the least height within two cells, so kerbs and
-    walls do not lift the street.
+    """Estimate the ground's height in cells.
+
+    It is the 5 % quantile of a cell's points, or the least of its neighbours where that is more than half a metre
+    lower. Finally every cell takes the least height within two cells, so kerbs and walls do not lift the street.
     """
     place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
     shape = place.max(axis=0) + 1
@@ -117,8 +119,10 @@ LEAST_NEW = 0.2  # least share of points in a box that must not be background
 
 @dataclass(frozen=True)
 class KnownBackground:
-    """Detector that leaves out its detections of the background. Points are in the frame of the background. least:
-    share, above 0 to 1, of the points in a detection's box that must not be background. Raises ValueError for another.
+    """Detector that leaves out its detections of the background.
+
+    Points are in the frame of the background. least: share, above 0 to 1, of the points in a detection's box that must
+    not be background. Raises ValueError for another.
     """
 
     detector: Detector
@@ -180,7 +184,7 @@ def recording_background(recording: CoopDataset) -> Background:
 
 
 def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
-    """Yield cropped, levelled points of four noisy sweeps without road users."""
+    """Yield levelled points of four noisy sweeps without road users."""
     empty, rng = empty_scene(recording), np.random.default_rng(0)
     for _ in range(_SWEEPS):
         for points in frame_points(empty, area=recording.site, rng=rng):
@@ -193,7 +197,7 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 
 def site_background(site: Site) -> Background:
-    """Return the background of a site's scenery, with the ground levelled."""
+    """Return the background of a site's scenery on level ground."""
     from toolkit.rendering.static_scene import build_scenery
 
     crop, slope = Crop.of(site), site.relief.slope
@@ -216,7 +220,7 @@ def site_background(site: Site) -> Background:
 
 
 def choose_voxel(crop: Crop) -> float:
-    """Edge of a background's voxels (m), coarser than `VOXEL` for a grid that would take more than 64 MB."""
+    """Edge of voxels (m), coarser for a large area."""
     xmin, ymin, xmax, ymax = crop.area
     volume = (xmax - xmin) * (ymax - ymin) * (crop.height - _FLOOR)
     return max(VOXEL, float(np.cbrt(volume / _MOST)))

@@ -108,8 +108,10 @@ def by_centre(
 
 @dataclass(frozen=True)
 class GroupRow:
-    """AP of one class among some objects under one protocol. measure: rule by which detections are true, such as BEV
-    0.5; among: the objects; truths: number of them; scheme: how the sensors fused.
+    """AP of one class among some objects under one protocol.
+
+    measure: rule by which detections are true, such as BEV 0.5; among: the objects; truths: number of them; scheme: how
+    the sensors fused.
     """
 
     label: str
@@ -127,9 +129,10 @@ class GroupRow:
 
 @dataclass(frozen=True, eq=False)
 class FrameTruth:
-    """Objects of one frame, and those that count. objects: all that are there; counted: mask of those to be found;
-    points: on each of them; corners: of the detection area (xmin ymin xmax ymax, m, world); complete: where labels are,
-    None where they are anywhere.
+    """Objects of one frame, and those that count.
+
+    objects: all that are there; counted: mask of those to be found; points: on each of them; corners: of the detection
+    area (xmin ymin xmax ymax, m, world); complete: where labels are, None where they are anywhere.
     """
 
     objects: Objects
@@ -186,7 +189,7 @@ def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
 
 
 def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | None = None) -> list[GroupRow]:
-    """Return all rows of a class, also of one without an object to find. ious: None for the usual ones of the class."""
+    """Return all rows of a class. ious: None for usual."""
     ious = ious or IOUS[label]
     middle, rows = sorted(ious)[len(ious) // 2], list[GroupRow]()
 

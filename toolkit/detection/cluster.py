@@ -82,7 +82,7 @@ class ClusterDetector:
         return self.background.digest_settings(settings) + ("" if self.area is None else f" {self.area}")
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detect in the finite ones of points (n, 3), world frame."""
+        """Detect in points (n, 3), world frame, that are finite."""
         points = points if self.area is None else crop_points(points, self.area)
         points = points[np.isfinite(points).all(axis=1)]
         is_background = self.background.holds(points)
@@ -130,8 +130,9 @@ class ClusterDetector:
 
 
 class _Rectangle(NamedTuple):
-    """Rectangle around points, its longer axis first. low, high: ends along its own axes (m); at_low, at_high: share of
-    points within 0.2 m of each side.
+    """Rectangle around points, its longer axis first.
+
+    low, high: ends along its own axes (m); at_low, at_high: share of points within 0.2 m of each side.
     """
 
     yaw: float
@@ -162,8 +163,9 @@ def _dbscan(points: Float64[np.ndarray, "n 3"], reach: float, fewest: int) -> In
 
 
 def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
-    """Fit the rectangle with sides closest to the points. Its yaw in 0..90° has the greatest Σ 1 / distance to the
-    nearest side; distances under 0.1 m count as 0.1 m.
+    """Fit the rectangle with sides closest to the points.
+
+    Its yaw in 0..90° has the greatest Σ 1 / distance to the nearest side; distances under 0.1 m count as 0.1 m.
     """
     some = xy[:: 1 + len(xy) // 150]
     yaws = np.deg2rad(np.arange(0.0, 90.0, 2.0))
@@ -201,8 +203,9 @@ def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> l
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """Points that stand out, gathered into objects. points: world frame; sensor: number of the cloud of each; of:
-    number of the object of each, -1 for none.
+    """Points that stand out, gathered into objects.
+
+    points: world frame; sensor: number of the cloud of each; of: number of the object of each, -1 for none.
     """
 
     points: Float64[np.ndarray, "n 3"]

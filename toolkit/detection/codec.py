@@ -54,7 +54,7 @@ class Codec(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RangeImage:
-    """Pixels that one sensor sends of an image (m, 0 for others), time (s) and number of the frame."""
+    """Pixels (m) that a sensor sends of a frame's image."""
 
     sensor: Sensor
     measurement: ImageRanges

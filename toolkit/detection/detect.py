@@ -58,8 +58,10 @@ Format = Literal["boxes", "openlabel", "kitti"]
 def write_detections(
     found: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: object
 ) -> Iterator[Detected]:
-    """Write detections as they arrive, and pass them on. out: one file of boxes, written at the end, or a folder with a
-    file per frame for other formats; more: further entries of the file of boxes.
+    """Write detections as they arrive, and pass them on.
+
+    out: one file of boxes, written at the end, or a folder with a file per frame for other formats; more: further
+    entries of the file of boxes.
     """
     out, entries = Path(out), []
     for each in found:

@@ -63,8 +63,9 @@ Scoring = Literal["exact", "published", "measured"]
 
 @dataclass(frozen=True)
 class Row:
-    """Figures of one scheme, sensor set (indices), class and IoU threshold. recall, precision: at the last detection;
-    kbit and milliseconds are per frame; truths: to find in all frames.
+    """Figures of one scheme, sensor set (indices), class and IoU threshold.
+
+    recall, precision: at the last detection; kbit and milliseconds are per frame; truths: to find in all frames.
     """
 
     scheme: str
@@ -81,7 +82,7 @@ class Row:
     false_alarms_per_frame: float = 0.0
 
     def as_dict(self) -> dict[str, object]:
-        """Return the row for JSON, without its curve, undefined as None."""
+        """Return the row without its curve for JSON, undefined as None."""
         return replace_infinite({name: value for name, value in vars(self).items() if name != "curve"})
 
 
@@ -136,9 +137,11 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Evaluation(Sequence[Row]):
-    """Rows of an evaluation, with their context. classes: worth of the detector's threshold; loads: on a link, if a
-    rate was given; schemes: frames, detections, problems and median milliseconds of each; breakdown: by range, points
-    and other sets' protocols; poses: of the sensors, where they were found before.
+    """Rows of an evaluation, with their context.
+
+    classes: worth of the detector's threshold; loads: on a link, if a rate was given; schemes: frames, detections,
+    problems and median milliseconds of each; breakdown: by range, points and other sets' protocols; poses: of the
+    sensors, where they were found before.
     """
 
     rows: tuple[Row, ...]
@@ -314,7 +317,7 @@ def _sends_images(scheme: Scheme | None, codec: Codec) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Scored:
-    """Truth of one frame, and the result of each scheme and set."""
+    """Truth of one frame, and results of schemes and sets."""
 
     truth: FrameTruth
     fused: dict[tuple[str, tuple[int, ...]], Fused]
@@ -397,8 +400,9 @@ class _Job:
 
 
 def format_table(rows: Iterable[Row]) -> str:
-    """Format rows like the paper's first table, class by class. Each scheme and sensor set has a line, each IoU
-    threshold a column of AP.
+    """Format rows like the paper's first table, class by class.
+
+    Each scheme and sensor set has a line, each IoU threshold a column of AP.
     """
     by_class: dict[str, list[Row]] = {}
     for row in rows:

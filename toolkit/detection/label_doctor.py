@@ -38,7 +38,7 @@ GROUND_POINTS = 20_000  # evenly spaced points of a cloud for finding its ground
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Frame, its points standing on the ground, and the ground if found."""
+    """Frame, its points above the ground, and the ground if found."""
 
     sample: Frame
     points: Float64[np.ndarray, "n 3"]
@@ -88,8 +88,10 @@ def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], 
 
 @dataclass(frozen=True)
 class LabelMistake:
-    """Mistake that boxes may have. Undone, columns in `order` are multiplied by `factor`, and `turn` (rad) is added to
-    yaw. axes: True if it depends on the frame's axes.
+    """Mistake that boxes may have.
+
+    Undone, columns in `order` are multiplied by `factor`, and `turn` (rad) is added to yaw. axes: True if it depends on
+    the frame's axes.
     """
 
     name: str
@@ -173,7 +175,7 @@ LEAST_TRACKS = 2  # tracks that must need the undoing to head along their way
 
 
 class Shift(NamedTuple):
-    """Delay of labels in words, and fits with and without it."""
+    """Delay of labels in words, fits with and without it."""
 
     amount: str
     behind: bool
@@ -182,9 +184,10 @@ class Shift(NamedTuple):
 
 
 def find_shift(some: Sequence[Seen]) -> Shift | None:
-    """Find the delay of labels. None without one, or if it cannot be told. Moving labels are moved along their tracks.
-    Where that shows nothing, labels are tried in other clouds; only those that are not in the same place in both frames
-    count.
+    """Find the delay of labels.
+
+    None without one, or if it cannot be told. Moving labels are moved along their tracks. Where that shows nothing,
+    labels are tried in other clouds; only those that are not in the same place in both frames count.
     """
     from scipy.spatial import cKDTree
 
@@ -220,7 +223,7 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
 
 
 class Headed(NamedTuple):
-    """Number `against` of all moving boxes (`of`) that head against their way, and number of their tracks."""
+    """Moving boxes against their way, all of them, and tracks."""
 
     tracks: int
     against: int
@@ -254,7 +257,7 @@ class Movers(NamedTuple):
 
 
 def find_movers(samples: Sequence[Frame], k: int) -> Movers:
-    """Find the moving boxes of frame k by its neighbours' tracks."""
+    """Find the moving boxes of frame k by neighbours' tracks."""
     here = samples[k]
     rows, velocities = list[int](), list[np.ndarray]()
     for row, track in enumerate(here.objects.ids):
@@ -287,9 +290,10 @@ class Diagnosis:
 
 
 def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None = None, frames: int = 20) -> Diagnosis:
-    """Check a recording for the classic mistakes. Raises what opening a recording of clouds raises. Files of images are
-    checked as they are stored (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first
-    frames lie in them.
+    """Check a recording for the classic mistakes.
+
+    Raises what opening a recording of clouds raises. Files of images are checked as they are stored
+    (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first frames lie in them.
     """
     if (layout or guess_layout(path)) == "hdf5":
         try:
@@ -361,9 +365,10 @@ class _Undone(NamedTuple):
 
 
 def _find_best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
-    """Find the mistake whose undoing raises the fits most. The coordinate frames of the world and the map are tried
-    first. Those of the sensors, for each box the one where it then fits best, or lost angles, are taken only if they
-    fit clearly better.
+    """Find the mistake whose undoing raises the fits most.
+
+    The coordinate frames of the world and the map are tried first. Those of the sensors, for each box the one where it
+    then fits best, or lost angles, are taken only if they fit clearly better.
     """
 
     def undo(mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:

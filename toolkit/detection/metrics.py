@@ -90,7 +90,7 @@ class DetectionScore:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Mean score, share of true and number of detections, by bins."""
+    """Mean score, share of true and number of detections by bin."""
 
     score: Float[np.ndarray, " b"]
     true: Float[np.ndarray, " b"]
@@ -308,7 +308,7 @@ def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -
 
 
 class _Overlaps(NamedTuple):
-    """Overlaps of a frame's n detections of a label, best first, with its m scored truths and the other objects."""
+    """Overlaps of a frame's detections, best first, with objects."""
 
     rows: np.ndarray  # (n,) of the detections in the input
     columns: np.ndarray  # (m,) of the truths in the input

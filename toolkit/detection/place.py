@@ -32,9 +32,11 @@ MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that thos
 
 @dataclass(frozen=True)
 class Stand:
-    """Ground and area of one frame. area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world
-    frame, that points are counted from; ground: below the points counted so, None where z = 0 already. warning: of
-    ground that is not level; ms: time that finding the ground took.
+    """Ground and area of one frame.
+
+    area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world frame, that points are counted
+    from; ground: below the points counted so, None where z = 0 already. warning: of ground that is not level; ms: time
+    that finding the ground took.
     """
 
     area: Area
@@ -97,7 +99,7 @@ class Place:
         return site is not None and self.level is None and self.area is None
 
     def stands(self, frames: Iterable[Frame], site: Site | None = None) -> Iterator[tuple[Frame, Stand]]:
-        """Yield every frame with its stand, with a warning without ground."""
+        """Yield every frame with its stand; warn where ground lacks."""
         if site is not None and self.at(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
             return

@@ -84,7 +84,7 @@ class Scheme(Protocol):
 
 @runtime_checkable
 class Chained(Protocol):
-    """Extra members of a scheme whose messages depend on earlier ones."""
+    """Extra members of a scheme whose messages need earlier ones."""
 
     def dependencies(self, number: int, /) -> Sequence[int]:
         """Numbers of messages needed to read one, itself last."""
@@ -99,7 +99,7 @@ def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:
 
 
 def surrogate_name(scheme: Scheme) -> str:
-    """Name of the surrogate that predicts a scheme's AP: its attribute `predicted_as`, else its own name."""
+    """Name of a scheme's surrogate: `predicted_as`, else its own."""
     return getattr(scheme, "predicted_as", scheme.name)
 
 

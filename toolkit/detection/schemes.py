@@ -91,7 +91,7 @@ class Hybrid(Parameters):
         return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return points beyond the site's radius, or raise ValueError for another."""
+        """Return points beyond the site's radius; ValueError for another."""
         if self.radius is not None or self.metric != "horizontal":
             raise ValueError(
                 f"far points are counted by the site's hybrid radius, not by {self}: use Hybrid() at "
@@ -123,7 +123,7 @@ def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every
 
 
 def find_scheme(scheme: Scheme | str) -> Scheme:
-    """Return a scheme by its name, or itself, or raise ValueError."""
+    """Return a scheme by its name, or itself, or ValueError."""
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
     if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):

@@ -46,8 +46,10 @@ class Fault(Enum):
 
 
 class Shown(NamedTuple):
-    """Newest data of a sensor, measured at `time` (s). image: 0 where nothing returned or nothing was sent; sent: mask
-    of the pixels of a foreground, None for a whole image; missing: mask of those it says are missing.
+    """Newest data of a sensor, measured at `time` (s).
+
+    image: 0 where nothing returned or nothing was sent; sent: mask of the pixels of a foreground, None for a whole
+    image; missing: mask of those it says are missing.
     """
 
     time: float
@@ -57,9 +59,10 @@ class Shown(NamedTuple):
 
 
 class SensorMonitor:
-    """Monitor of one sensor. scene: its empty scene; start: time from which it should send (s); silent_after: age of
-    its newest data (s), above 0, from which it is silent; view: mask of the pixels that it sends at all, such as those
-    of its crop, None for all.
+    """Monitor of one sensor.
+
+    scene: its empty scene; start: time from which it should send (s); silent_after: age of its newest data (s), above
+    0, from which it is silent; view: mask of the pixels that it sends at all, such as those of its crop, None for all.
     """
 
     def __init__(

@@ -55,7 +55,7 @@ class Survey:
         return self.by_class[label][:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
-        """Share of objects, by default vehicles, without a point, or NaN."""
+        """Share of objects, or vehicles, without a point, or NaN."""
         points = self.points_on_vehicles(sensors) if label is None else self.points_on_objects(label, sensors)
         return float((points == 0).mean()) if len(points) else float("nan")
 
@@ -114,9 +114,11 @@ def survey(
     codec: Codec = PAPER,
     progress: Callable[[int], None] | None = None,
 ) -> Survey:
-    """Count over the frames of a recording. classes: whose points are counted beside those of vehicles; reads: errors
-    of the sensors and number of frames; codec: of the points; progress: called with the number of frames done. Raises
-    ValueError for an unknown class or error profile, and without frames.
+    """Count over the frames of a recording.
+
+    classes: whose points are counted beside those of vehicles; reads: errors of the sensors and number of frames;
+    codec: of the points; progress: called with the number of frames done. Raises ValueError for an unknown class or
+    error profile, and without frames.
     """
     check_codec(codec)
     wanted = sorted({label_index(label) for label in classes})

@@ -38,8 +38,10 @@ Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of one sensor of a view. history: what was done to its cropped points since; clouds of one sensor and
-    frame with equal histories are equal. rows: which of its cropped points these are, None for all of them.
+    """Points of one sensor of a view.
+
+    history: what was done to its cropped points since; clouds of one sensor and frame with equal histories are equal.
+    rows: which of its cropped points these are, None for all of them.
     """
 
     sensor: int
@@ -189,8 +191,10 @@ class View:
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> Sent[Cloud]:
-        """Send an image of a sensor to the centre. through: gives what the centre makes of it, and the bits that took;
-        name: says all that this depends on beside the measurement.
+        """Send an image of a sensor to the centre.
+
+        through: gives what the centre makes of it, and the bits that took; name: says all that this depends on beside
+        the measurement.
         """
         if (sensor, name) not in self._sent_clouds:
             measured, start = self.cloud(sensor), perf_counter()
@@ -246,7 +250,7 @@ class View:
         return [self.send_boxes(self.detect([self.cloud(sensor)])) for sensor in sensors]
 
     def suppress(self, parts: Sequence[Boxes]) -> Boxes:
-        """Pool all boxes, best first, without those that overlap surer ones."""
+        """Pool all boxes, best first, without doubles."""
         start = perf_counter()
         merged = suppress(Detections.merge([part.detections for part in parts]), self.nms_iou)
         return Boxes(merged, _last(parts) + _ms_since(start))
@@ -326,7 +330,7 @@ def stand_view(
 
     @cache
     def show(k: int, scenes: Scenes) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
-        """Points in the crop that the image of a cloud shows, where they were measured, and that image."""
+        """Points in the crop that a cloud's image shows, with it."""
         cloud = frame.clouds[k]
         image = scenes.image(cloud)
         sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)

@@ -37,9 +37,11 @@ STALE = 1.0  # s, age at which a message is too old to be shown
 
 @dataclass(frozen=True)
 class LinkChannel:
-    """Channel of one sensor's messages. delay: of every message (s); jitter: standard deviation of the extra delay,
-    never below 0 (s); loss: share of lost messages; burst: mean number of messages lost in a row, None for independent
-    losses; every: the sensor sends each n-th frame. Raises ValueError for what no channel can have.
+    """Channel of one sensor's messages.
+
+    delay: of every message (s); jitter: standard deviation of the extra delay, never below 0 (s); loss: share of lost
+    messages; burst: mean number of messages lost in a row, None for independent losses; every: the sensor sends each
+    n-th frame. Raises ValueError for what no channel can have.
     """
 
     delay: float = 0.0
@@ -72,14 +74,14 @@ PERFECT = LinkChannel()
 
 
 class Line:
-    """Messages of one sensor through a channel, drawn from a seed."""
+    """Messages of one sensor through a channel, by seed."""
 
     def __init__(self, channel: LinkChannel, seed: int | list[int]) -> None:
         self.channel, self._rng, self._sent = channel, np.random.default_rng(seed), 0
         self._bad = bool(self._rng.random() < channel.loss)
 
     def arrival(self, time: float) -> float:
-        """Arrival (s) of a message, infinite if lost or not sent."""
+        """Arrival (s) of a message, infinite if it is lost."""
         channel, number = self.channel, self._sent
         self._sent += 1
         jitter, change = self._rng.standard_normal() * channel.jitter, self._rng.random()
@@ -193,7 +195,7 @@ class Tracks:
         return len(self._state)
 
     def update(self, detections: Detections, time: float) -> None:
-        """Update with detections of a time, or raise ValueError if earlier."""
+        """Update with detections of a time, not before the last."""
         if len(self) and time < self._time:
             raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
         step, again = time - self._time if len(self) else 0.0, bool(len(self)) and time == self._time

@@ -47,8 +47,10 @@ class MissedReference(ValueError):
 
 
 class DifferenceSender:
-    """Sender of one sensor's messages, whose empty scene is `scene`. step: of measurements (m); refers_to: see above;
-    key_every: most messages, 1 to 255, from one whole image to the next. Raises ValueError for others.
+    """Sender of one sensor's messages, whose empty scene is `scene`.
+
+    step: of measurements (m); refers_to: see above; key_every: most messages, 1 to 255, from one whole image to the
+    next. Raises ValueError for others.
     """
 
     def __init__(
@@ -60,8 +62,10 @@ class DifferenceSender:
         self._key = 0
 
     def write(self, image: RangeImage, missing: ImageMask | None = None) -> bytes:
-        """Write the next message. Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is
-        sent whole when due, when that is smaller because few pixels stand still, and when numbers do not continue.
+        """Write the next message.
+
+        Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is sent whole when due, when
+        that is smaller because few pixels stand still, and when numbers do not continue.
         """
         sent, missing = foreground.check_pixels(image, self.scene, missing)
         steps, reference, difference, stands = to_steps(image.measurement, sent, self.step), self._reference, b"", 0
@@ -90,8 +94,10 @@ class DifferenceReader:
         self._reference: Reference | None = None
 
     def read(self, message: bytes) -> Restored:
-        """Read the image of a message. Raises `MissedReference` for a difference from a message that never arrived, and
-        ValueError as `decode_foreground`; the reader then stays as it was.
+        """Read the image of a message.
+
+        Raises `MissedReference` for a difference from a message that never arrived, and ValueError as
+        `decode_foreground`; the reader then stays as it was.
         """
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
@@ -143,8 +149,10 @@ _FINE = 1 << _FINE_BITS  # parts of a step
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Shared state of sender and reader after message `number`. fine: mean measurement of every pixel in 16ths of a
-    step; images: number of averaged images, 0 for pixels that the last message did not send.
+    """Shared state of sender and reader after message `number`.
+
+    fine: mean measurement of every pixel in 16ths of a step; images: number of averaged images, 0 for pixels that the
+    last message did not send.
     """
 
     number: int
@@ -190,7 +198,7 @@ class Reference:
         return sent & self.known & (np.abs(steps - self.whole_steps) <= most)
 
     def predict(self, pixels: ImageMask) -> tuple[np.ndarray, np.ndarray]:
-        """Mean in whole steps, and 1 where rounded down, else -1."""
+        """Mean in whole steps, and whether rounded down (1 or -1)."""
         fine, whole = self.fine[pixels], self.whole_steps[pixels]
         return whole, np.where(fine >= _FINE * whole, 1, -1)
 
@@ -204,8 +212,10 @@ def still_squares(reference: Reference, steps: ImageSteps, sent: ImageMask) -> B
 def encode_difference(
     steps: ImageSteps, sent: ImageMask, reference: Reference, squares: Bool[np.ndarray, "down across"]
 ) -> bytes:
-    """Encode the sent pixels. squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and
-    for an image of another shape.
+    """Encode the sent pixels.
+
+    squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and for an image of another
+    shape.
     """
     if steps.shape != reference.fine.shape:
         raise ValueError(f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}")

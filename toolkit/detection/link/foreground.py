@@ -73,8 +73,10 @@ class SendsForeground(Parameters):
 
 @dataclass(frozen=True)
 class Foreground(SendsForeground):
-    """Early fusion with a background known to the centre. step: of measurements (m), in whole millimetres; sigmas:
-    spreads of the empty scene, above 0, within which a measurement shows it. Raises ValueError for others.
+    """Early fusion with a background known to the centre.
+
+    step: of measurements (m), in whole millimetres; sigmas: spreads of the empty scene, above 0, within which a
+    measurement shows it. Raises ValueError for others.
     """
 
     step: float = 0.02
@@ -128,8 +130,9 @@ class SentPixels(NamedTuple):
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
-    """Restore an image from a message and the empty scene. Raises ValueError for a message that is damaged, of another
-    version or sensor, or made with another empty scene.
+    """Restore an image from a message and the empty scene.
+
+    Raises ValueError for a message that is damaged, of another version or sensor, or made with another empty scene.
     """
     return read_foreground(message, scene).restore(scene)
 
@@ -158,7 +161,7 @@ def check_pixels(image: RangeImage, scene: EmptyScene, missing: ImageMask | None
 def write_scene_message(
     kind: wire.MessageKind, image: RangeImage, scene: EmptyScene, step: float, content: bytes, missing: np.ndarray
 ) -> bytes:
-    """Write a message that ends with its missing pixels, if any."""
+    """Write a message that ends with any missing pixels."""
     header = image_header(kind, image, step, scene_number(scene))
     return wire.write_message(header, content + (encode_mask(missing) if missing.any() else b""))
 
@@ -205,7 +208,7 @@ LEAST_COMPANY = 3  # missing pixels, counting the pixel itself, unless all are m
 
 
 class DrawnScene(NamedTuple):
-    """Points of an empty scene in the crop, and their pixels."""
+    """Points of an empty scene in the crop, with pixels."""
 
     points: Float32[np.ndarray, "n 3"]
     pixels: Int64[np.ndarray, " n"]

@@ -20,7 +20,7 @@ _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
 
 
 def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
-    """Pack numbers of 0 to 2^32 - 1, or raise ValueError."""
+    """Pack numbers below 2^32, or raise ValueError."""
     if len(values) and not (values.min() >= 0 and values.max() <= LARGEST):
         raise ValueError(f"numbers from 0 to {LARGEST} are packed, got {values.min()} to {values.max()}")
     size = np.frexp(values.astype(np.float64))[1].astype(np.int64)
@@ -36,8 +36,9 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
 
 
 def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Unpack numbers that begin at `start`, and return their end. Raises ValueError for more than `most` numbers, or
-    bytes that `pack_integers` does not write.
+    """Unpack numbers that begin at `start`, and return their end.
+
+    Raises ValueError for more than `most` numbers, or bytes that `pack_integers` does not write.
     """
     count, start = _read_variable(data, start)
     if count > most:
@@ -111,7 +112,7 @@ _ALONG_ROWS, _LEFT_AND_UP = 0, 1
 
 
 def encode_pixels(steps: ImageSteps, mask: ImageMask) -> bytes:
-    """Encode the mask's pixels, of steps below 2^24, or raise ValueError."""
+    """Encode the mask's pixels; ValueError for steps from 2^24 on."""
     return encode_mask(mask) + encode_values(steps, mask)
 
 
@@ -157,8 +158,9 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
 
 
 def encode_values(steps: ImageSteps, mask: ImageMask, given: ImageMask | None = None) -> bytes:
-    """Encode measurements of a mask's pixels. given: other pixels, known to the reader. Raises ValueError for steps
-    below 0 or from 2^24 on.
+    """Encode measurements of a mask's pixels.
+
+    given: other pixels, known to the reader. Raises ValueError for steps below 0 or from 2^24 on.
     """
     values = steps[mask]
     if len(values) and not (values.min() >= 0 and values.max() < MOST_STEPS):
@@ -238,6 +240,6 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
 
 
 def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Places of a mask's pixels in a padded image, and its width."""
+    """Places of a mask's pixels in a padded image, and width."""
     pixels, columns = np.flatnonzero(mask), mask.shape[1]
     return pixels + 2 * (pixels // columns) + columns + 3, columns + 2

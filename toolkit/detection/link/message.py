@@ -40,7 +40,7 @@ class MessageKind(IntEnum):
 
 @dataclass(frozen=True)
 class MessageHeader:
-    """Header of a message; ValueError for a number that does not fit."""
+    """Header of a message, with numbers that fit its fields."""
 
     kind: MessageKind
     sensor: int = 0
@@ -74,7 +74,7 @@ def sensor_number(name: str) -> int:
 
 
 def step_in_mm(step: float) -> int:
-    """Convert a step (m) of 1 to 65535 mm, or raise ValueError."""
+    """Convert a step (m) to 1 to 65535 mm, or ValueError."""
     mm = round(step * 1000) if 0 < step < 66 else 0
     if not (1 <= mm <= 65535 and abs(step * 1000 - mm) < 1e-6):
         raise ValueError(f"step must be a whole number of millimetres, 0.001 to 65.535 m, got {step}: such as 0.02")
@@ -95,7 +95,7 @@ def write_message(header: MessageHeader, content: bytes) -> bytes:
 
 
 def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
-    """Read header and content, or raise ValueError if they are damaged."""
+    """Read header and content, or raise ValueError if damaged."""
     if len(message) < OVERHEAD:
         raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off")
     body, checksum = message[: -_CHECKSUM.size], message[-_CHECKSUM.size :]
@@ -153,8 +153,10 @@ class Inbox:
         self._first = self.lost = 0
 
     def receive(self, message: bytes) -> Arrival:
-        """Take a message, or return why not. Raises ValueError for a damaged message, another sensor's, or a time that
-        runs backwards while numbers do not; the inbox then stays as it was.
+        """Take a message, or return why not.
+
+        Raises ValueError for a damaged message, another sensor's, or a time that runs backwards while numbers do not;
+        the inbox then stays as it was.
         """
         header, _ = read_message(message)
         check_header(header, header.kind, sensor=self.sensor)
@@ -234,7 +236,7 @@ def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoa
 
 
 def format_loads(loads: Iterable[SetLoad]) -> str:
-    """Format the load of each scheme and sensor set as lines."""
+    """Format the load of each scheme and set as lines."""
     table = [["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES]]
     for each in loads:
         load, named = each.load, [each.scheme, ",".join(map(str, each.sensors)) or "none"]

@@ -30,7 +30,7 @@ MOST_BOXES = 65535
 
 
 def encode_boxes(detections: Detections) -> bytes:
-    """Encode boxes, scores and labels, or raise ValueError if too large."""
+    """Encode boxes, scores and labels, or raise ValueError."""
     if len(detections) > MOST_BOXES:
         raise ValueError(f"a message holds at most {MOST_BOXES} boxes, got {len(detections)}")
     if not (np.isfinite(detections.boxes).all() and np.isfinite(detections.scores).all()):
@@ -101,8 +101,9 @@ class RangeImages(Parameters):
         return Message(content, 8 * len(content))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
-        """Decode an image, 0 where nothing was sent. Raises ValueError for a message that is damaged or of another
-        sensor.
+        """Decode an image, 0 where nothing was sent.
+
+        Raises ValueError for a message that is damaged or of another sensor.
         """
         header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
