@@ -17,6 +17,10 @@ from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, Float, Int64, Shaped
 from toolkit.objects import label_index
 
+_Labels = Shaped[Tensor, "B H W A"]
+_Targets = Float[Tensor, "B H W A 7"]
+_Boxes = Float[np.ndarray, "n 7"]
+_Grid = Float[np.ndarray, "H W A 7"]
 NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
 
 
@@ -28,8 +32,8 @@ class Assignment(NamedTuple):
 
 
 def assign(
-    anchors: Float[np.ndarray, "H W A 7"],
-    boxes: Float[np.ndarray, "n 7"],
+    anchors: _Grid,
+    boxes: _Boxes,
     *,
     positive: float = 0.6,
     negative: float = 0.6,
@@ -76,9 +80,9 @@ def assign(
 
 
 def assign_by_kind(
-    anchors: Float[np.ndarray, "H W A 7"],
+    anchors: _Grid,
     kinds: Sequence[AnchorKind],
-    boxes: Float[np.ndarray, "n 7"],
+    boxes: _Boxes,
     labels: Int64[np.ndarray, " n"],
     asked: Bool[np.ndarray, " n"],
 ) -> Assignment:
@@ -121,9 +125,7 @@ def _snap_size(boxes: np.ndarray) -> np.ndarray:
     return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 
 
-def paper_loss(
-    prediction: Prediction, labels: Shaped[Tensor, "B H W A"], boxes: Float[Tensor, "B H W A 7"], anchors: Tensor
-) -> dict[str, Tensor]:
+def paper_loss(prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor) -> dict[str, Tensor]:
     """Published loss of sampled anchors: cross-entropy, and smooth L1 (σ = 3) of residuals.
 
     labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7).
@@ -140,11 +142,7 @@ def paper_loss(
 
 
 def quality_loss(
-    prediction: Prediction,
-    labels: Shaped[Tensor, "B H W A"],
-    boxes: Float[Tensor, "B H W A 7"],
-    anchors: Tensor,
-    classes: Sequence[int] | None = None,
+    prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor, classes: Sequence[int] | None = None
 ) -> dict[str, Tensor]:
     """Loss of class, box, direction and predicted IoU.
 

@@ -39,6 +39,7 @@ STEPS_PER_METRE = 512  # quantisation of what changes: 2 mm steps are far below 
 MOST_PIXELS = 10**8  # pixels of a sensor; a file with more is damaged
 MARGIN = 0.2  # m kept around the crop, so that noise can carry a point across its edge
 
+_Points = Float32[np.ndarray, "n 3"]
 Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
 
@@ -174,15 +175,13 @@ class Rig:
             depth.append(image.ravel()[seen])
         return replace(rig, pixels=tuple(pixels), depth=tuple(depth))
 
-    def points(
-        self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
-    ) -> Float32[np.ndarray, "n 3"]:
+    def points(self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None) -> _Points:
         """Noisy points in the crop; pixels `changed` have measured this (0: nothing), the others the empty site."""
         return self.measure(s, changed, measured, rng)[0]
 
     def measure(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
-    ) -> tuple[Float32[np.ndarray, "n 3"], Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+    ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Points as in `points`, their pixels and measurements."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
@@ -196,9 +195,7 @@ class Rig:
         kept = self.in_crop(points)
         return points[kept], pixels[kept], depth[kept]
 
-    def world(
-        self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
-    ) -> Float32[np.ndarray, "n 3"]:
+    def world(self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]) -> _Points:
         """Positions in the site's frame, measured by pixels of sensor s."""
         sensor = self.sensors[s]
         rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[:3, :3].T.astype(np.float32)
@@ -206,7 +203,7 @@ class Rig:
         rays += sensor.position.astype(np.float32)
         return rays
 
-    def in_crop(self, points: Float32[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
+    def in_crop(self, points: _Points, margin: float = 0.0) -> Bool[np.ndarray, " n"]:
         """Mark points in the crop, widened by a margin (m)."""
         (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
