@@ -229,6 +229,8 @@ def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
     if pool is None:
         _end_kept()
         pool = _Pool(pickled, workers)
+    elif pool.idle:
+        pool.idle.cancel()
     pool.ticks = 0
     try:
         yield pool
@@ -238,7 +240,9 @@ def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
     _end_kept()
     with _lock:
         _kept[pickled, workers] = pool
-    pool.end_when_idle()
+    pool.idle = threading.Timer(IDLE_S, _end_kept)
+    pool.idle.daemon = True
+    pool.idle.start()
 
 
 class _Pool:
@@ -246,11 +250,10 @@ class _Pool:
 
     def __init__(self, pickled: bytes, workers: int) -> None:
         context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
-        self.workers = workers
         self._reader, self._writer = context.Pipe(duplex=False)
         self._ticks = context.Value("q")
         self._executor = ProcessPoolExecutor(workers, context, _start_worker, (pickled, self._reader, self._ticks))
-        self._idle: threading.Timer | None = None
+        self.idle: threading.Timer | None = None
 
     @property
     def ticks(self) -> int:
@@ -262,19 +265,12 @@ class _Pool:
         self._ticks.get_obj().value = count
 
     def submit(self, x: Value) -> Future[Value]:
-        if self._idle:
-            self._idle.cancel()
         return self._executor.submit(_work, x)
-
-    def end_when_idle(self) -> None:
-        self._idle = threading.Timer(IDLE_S, _end_kept)
-        self._idle.daemon = True
-        self._idle.start()
 
     def end(self, at_once: bool = False) -> None:
         """End the processes, in the middle of their work if `at_once`."""
-        if self._idle:
-            self._idle.cancel()
+        if self.idle:
+            self.idle.cancel()
         if at_once:
             self._writer.close()
         self._executor.shutdown(cancel_futures=True)

@@ -1,13 +1,8 @@
-"""`Run`: how an answer is computed, whatever is asked. `Processes` is its half for work without traffic of its own.
-
-A command takes the smallest class that holds what it uses, and a subclass adds nothing but options that belong to
-computing: `Processes` (workers, ray, progress) for work on given files, `Run` (those, seed, frames, cache) for work on
-simulated traffic. Other usual values are given as the parameter's default, `run: Run = Run(frames=1000)`; tyro makes
-options and help of either from the fields below, in a group of their own.
-
-The same seed and frames give the same answer on one machine; cache and processes change its time alone. Fields that
-do not fit raise ValueError, a cluster without Ray ImportError.
-"""
+"""`Run`: how an answer is computed, whatever is asked. A command takes the smallest class that holds what it uses:
+`Processes` (workers, ray, progress) for work on given files, `Run` (those, seed, frames, cache) for work on simulated
+traffic, with other usual values as the parameter's default, `run: Run = Run(frames=1000)`. tyro makes options and help
+of the fields below, in a group of their own. The same seed and frames give the same answer on one machine; cache and
+processes change its time alone. Fields that do not fit raise ValueError, a cluster without Ray ImportError."""
 
 from __future__ import annotations
 
@@ -18,7 +13,7 @@ from functools import cached_property
 from importlib.util import find_spec
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from toolkit.runtime.parallel import spread
 
@@ -48,7 +43,7 @@ class Processes:
         if self.ray is not None and not find_spec("ray"):
             raise ImportError("work on a Ray cluster needs Ray: pip install coview[scale]")
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "progress": None}  # it speaks to the terminal of this process
 
     @property
