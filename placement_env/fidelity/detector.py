@@ -60,15 +60,12 @@ class Measured(Protocol):
     @property
     def digest(self) -> str:
         """Digest of everything behind the measurements except the sensors."""
-        ...
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k, with noise. They lie inside the crop."""
-        ...
 
     def objects(self, k: int) -> Objects:
         """All objects present in frame k."""
-        ...
 
 
 @runtime_checkable
@@ -78,11 +75,9 @@ class MeasuredImages(Protocol):
     @property
     def scene(self) -> Callable[[int], EmptyScene]:
         """Return the empty scene of candidate c."""
-        ...
 
     def captured(self, k: int, c: int) -> Captured:
         """Image behind candidate c's points in frame k."""
-        ...
 
 
 class Outcome(NamedTuple):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 GENERAL = "general"  # the network not trained at any site
 KEPT_DETECTORS = 4  # sites whose shipped detector is held in memory
 BY_LEVELS = ("coverage", "surrogate")  # fidelities that know levels of traffic
+_DETECTORS: dict[tuple[str, str], Detector] = {}  # by network and text of the site's file
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,26 +258,18 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     The general one was not trained there and would take some hedge for a vehicle in every frame, so it gets the empty
     site.
     """
+    from toolkit.detection.site_background import add_background
+
+    from models.detector import load_detector
     from toolkit.sites.files import format_site
 
-    return _make_detector(network, _Place(format_site(site), site))
-
-
-@dataclass(frozen=True)
-class _Place:
-    """A site as a key: the text of its file."""
-
-    text: str
-    site: Site = field(compare=False)
-
-
-@lru_cache(maxsize=KEPT_DETECTORS)
-def _make_detector(network: str, place: _Place) -> Detector:
-    from models.detector import load_detector
-    from toolkit.detection.background import add_background
-
-    detector = load_detector(network, area=place.site.area)
-    return add_background(detector, place.site) if network == GENERAL else detector
+    key = network, format_site(site)
+    if key not in _DETECTORS:
+        detector = load_detector(network, area=site.area)
+        _DETECTORS[key] = add_background(detector, site) if network == GENERAL else detector
+        if len(_DETECTORS) > KEPT_DETECTORS:
+            del _DETECTORS[next(iter(_DETECTORS))]
+    return _DETECTORS[key]
 
 
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:

@@ -136,14 +136,21 @@ def train_policy(
     of each step, see `placement_env.rl.adapter`. Raises ValueError without a limit and if `out` holds a training of
     other settings, ImportError without the libraries.
     """
-    from models.weight_files import save_atomically
+    from models.weight_files import read_checkpoint, save_atomically
 
     if steps is None and seconds is None:
         raise ValueError("training needs an end: give steps or seconds")
     out.mkdir(parents=True, exist_ok=True)
     model, identity = _model(make_env, learning, seed)
     if (out / CHECKPOINT).exists():
-        _restore(model, out / CHECKPOINT, identity)
+        state = read_checkpoint(out / CHECKPOINT)
+        different = [key for key, value in identity.items() if state.get(key) != value]
+        if different:
+            where = out / CHECKPOINT
+            raise ValueError(f"{where} is of another {' and '.join(different)}: choose another folder or remove it")
+        model.policy.load_state_dict(state["policy"])
+        model.policy.optimizer.load_state_dict(state["optimiser"])
+        model.num_timesteps = state["steps"]
 
     def callback(local: Info, _: object) -> bool:
         if watch is not None:
@@ -193,18 +200,6 @@ def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
     rounds.clear()
     path.unlink(missing_ok=True)
     return None
-
-
-def load_policy(
-    path: Path, make_env: Callable[[], AnyEnv], *, seed: int = 0, learning: Learning = PLAIN
-) -> OnPolicyAlgorithm:
-    """Load the policy of a checkpoint or its folder, for environments with the same spaces; nothing is executed.
-
-    Raises ValueError for other settings or spaces, FileNotFoundError without a file.
-    """
-    model, identity = _model(make_env, learning, seed)
-    _restore(model, path / CHECKPOINT if path.is_dir() else path, identity)
-    return model
 
 
 def rollout(
@@ -304,15 +299,3 @@ def _model(
         "learning": str(learning),
         "seed": seed,
     }
-
-
-def _restore(model: OnPolicyAlgorithm, path: Path, identity: Mapping[str, object]) -> None:
-    from models.weight_files import read_checkpoint
-
-    state = read_checkpoint(path)
-    different = [key for key, value in identity.items() if state.get(key) != value]
-    if different:
-        raise ValueError(f"{path} is of another {' and '.join(different)}: choose another folder or remove it")
-    model.policy.load_state_dict(state["policy"])
-    model.policy.optimizer.load_state_dict(state["optimiser"])
-    model.num_timesteps = state["steps"]

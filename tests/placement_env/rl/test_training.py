@@ -59,7 +59,7 @@ def test_what_is_kept_is_loaded_and_another_run_is_refused(trained):
     assert type(model).__name__ == "MaskablePPO"
     assert model.num_timesteps == 768
     model, out = trained
-    assert torch.equal(weights(learning.load_policy(out, PickEnv, learning=SMALL)), weights(model))
+    assert torch.equal(weights(learning.train_policy(PickEnv, out, steps=1, learning=SMALL)), weights(model))
     assert [path.name for path in out.iterdir()] == [learning.CHECKPOINT]
     _, out = trained
     with pytest.raises(ValueError, match="another seed"):
@@ -76,7 +76,7 @@ def test_what_was_stopped_goes_on_unless_cut_or_unknown(trained, tmp_path):
     with pytest.raises(
         ValueError, match=r"policy.pt is damaged or not a checkpoint of tensors: .*: remove it to start again"
     ):
-        learning.load_policy(cut, PickEnv, learning=SMALL)
+        learning.train_policy(PickEnv, tmp_path, steps=1, learning=SMALL)
     (tmp_path / learning.CHECKPOINT).write_bytes((trained[1] / learning.CHECKPOINT).read_bytes())
     rounds = [[512, {"best": 0.5}], [768, {"best": 0.7}], [1024, {"best": 0.9}]]
     assert learning.restore_rounds(tmp_path, rounds) == {"best": 0.7}
