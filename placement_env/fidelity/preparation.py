@@ -258,9 +258,8 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     The general one was not trained there and would take some hedge for a vehicle in every frame, so it gets the empty
     site.
     """
-    from toolkit.detection.site_background import add_background
-
     from models.detector import load_detector
+    from toolkit.detection.background import add_background
     from toolkit.sites.files import format_site
 
     key = network, format_site(site)
