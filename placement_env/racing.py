@@ -51,10 +51,7 @@ class Race:
 
 
 class Resampled(NamedTuple):
-    """Figures of n sets on some frames, and their resamples, which draw blocks of these frames, the same for all sets.
-
-    frames: requested frames used, from the first, where time ran out; None for all; blocks: number to draw from.
-    """
+    """Figures of n sets on some frames, and resamples of blocks of these; frames: number used where time ran out."""
 
     figure: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]

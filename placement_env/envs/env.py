@@ -108,10 +108,7 @@ class Task:
 
 
 class PlacementEnv(gym.Env[np.ndarray, Any]):
-    """One episode after another of a task. The registered environments differ by their task.
-
-    config: of the task, or its fields by name.
-    """
+    """One episode after another of a task. config: of the task, or its fields by name."""
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task

@@ -69,10 +69,7 @@ class _PoseEpisode(Episode):
 
 
 class _PoseScenarios(EpisodeSource):
-    """Sites and sensors of the episodes.
-
-    Raises ValueError where a site has too few mounts for the budget, or no surrogate for it.
-    """
+    """Sites and sensors of the episodes. Raises ValueError where a site has too few mounts or no surrogate."""
 
     def __init__(self, config: PoseConfig) -> None:
         super().__init__(config)
@@ -118,10 +115,7 @@ class _PoseScenarios(EpisodeSource):
         )
 
     def scenario(self, preparation: Preparation, rig: Rig, before: tuple[Rig, Visibility | None] | None) -> Scenario:
-        """Score sensors as they stand now.
-
-        before: the rig and its view before the move; sensors that stand still are not rendered again.
-        """
+        """Score sensors as they stand. before: the rig and its view, of which what stands still is kept."""
         candidates = rig.to_candidates()
         still, visibility = np.zeros(len(candidates), np.bool_), None
         if before is not None:

@@ -116,10 +116,7 @@ def pad(row: Shaped[np.ndarray, " C"], slots: int, fill: int = 0) -> Shaped[np.n
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """Start of an episode.
-
-    budget: sensors to place; failed, chosen: rows over the slots, chosen those that stand from the start.
-    """
+    """Start of an episode. failed, chosen: rows over the slots, chosen those that stand from the start."""
 
     scenario: Scenario
     budget: int
@@ -137,10 +134,7 @@ class Conditions(NamedTuple):
 
 
 class Sites:
-    """Sites of an environment, with their candidates.
-
-    Episodes draw from the first `drawn`, those of the config; options may name others.
-    """
+    """Sites of an environment; episodes draw from the first `drawn`, those of the config, options may name others."""
 
     def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
         self.config, self._given, self._of_all = config, list(config.sites), candidates
@@ -216,10 +210,7 @@ class EpisodeSource:
 
 
 class Scenarios(EpisodeSource):
-    """Scenarios to choose among candidates, each made when first drawn.
-
-    Raises ValueError where the sets of a site cannot be scored as asked, before anything is rendered.
-    """
+    """Scenarios to choose among candidates, each made when first drawn, all checked to be scorable before."""
 
     def __init__(self, config: SubsetConfig) -> None:
         objective = self._objective = config.objective

@@ -162,10 +162,7 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """Figures of each set at each of `ious`, which are `IOUS` and its own.
-
-        progress: called with the number of frames done, among those where a set was not scored yet.
-        """
+        """Figures of each set at each of `ious`. progress: called with the frames done, of those not scored yet."""
         by_class = self.class_estimates(subsets, frames, progress)
         return {iou: each.combined(self.classes) for iou, each in by_class.items()}
 

@@ -34,10 +34,7 @@ LIFE = 4  # frames that show the same objects
 
 
 class Observed(NamedTuple):
-    """Detections of sensor sets at one site.
-
-    hits: objects that each set hit; ap: of each set; radius: the site's hybrid radius (m); sensors: kinds of models.
-    """
+    """Hits and AP of sensor sets at one site. radius: of hybrid fusion (m); sensors: kinds of models."""
 
     visibility: Visibility
     subsets: Bool[np.ndarray, "n C"]
@@ -202,11 +199,7 @@ def fit_detected(
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sensors and sets for a fit, drawn at random at each site, beside the site's own.
-
-    poses: of the site's pool; sets: of 1 to 8 sensors; models: of the poses, empty for the paper's camera; resamples:
-    see `fit`.
-    """
+    """Sensors and sets for a fit beside a site's own. sets: of 1 to 8 sensors; models: empty for the paper's camera."""
 
     poses: int = 60
     sets: int = 60

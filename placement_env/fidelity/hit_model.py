@@ -60,11 +60,7 @@ OPTIONAL = {"label", "floor", "bulk", "domain", "resampled"}  # older files lack
 
 @dataclass(frozen=True)
 class HitDomain:
-    """Range of data that a hit model was fitted to.
-
-    farthest: 99 % quantile of the distance (m) of everything the sensors saw; most_points: of the points on an object;
-    sensors: kinds of their models. Raises ValueError where a number is not positive.
-    """
+    """Range of data (99 % quantiles, m) that a hit model was fitted to. Raises ValueError unless positive."""
 
     farthest: float
     most_points: float
@@ -196,10 +192,7 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
 def shipped_model(
     scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = LABELS[VEHICLE]
 ) -> HitModel:
-    """Model that comes with coview for a shipped detector, or for the general one.
-
-    Raises ValueError, which lists the available models, for an unknown scheme, IoU threshold or class.
-    """
+    """Shipped model of a shipped detector, or of the general one. Raises ValueError for an unknown choice."""
     own = FOLDER / f"{detector}.json"
     models = load_models(own if own.is_file() else FOLDER / "general.json")
     return chosen_model(models, scheme, iou, label, source=detector)

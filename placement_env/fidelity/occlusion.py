@@ -1,8 +1,4 @@
-"""View of a block of sensors on every frame, ray by ray.
-
-Each object's silhouette is cast once; then the nearest silhouette per pixel is found. Vehicles that stand still from
-one frame to the next, parked or at a light, are cast once.
-"""
+"""View of sensors on every frame, ray by ray. Each silhouette is cast once, and once while a vehicle stands still."""
 
 from __future__ import annotations
 
@@ -137,10 +133,7 @@ def worth(
     positions: Float32[np.ndarray, "n 2"],
     site: Site,
 ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-    """Chance of each point to be sent and far. Noise lifts half of even ground above z = 0.
-
-    spread: standard deviation of its height; positions: of the sensor that measures it.
-    """
+    """Chance of each point to be sent and far, given the deviation (`spread`) of its height and its sensor's place."""
     above = level_rows(points, site.relief.slope)
     within, z = is_inside(above, site.area, site.height, -np.inf), above[:, 2]
     x = np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8)

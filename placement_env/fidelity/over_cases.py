@@ -25,11 +25,7 @@ class ProfileFidelities:
 
 
 class CasesFidelity:
-    """Score sets over all cases.
-
-    kbit are those of the intact set in all traffic. With several error profiles, all figures of a set are those of the
-    profile with the least AP, or means.
-    """
+    """Score sets over all cases; kbit are those of the intact set, by the error profile of least AP, or means."""
 
     def __init__(self, profiles: Sequence[ProfileFidelities], cases: Cases) -> None:
         self._profiles, self.cases, self._first = tuple(profiles), cases, profiles[0].whole

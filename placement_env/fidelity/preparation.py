@@ -120,10 +120,7 @@ class Preparation:
         _check_levels(self.setting, _checked_name(self.setting, None))
 
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
-        """Fidelity of that name over the setting's cases.
-
-        None means the setting's own. Raises ValueError for errors or levels that it does not know.
-        """
+        """Fidelity of that name, or the setting's own, over its cases. Raises ValueError for unknown cases."""
         name, cases = _checked_name(self.setting, name), self.setting.cases
         _check_levels(self.setting, name)
         profiles = []
@@ -198,10 +195,7 @@ class Preparation:
 
 
 def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> None:
-    """Check that a table, surrogate or detector fits.
-
-    Raises ValueError where none scores the setting's candidates; renders nothing.
-    """
+    """Raise ValueError where no table, surrogate or detector scores the candidates. Nothing is rendered."""
     name = _checked_name(setting, fidelity)
     for path, own, what in ((setting.surrogate, "surrogate", "file of surrogates"), (setting.table, "table", "table")):
         if path is not None and name != own:
@@ -238,10 +232,7 @@ def _check_levels(setting: Setting, name: FidelityName) -> None:
 
 
 def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitModel, ...]:
-    """Hit model of each class, from the setting's file or those shipped for a network.
-
-    Raises ValueError where a model is missing, FileNotFoundError where the file is missing.
-    """
+    """Hit model of each class, of the setting's file or shipped. Raises ValueError, FileNotFoundError if missing."""
     from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
 
     classes, scheme, path = setting.counted, setting.fusion, setting.surrogate

@@ -219,10 +219,7 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class _Packed:
-    """Packed frames of one candidate.
-
-    pixels: that differ from the rig in any frame; steps: their measurements (0: none); ends: of each frame's pixels.
-    """
+    """Packed frames of one candidate: pixels unlike the rig's, their steps (0: none), and ends of each frame."""
 
     rig: Rig
     pixels: Shaped[np.ndarray, " p"]

@@ -102,10 +102,7 @@ class Surrogate:
         return other
 
     def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Standard deviation of each set's AP over resamples of the fit; NaN where a model has none.
-
-        Effects outside the models are not included.
-        """
+        """Standard deviation of each set's AP over resamples of the fit alone; NaN where a model has none."""
         count = min(len(model.resampled) for model in self.models)
         if count < 2:
             return np.full(len(subsets), np.nan)

@@ -248,10 +248,7 @@ def save_table(table: Table, path: str | Path) -> None:
 
 
 def load_table(name: str | Path) -> Table:
-    """Table of a built-in site (its name) or of a .npz file.
-
-    Raises FileNotFoundError for a missing table, ValueError where the file is damaged or no table.
-    """
+    """Table of a built-in site (its name) or a .npz file. Raises FileNotFoundError, ValueError for a damaged file."""
     path = Path(name) if Path(name).suffix == ".npz" else SHIPPED / f"{name}.npz"
     if not path.is_file():
         shipped = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.npz"))) or "none yet"

@@ -81,8 +81,5 @@ def build_renderer(traffic: Traffic) -> Renderer:
 
 
 def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Bool[np.ndarray, " n"]:
-    """Mask of the objects of some classes (numbers) that a detector is scored by, those centred in the area.
-
-    The same as in `toolkit.detection.evaluation` with its exact protocol.
-    """
+    """Mask of the objects of some classes (numbers) centred in the area, as in `toolkit.detection.evaluation`."""
     return np.isin(objects.labels, labels) & has_centre_inside(objects.boxes, site.area)

@@ -19,10 +19,7 @@ FEATURES = len(STATIC) + len(DYNAMIC)
 
 
 class CandidateNetwork(nn.Module):
-    """Logits of actions and features of the value, from observations of candidates (`placement_env.envs.state`).
-
-    A candidate is judged by its own features, those of the whole, and mean and maximum of the first layer's output.
-    """
+    """Judge candidates by their features, those of the whole, and mean and maximum of the first layer's output."""
 
     def __init__(self, slots: int, width: int) -> None:
         super().__init__()
@@ -59,10 +56,7 @@ class CandidateNetwork(nn.Module):
 
 
 def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Find distinct rows (n, k) in order, and the number of each row among them.
-
-    All episodes of one junction start with the same observation, and a trained policy continues with equal ones.
-    """
+    """Distinct rows (n, k) in order, and the number of each row: all episodes of a junction start alike."""
     number: dict[bytes, int] = {}
     which = [number.setdefault(row.tobytes(), len(number)) for row in rows.numpy()]
     _, first = np.unique(which, return_index=True)

@@ -186,10 +186,7 @@ def train_policy(
 
 
 def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
-    """State of a search up to the round of the kept policy, which is removed without one; later rounds are dropped.
-
-    rounds: steps and state of each, ascending.
-    """
+    """State of a search up to the round of the kept policy, which is removed without one; later rounds are dropped."""
     from models.weight_files import read_checkpoint
 
     path = folder / CHECKPOINT
@@ -211,10 +208,7 @@ def rollout(
     seconds: float | None = None,
     options: Info | None = None,
 ) -> Result:
-    """Best set that a policy meets in some episodes from the same reset. Raises ValueError below 1 episode.
-
-    The first takes the likeliest actions, others draw from the policy's distribution. A step counts as an evaluation.
-    """
+    """Best set that a policy meets in some episodes from the same reset, the first with the likeliest actions."""
     import torch
 
     limits, masked = Limits(seconds, None), _has_masks(env)

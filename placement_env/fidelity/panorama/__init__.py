@@ -1,4 +1,1 @@
-"""Views of sensors, looked up in panoramas.
-
-There is one panorama for each place and frame, for all sensors there in any direction.
-"""
+"""Views of sensors, looked up in panoramas, one for each place and frame and all sensors there."""

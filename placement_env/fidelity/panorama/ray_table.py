@@ -166,10 +166,7 @@ class Rectangles(NamedTuple):
         )
 
     def list_places(self, heading: np.float32, more: np.float32) -> tuple[np.ndarray, ...]:
-        """Left, right, low and high from the heading on, to first order in the extra tilt.
-
-        The middle decides for the whole rectangle.
-        """
+        """Left, right, low and high from the heading on, to first order in the extra tilt of the middle."""
         left, right = self.left - heading, self.right - heading
         if not more:
             return left, right, self.low, self.high

@@ -1,7 +1,4 @@
-"""`Surround`: the view from one place in some frames, laid out for use by one sensor after another.
-
-Strips are kept in order of azimuth, so a sensor looks only at those ahead of it.
-"""
+"""`Surround`: the view from one place in some frames, its strips in order of azimuth, for one sensor after another."""
 
 from __future__ import annotations
 
