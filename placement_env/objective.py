@@ -218,7 +218,7 @@ class Objective:
     def race(
         self, subsets: Bool[np.ndarray, "n C"], *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
     ) -> Race:
-        """Sets of the greatest reward, as by `racing.race`. Raises ValueError unless the fidelity scores some frames."""
+        """Sets of the greatest reward, as by `racing.race`. Raises ValueError if the fidelity cannot."""
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):
             raise ValueError(f"fidelity {self.fidelity} scores all frames at once, which is quick: take scores()")
