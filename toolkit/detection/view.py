@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from time import perf_counter
-from typing import Any, Generic, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -31,7 +31,6 @@ from toolkit.sites.site import Site
 NMS_IOU = 0.1
 LinkMemory = dict[tuple[int, str], Any]  # state of links between frames, by sensor (index) and name
 _Value = TypeVar("_Value")
-_Arrived = TypeVar("_Arrived")
 Lift = Callable[[Float32[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
 Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
 
@@ -104,11 +103,17 @@ class Boxes:
     ms: float
 
 
-@dataclass(frozen=True, eq=False)
-class Sent(Generic[_Arrived]):
-    """Points or detections that arrived, and their cost."""
+class SentCloud(NamedTuple):
+    """Points that arrived at the centre, and their cost."""
 
-    arrived: _Arrived
+    arrived: Cloud
+    bits: int
+
+
+class SentBoxes(NamedTuple):
+    """Detections that arrived at the centre, and their cost."""
+
+    arrived: Boxes
     bits: int
 
 
@@ -147,8 +152,8 @@ class View:
         self._captured: dict[int, Captured] = {}
         self._clouds: dict[tuple[int, tuple[str, ...]], Cloud] = {}
         self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
-        self._sent_clouds: dict[Cloud | tuple[int, str], Sent[Cloud]] = {}
-        self._sent_boxes: dict[Boxes, Sent[Boxes]] = {}
+        self._sent_clouds: dict[Cloud | tuple[int, str], SentCloud] = {}
+        self._sent_boxes: dict[Boxes, SentBoxes] = {}
 
     def cloud(self, sensor: int) -> Cloud:
         """Points of a sensor in the site's area, world frame."""
@@ -190,7 +195,7 @@ class View:
 
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
-    ) -> Sent[Cloud]:
+    ) -> SentCloud:
         """Send an image of a sensor to the centre.
 
         through: gives what the centre makes of it, and the bits that took; name: says all that this depends on beside
@@ -200,7 +205,7 @@ class View:
             measured, start = self.cloud(sensor), perf_counter()
             points, bits = through()
             arrived = Cloud(sensor, (name,), points, measured.ms + _ms_since(start))
-            self._sent_clouds[sensor, name] = Sent(arrived, bits)
+            self._sent_clouds[sensor, name] = SentCloud(arrived, bits)
         return self._sent_clouds[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
@@ -214,7 +219,7 @@ class View:
             self._detected[key] = boxes
         return boxes
 
-    def send_points(self, cloud: Cloud) -> Sent[Cloud]:
+    def send_points(self, cloud: Cloud) -> SentCloud:
         """Send a cloud through the codec."""
         if cloud not in self._sent_clouds:
             start = perf_counter()
@@ -228,24 +233,24 @@ class View:
                 points = self.codec.decode_points(message)
             coded = () if points is cloud.points else (self.codec.digest,)
             arrived = Cloud(cloud.sensor, cloud.history + coded, points, cloud.ms + _ms_since(start))
-            self._sent_clouds[cloud] = Sent(arrived, message.bits)
+            self._sent_clouds[cloud] = SentCloud(arrived, message.bits)
         return self._sent_clouds[cloud]
 
-    def send_boxes(self, boxes: Boxes) -> Sent[Boxes]:
+    def send_boxes(self, boxes: Boxes) -> SentBoxes:
         """Send detections through the codec."""
         if boxes not in self._sent_boxes:
             start = perf_counter()
             message = self.codec.encode_boxes(boxes.detections)
             detections = self.codec.decode_boxes(message)
-            self._sent_boxes[boxes] = Sent(Boxes(detections, boxes.ms + _ms_since(start)), message.bits)
+            self._sent_boxes[boxes] = SentBoxes(Boxes(detections, boxes.ms + _ms_since(start)), message.bits)
         return self._sent_boxes[boxes]
 
-    def share_points(self, sensors: Sequence[int], name: str = "", keep: Keep | None = None) -> list[Sent[Cloud]]:
+    def share_points(self, sensors: Sequence[int], name: str = "", keep: Keep | None = None) -> list[SentCloud]:
         """Send the clouds of sensors, or their `part`."""
         clouds = [self.cloud(sensor) for sensor in sensors]
         return [self.send_points(each if keep is None else self.part(each, name, keep)) for each in clouds]
 
-    def share_boxes(self, sensors: Sequence[int]) -> list[Sent[Boxes]]:
+    def share_boxes(self, sensors: Sequence[int]) -> list[SentBoxes]:
         """Send what is detected in the cloud of each sensor."""
         return [self.send_boxes(self.detect([self.cloud(sensor)])) for sensor in sensors]
 

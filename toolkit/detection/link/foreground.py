@@ -24,7 +24,7 @@ from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.scheme import Counts, Fused
-from toolkit.detection.view import Captured, Cloud, Lift, Sent, View
+from toolkit.detection.view import Captured, Lift, SentCloud, View
 from toolkit.frame import unproject
 from toolkit.points import Crop
 from toolkit.sensors.sensor import Sensor, is_return
@@ -57,7 +57,7 @@ class SendsForeground(Parameters):
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
         """Return None: no boxes are sent."""
 
-    def _transmit(self, view: View, sensor: int) -> Sent[Cloud]:
+    def _transmit(self, view: View, sensor: int) -> SentCloud:
         def through() -> tuple[Float32[np.ndarray, "n 3"], int]:
             captured, scene = view.captured(sensor), view.scene(sensor)
             out = standing_out(captured, scene, self.sigmas)
