@@ -63,14 +63,9 @@ def named_damage(path: str | Path, what: str) -> Iterator[None]:
         raise ValueError(f"{path} is no {what} that can be read: {reason}") from None
 
 
-def load_text(path: str | Path) -> str:
-    """Text of a file. Raises OSError, and UnicodeDecodeError if it is not text."""
-    return Path(path).read_text(encoding="utf-8-sig")
-
-
 def load_json(path: str | Path) -> Unchecked:
     """Values of a JSON file; call it in `named_damage`."""
-    return parse_json(load_text(path))
+    return parse_json(Path(path).read_text(encoding="utf-8-sig"))
 
 
 def entry(record: Unchecked, *keys: str) -> Unchecked:

@@ -86,7 +86,7 @@ def _yaml(file: Path) -> records.Unchecked:
     import yaml
 
     try:
-        content = yaml.load(records.load_text(file), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = yaml.load(file.read_text(encoding="utf-8-sig"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())[:160]) from None
     if not isinstance(content, dict):
