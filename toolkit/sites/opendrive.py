@@ -409,12 +409,8 @@ def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float
     """Corners of an outline, given on the road or about the object; all zeros if it makes no polygon."""
     x, y, heading = place
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
-    corners = []
-    for corner in outline:
-        if corner.tag == "cornerRoad":
-            corners.append(_place(road, number(corner, "s"), number(corner, "t"), 0.0)[:2])
-        elif corner.tag == "cornerLocal":
-            corners.append(tuple(turn @ [number(corner, "u"), number(corner, "v")] + [x, y]))
+    corners = [_place(road, number(each, "s"), number(each, "t"), 0.0)[:2] for each in outline.iter("cornerRoad")]
+    corners += [tuple(turn @ [number(each, "u"), number(each, "v")] + [x, y]) for each in outline.iter("cornerLocal")]
     if len(corners) < 3:
         return np.zeros((3, 2))
     valid = shapely.make_valid(shapely.Polygon(corners))

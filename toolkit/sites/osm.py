@@ -60,10 +60,10 @@ class Extract:
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
-    """Read a map (.osm, .osm.xml, or either with .gz) in metres around `centre`.
+    """Read a map (.osm, .osm.xml, or either with .gz) in metres around `centre` (longitude, latitude).
 
-    centre: longitude, latitude; heading: of x (rad counter-clockwise from east). Raises ValueError if the file is no
-    OSM XML, is damaged or empty, or `centre` lies outside it.
+    heading: of x (rad counter-clockwise from east). Raises ValueError if the file is no OSM XML, is damaged or empty,
+    or `centre` lies outside it.
     """
     points: dict[str, list[float]] = {}
     place_tags: dict[str, Tags] = {}

@@ -57,8 +57,8 @@ class Road:
 class Plot:
     """Ground around a road, where solids are placed one by one.
 
-    solids: placed so far; open: ground beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept
-    clear even of solids on shoulders; mounts: (n, 2) places of sensors.
+    open: ground beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on
+    shoulders; mounts: (n, 2) places of sensors.
     """
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
@@ -72,10 +72,9 @@ class Plot:
         shapely.prepare([self.lanes, self.open, self.driven])
 
     def claim(self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False) -> bool:
-        """Take `ground` if it is free; return success.
+        """Take `ground` off the lanes and, unless `footway`, off the footways, if it is free; return success.
 
-        It must lie off the lanes and, unless `footway`, off the footways. shoulder: it may lie on any ground that is
-        not driven.
+        shoulder: it may lie on any ground that is not driven.
         """
         if shoulder:
             allowed = not self.driven.intersects(ground)
