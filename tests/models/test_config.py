@@ -12,10 +12,8 @@ from models.network.voxelnet import VoxelNet
 @pytest.mark.parametrize(
     ("area", "grid", "maps"),
     [
-        ((-40, -20, 40, 20), (400, 200, 10), (200, 100)),
-        ((-48, -48, 48, 48), (480, 480, 10), (240, 240)),
-        ((0, 0, 50, 30), (256, 152, 10), (128, 76)),
-        ((-0.3, 0.1, 1.4, 0.3), (16, 8, 10), (8, 4)),
+        *(((-40, -20, 40, 20), (400, 200, 10), (200, 100)), ((-48, -48, 48, 48), (480, 480, 10), (240, 240))),
+        *(((0, 0, 50, 30), (256, 152, 10), (128, 76)), ((-0.3, 0.1, 1.4, 0.3), (16, 8, 10), (8, 4))),
     ],
 )
 def test_the_grid_follows_the_area_in_multiples_of_eight(area, grid, maps):
@@ -107,8 +105,7 @@ def test_anchors_that_are_none_are_refused(changes):
 @pytest.mark.parametrize(
     ("kinds", "said"),
     [
-        ("vehicle", "kinds must be a list"),
-        (["vehicle"], "must be an object of label, size, z"),
+        *(("vehicle", "kinds must be a list"), (["vehicle"], "must be an object of label, size, z")),
         ([{"label": "vehicle", "size": [1, 1, 1]}], "must be an object of"),
         ([{"label": "vehicle", "size": [1, 1, 1], "z": 1.0, "colour": 3}], "must be an object of"),
         ([{"label": "vehicle", "size": [1, 1], "z": 1.0}], "size must have 3 entries"),

@@ -49,8 +49,7 @@ def test_digests_change_and_what_is_outside_is_ignored():
         return other
 
     digests = [
-        VoxelNetDetector(network()).digest,
-        VoxelNetDetector(changed()).digest,
+        *(VoxelNetDetector(network()).digest, VoxelNetDetector(changed()).digest),
         VoxelNetDetector(network(), score_threshold=0.2).digest,
         VoxelNetDetector(network(), nms_threshold=0.2).digest,
     ]
@@ -224,8 +223,7 @@ EIGHT = np.array(list(np.ndindex(2, 2, 2)), bool)
 @pytest.mark.parametrize(
     "config",
     [
-        CONFIG,
-        dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), averaging=0.7),
+        *(CONFIG, dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), averaging=0.7)),
         dataclasses.replace(CONFIG, max_points=2),  # voxels of some unions are crowded
         dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area, middle_widths=(8, 8, 8)),
     ],

@@ -180,12 +180,10 @@ def _change_node(file: h5py.File, name: str, rng: np.random.Generator) -> str:
     was_group = isinstance(file[name], h5py.Group)
     del file[name]
     what, node = (
-        ("is gone", None),
-        ("is of the other kind", np.arange(3.0) if was_group else None),
+        *(("is gone", None), ("is of the other kind", np.arange(3.0) if was_group else None)),
         ("is a link to nowhere", h5py.SoftLink("/nowhere/at/all")),
         ("is a link to a missing file", h5py.ExternalLink("missing.hdf5", "/there")),
-        ("is a named type", np.dtype("f8")),
-        ("is the root itself", h5py.SoftLink("/")),
+        *(("is a named type", np.dtype("f8")), ("is the root itself", h5py.SoftLink("/"))),
         ("is empty", h5py.Empty("f4")),
     )[int(rng.integers(7))]
     if node is not None:

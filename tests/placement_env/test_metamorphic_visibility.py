@@ -85,8 +85,7 @@ MODELS = {  # made up
 
 def fidelities(visibility, scheme):
     return (
-        Coverage(visibility, scheme),
-        Coverage(visibility, scheme, least=5.0, views=2),
+        *(Coverage(visibility, scheme), Coverage(visibility, scheme, least=5.0, views=2)),
         Surrogate(visibility, scheme, MODELS[scheme]),
     )
 

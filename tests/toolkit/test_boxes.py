@@ -184,10 +184,8 @@ def test_boxes_suppress_equals_and_hold_points():
 @pytest.mark.parametrize(
     ("scores", "threshold", "metric", "message"),
     [
-        ([1.0, np.nan], 0.5, "bev", "row 1 is NaN"),
-        ([1.0], 0.5, "bev", "one entry for each of the 2 boxes"),
-        ([1.0, 2.0], 1.5, "bev", "0..1, got 1.5"),
-        ([1.0, 2.0], 0.5, "2d", '"bev" or "3d"'),
+        *(([1.0, np.nan], 0.5, "bev", "row 1 is NaN"), ([1.0], 0.5, "bev", "one entry for each of the 2 boxes")),
+        *(([1.0, 2.0], 1.5, "bev", "0..1, got 1.5"), ([1.0, 2.0], 0.5, "2d", '"bev" or "3d"')),
     ],
 )
 def test_nms_refuses(scores, threshold, metric, message):

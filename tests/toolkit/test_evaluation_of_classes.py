@@ -5,14 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.detection.evaluation import (
-    Comparison,
-    curve_files,
-    evaluate_recording,
-    format_class_table,
-    format_table,
-    save_evaluation,
-)
+from toolkit.detection import evaluation
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
@@ -61,7 +54,9 @@ class Knows:
 
 
 def mixed(classes, **options):
-    return evaluate_recording(Mixed(), Knows(), Comparison(schemes=["early"], classes=classes, **options))
+    return evaluation.evaluate_recording(
+        Mixed(), Knows(), evaluation.Comparison(schemes=["early"], classes=classes, **options)
+    )
 
 
 def test_classes_have_rows_and_tables_one_after_another():
@@ -84,16 +79,16 @@ def test_classes_have_rows_and_tables_one_after_another():
         twin = alone[row.label]
         assert (row.ap, row.recall, row.precision) == pytest.approx((twin.ap, twin.recall, twin.precision), nan_ok=True)
     rows = mixed(["vehicle", "pedestrian"])
-    first, second = format_table(rows).split("\n\n")
+    first, second = evaluation.format_table(rows).split("\n\n")
     assert first.splitlines()[0] == "vehicle, 4 to find"
     assert second.splitlines()[0] == "pedestrian, 3 to find"
     assert "AP@0.9" in first
     assert "AP@0.25" in second
-    assert first.split("\n", 1)[1] == format_table(rows[:3])
-    lines = format_class_table(rows.classes).splitlines()
+    assert first.split("\n", 1)[1] == evaluation.format_table(rows[:3])
+    lines = evaluation.format_class_table(rows.classes).splitlines()
     assert lines[0].split()[:3] == ["class", "scheme", "sensors"]
     assert lines[2].split() == ["pedestrian", "early", "0,1,2", "3", "0.000", "0.000", "0.500", "0.700", "0.25"]
-    assert format_table([]) == ""
+    assert evaluation.format_table([]) == ""
     with pytest.raises(ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"):
         mixed(["vehicle", "heavy"])
     with pytest.raises(ValueError, match="label must be one of"):
@@ -120,9 +115,12 @@ def test_class_figures_say_what_the_threshold_is_worth():
 
 def test_files_of_curves_are_named_by_class(tmp_path):
     rows = mixed(["vehicle", "pedestrian"], iou_thresholds=[0.5])
-    save_evaluation(rows, tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"table.json", *curve_files(["vehicle", "pedestrian"], [0.5])}
-    assert list(curve_files(["vehicle", "cyclist"])) == [
+    evaluation.save_evaluation(rows, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "table.json",
+        *evaluation.curve_files(["vehicle", "pedestrian"], [0.5]),
+    }
+    assert list(evaluation.curve_files(["vehicle", "cyclist"])) == [
         "pr_0.7.png", "pr_0.8.png", "pr_0.9.png", "pr_cyclist_0.25.png", "pr_cyclist_0.5.png", "pr_cyclist_0.7.png",
     ]  # fmt: skip
     assert json.loads((tmp_path / "table.json").read_text())["classes"][1]["label"] == "pedestrian"

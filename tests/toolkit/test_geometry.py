@@ -61,8 +61,7 @@ def test_transform_keeps_dtype_shape_and_levelled_rows():
 @pytest.mark.parametrize(
     ("turn", "forward", "left", "up"),
     [
-        ({}, (1, 0, 0), (0, 1, 0), (0, 0, 1)),
-        ({"yaw": np.pi / 2}, (0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+        *(({}, (1, 0, 0), (0, 1, 0), (0, 0, 1)), ({"yaw": np.pi / 2}, (0, 1, 0), (-1, 0, 0), (0, 0, 1))),
         ({"pitch": np.pi / 2}, (0, 0, -1), (0, 1, 0), (1, 0, 0)),
         ({"roll": np.pi / 2}, (1, 0, 0), (0, 0, 1), (0, -1, 0)),
         ({"yaw": np.pi / 2, "pitch": np.pi / 2}, (0, 0, -1), (-1, 0, 0), (0, 1, 0)),

@@ -64,10 +64,8 @@ def test_rows_stay_together_in_order_and_cannot_be_changed():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Objects(np.zeros((2, 8))),
-        lambda: Objects(CAR, np.array([0, 1])),
-        lambda: Objects(CAR, np.array([4])),
-        lambda: Objects(CAR, ids=np.array([1, 2])),
+        *(lambda: Objects(np.zeros((2, 8))), lambda: Objects(CAR, np.array([0, 1]))),
+        *(lambda: Objects(CAR, np.array([4])), lambda: Objects(CAR, ids=np.array([1, 2]))),
         lambda: Detections(CAR, np.ones(2)),
     ],
 )

@@ -84,8 +84,7 @@ XYZ = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1)]
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"junk", "no line DATA"),
-        (header(XYZ[:2], 1, "binary") + bytes(8), "no field z"),
+        *((b"junk", "no line DATA"), (header(XYZ[:2], 1, "binary") + bytes(8), "no field z")),
         (header([*XYZ, ("x", "F", 4, 1)], 1, "binary") + bytes(16), "one name"),
         (header([*XYZ, ("f", "F", 2, 1)], 1, "binary") + bytes(14), "TYPE and SIZE"),
         (header(XYZ, 10**12, "binary") + bytes(12), "cut off, 12 of"),

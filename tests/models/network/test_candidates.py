@@ -159,9 +159,7 @@ def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
 
 STREET = VoxelNetConfig.light((-20, -20, 20, 20), **road_users())  # vehicle, heavy, cyclist, pedestrian
 ROWS = (
-    (1.0, 0.0, 9.0, 2.0, 0.0, 0.0),
-    (1.0, 0.0, 0.0, 9.0, 0.0, 0.0),
-    (2.0, -0.5, 0.0, 0.0, 0.0, 3.0),
+    *((1.0, 0.0, 9.0, 2.0, 0.0, 0.0), (1.0, 0.0, 0.0, 9.0, 0.0, 0.0), (2.0, -0.5, 0.0, 0.0, 0.0, 3.0)),
     (1.0,) + (0.0,) * 5,
 )
 

@@ -190,8 +190,7 @@ def test_what_unions_see_alike_is_computed_once(trained):
 @pytest.mark.parametrize(
     ("config", "whether"),
     [
-        (light((0, 0, 8, 8)), True),
-        (light((0, 0, 8, 8), head3x3=16), False),
+        *((light((0, 0, 8, 8)), True), (light((0, 0, 8, 8), head3x3=16), False)),
         (light((0, 0, 8, 8), upsample="concatenate"), False),
         (VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 4.0, 4.0)), False),
     ],

@@ -33,8 +33,7 @@ def stop_after(steps):
 @pytest.mark.parametrize(
     ("preset", "changes"),
     [
-        ("fast", {}),
-        ("general", {}),
+        *(("fast", {}), ("general", {})),
         ("paper", {"vfe_widths": (4,), "voxel_width": 8, "head3x3": 8, "point_features": "published"}),
     ],
 )

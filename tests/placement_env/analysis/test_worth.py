@@ -146,10 +146,8 @@ def test_degenerate_numbers_of_sensors(n):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        (np.zeros(0), "2\\^n sets"),
-        (np.zeros(63), "got 63"),
-        (np.array([0, 0.5, np.nan, 0.7]), r"set \[1\] is not"),
-        (np.zeros(2**17), "at most 16 sensors, got 17"),
+        *((np.zeros(0), "2\\^n sets"), (np.zeros(63), "got 63")),
+        *((np.array([0, 0.5, np.nan, 0.7]), r"set \[1\] is not"), (np.zeros(2**17), "at most 16 sensors, got 17")),
     ],
 )
 def test_refuses(values, message):

@@ -71,9 +71,7 @@ def test_poles_in_degrees_stand_where_they_do(site, tmp_path):
     assert np.allclose(feet[:, 2], site.ground(feet[:, :2]))
     assert [m.name for m in mounts] == ["L-1", "pole01", "17"]
     assert [(m.min_height, m.max_height, m.price, m.capacity) for m in mounts] == [
-        (3.0, 9.0, 0.5, 800.0),
-        (3.0, 8.0, 1.0, 2000.0),
-        (4.0, 5.0, 1.0, 2000.0),
+        *((3.0, 9.0, 0.5, 800.0), (3.0, 8.0, 1.0, 2000.0), (4.0, 5.0, 1.0, 2000.0)),
     ]
     assert [m.max_sensors for m in mounts] == [2, 1, 1]
     assert {c.name for c in pool(site, mounts=mounts).mounts} == {"L-1", "pole01", "17"}
@@ -165,8 +163,7 @@ BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
 @pytest.mark.parametrize(
     ("features", "message"),
     [
-        ([], "holds no pole"),
-        ([polygon(BOX, keep_out=True)], "holds no pole"),
+        *(([], "holds no pole"), ([polygon(BOX, keep_out=True)], "holds no pole")),
         ([point([0.0, 400.0], name="far")], "pole 'far' stands 370 m from the area"),
         ([point([0.0, 10.0], name="a"), point([5.0, 10.0], name="a")], "2 poles are named 'a'"),
         ([point([0.0, 10.0]), point([0.05, 10.0])], "poles 'pole00' and 'pole01' stand at the same place"),
@@ -191,8 +188,7 @@ BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
         ([multipoint([[0.0, 10.0], [0.0, float("nan")]])], r"features\[0\].geometry.coordinates must be two or three"),
         ([multipoint([[0.0, 10.0, 0.0, 1.0]])], "two or three finite numbers"),
         ([multipoint([0.0, 10.0])], "two or three finite numbers, got 0.0"),
-        ([multipoint(3)], "of a MultiPoint must be a list, got 3"),
-        ([multipoint([])], "holds no pole"),
+        *(([multipoint(3)], "of a MultiPoint must be a list, got 3"), ([multipoint([])], "holds no pole")),
         ([multipoint([[0.0, 10.0], [0.0, 10.0]])], "'pole00-1' and 'pole00-2' stand at the same place"),
         ([multipoint([[0.0, 10.0], [5.0, 10.0]], name="a"), point([9.0, 10.0], name="a-2")], "2 poles are named 'a-2'"),
         ([point([0.0, 10.0, 0.0, 7.0])], "two or three finite numbers"),
@@ -235,10 +231,8 @@ def test_other_systems_of_coordinates_are_refused_or_need_pyproj(site, tmp_path)
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "not JSON from line 1"),
-        (b'{"type": "FeatureCollection", "features": [', "not JSON"),
-        (b"\xff\xfe\x00", "not a text file"),
-        (b"[]", "must be a GeoJSON FeatureCollection"),
+        *((b"", "not JSON from line 1"), (b'{"type": "FeatureCollection", "features": [', "not JSON")),
+        *((b"\xff\xfe\x00", "not a text file"), (b"[]", "must be a GeoJSON FeatureCollection")),
         (b'{"type": "FeatureCollection"}', "must be a GeoJSON FeatureCollection"),
     ],
 )

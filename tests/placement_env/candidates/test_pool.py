@@ -116,9 +116,7 @@ def test_each_pose_is_what_its_factors_say_on_mounts_outside_keep_out_areas():
     mounts = (Mount("low", np.zeros(3), 3.0, 4.0), Mount("tall", np.array([1.0, 0.0, 0.0]), 7.0, 20.0))
     candidates = pool(square(), mounts=mounts, heights=(4.5, 6.0, 9.0), headings=1, tilts=(0.0,), blind=True)
     assert [s.name for s in candidates.sensors] == [
-        "low_4.0m_h0_t0_camera",
-        "tall_7.0m_h0_t0_camera",
-        "tall_9.0m_h0_t0_camera",
+        *("low_4.0m_h0_t0_camera", "tall_7.0m_h0_t0_camera", "tall_9.0m_h0_t0_camera"),
     ]
     assert candidates.factors[:, 1].tolist() == [0, 1, 2]  # 7 m is what became of 6 m, not of 4.5 m
 
@@ -156,8 +154,7 @@ def test_blind_poses_go_and_models_are_free():
         *({"heights": (4.0,)}, {"headings": 9}, {"tilts": (0.1,)}, {"models": (DepthCamera(sigma=0.02),)}),
         {"mounts": tuple(replace(m, price=9.0) for m in square().mounts)},
         {"mounts": tuple(replace(m, capacity=9.0) for m in square().mounts)},
-        {"mounts": tuple(replace(m, position=m.position + 1e-6) for m in square().mounts)},
-        {"blind": True},
+        *({"mounts": tuple(replace(m, position=m.position + 1e-6) for m in square().mounts)}, {"blind": True}),
     ],
 )
 def test_digest_changes_with_all_it_depends_on(change):

@@ -16,8 +16,7 @@ ROOT = Path(__file__).parents[3]
 @pytest.mark.parametrize(
     "code",
     [
-        f"import gymnasium, placement_env; {KNOWN}; {LIGHT}",
-        f"import placement_env, gymnasium; {KNOWN}; {LIGHT}",
+        *(f"import gymnasium, placement_env; {KNOWN}; {LIGHT}", f"import placement_env, gymnasium; {KNOWN}; {LIGHT}"),
         f"import placement_env; import gymnasium.envs.registration, gymnasium; {KNOWN}",
         f"import placement_env, importlib.util as u; u.find_spec('gymnasium'); import gymnasium; {KNOWN}",
         f"import placement_env, gymnasium; placement_env.envs.registration.register(); {KNOWN}",

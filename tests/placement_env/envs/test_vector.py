@@ -40,8 +40,7 @@ def objective() -> Objective:
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
-        ("coview/SensorSelect-v0", {"actions": "flat"}),
-        ("coview/SensorSelect-v0", {"actions": "factored"}),
+        *(("coview/SensorSelect-v0", {"actions": "flat"}), ("coview/SensorSelect-v0", {"actions": "factored"})),
         ("coview/SensorSubset-v0", {}),
     ],
 )

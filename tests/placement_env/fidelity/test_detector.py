@@ -156,8 +156,7 @@ def test_a_kept_set_costs_nothing_and_more_frames_only_what_they_add(tmp_path, s
 @pytest.mark.parametrize(
     ("seen", "detector"),
     [
-        (Seen(Recording()), Guess("other weights", needed=2)),
-        (Seen(Recording(seed=1)), Guess()),
+        *((Seen(Recording()), Guess("other weights", needed=2)), (Seen(Recording(seed=1)), Guess())),
         (Seen(Recording(), noise_seed=1), Guess()),
         (Seen(Recording(tuple(Sensor(s.name + "b", s.model, s.pose) for s in SENSORS))), Guess()),
         (Seen(Recording(tuple(Sensor(s.name, DepthCamera(40, 30, 1, sigma=1.0), s.pose) for s in SENSORS))), Guess()),

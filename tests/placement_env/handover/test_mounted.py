@@ -87,9 +87,7 @@ def test_poles_of_a_file_become_mounts_of_the_site(candidates):
     found = pool(SITE, mounts=own)
     site = mounted.mounted_site(SITE, found, [0, int(np.flatnonzero(found.mount == 1)[0]), len(found) - 1])
     assert [(m.name, *m.position, m.price) for m in site.mounts] == [
-        ("e/1", 20.0, 0.0, 0.0, 1.0),
-        ("new", -15.0, 9.0, 0.0, 1.0),
-        ("north", 9.0, 9.0, 0.0, 3.0),
+        *(("e/1", 20.0, 0.0, 0.0, 1.0), ("new", -15.0, 9.0, 0.0, 1.0), ("north", 9.0, 9.0, 0.0, 3.0)),
     ]
 
 
@@ -142,8 +140,6 @@ def test_bills_of_prices_and_links_add_up(sensors):
     assert all(load.fits for load in mounted.link_loads(sensors, limited=False))
     bill = mounted.bill_of_materials((*sensors, sensors[0]))
     assert bill == (
-        mounted.MaterialItem("eye", 2, 10.0, 20.0),
-        mounted.MaterialItem("wide eye", 1, 20.0, 20.0),
-        mounted.MaterialItem("pole", 2, 0.5, 1.0),
-        mounted.MaterialItem("pole", 1, 3.0, 3.0),
+        *(mounted.MaterialItem("eye", 2, 10.0, 20.0), mounted.MaterialItem("wide eye", 1, 20.0, 20.0)),
+        *(mounted.MaterialItem("pole", 2, 0.5, 1.0), mounted.MaterialItem("pole", 1, 3.0, 3.0)),
     )

@@ -197,8 +197,7 @@ def test_rows_say_their_vehicles_in_words(monkeypatch):
 
 
 WORTH = [
-    SensorWorth("d0", 0.5, {"d1": -0.2, "d2": 0.05}),
-    SensorWorth("d1", 0.3, {"d0": -0.2, "d2": 0.0}),
+    *(SensorWorth("d0", 0.5, {"d1": -0.2, "d2": 0.05}), SensorWorth("d1", 0.3, {"d0": -0.2, "d2": 0.0})),
     SensorWorth("d2", -0.1, {"d0": 0.05, "d1": 0.0}),
 ]
 

@@ -54,9 +54,7 @@ def test_all_figures_are_said_and_how_sure_they_are():
     ("kbit", "ap", "comm", "reason"),
     [
         (
-            2500.0,
-            0.5,
-            0.0,
+            *(2500.0, 0.5, 0.0),
             "none of the 6 candidates fits its link: they send 2500 kbit per frame or more, and no link",
         ),
         (100.0, 0.0, 0.0, "no candidate that fits its link detects a vehicle in these frames"),

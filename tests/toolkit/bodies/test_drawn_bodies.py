@@ -43,10 +43,8 @@ def test_shares_mirrors_and_lengths_of_drawn_bodies():
 @pytest.mark.parametrize(
     ("kinds", "lengths", "heights"),
     [
-        (("_truck",), (5.2, 11.6), (1.9, 4.4)),
-        (("articulated_",), (12.4, 17.1), (2.8, 4.6)),
-        (("bendy_bus",), (16.4, 18.6), (2.5, 4.7)),
-        (("minibus",), (6.1, 8.0), (2.5, 4.8)),
+        *((("_truck",), (5.2, 11.6), (1.9, 4.4)), (("articulated_",), (12.4, 17.1), (2.8, 4.6))),
+        *((("bendy_bus",), (16.4, 18.6), (2.5, 4.7)), (("minibus",), (6.1, 8.0), (2.5, 4.8))),
     ],
 )
 def test_sizes_are_those_of_the_kind(kinds, lengths, heights):

@@ -15,9 +15,7 @@ def test_kinds_and_wheels_lie_in_their_ranges():
     for kind in drawn_cars.CAR_KINDS:
         assert np.mean([car.kind == kind.name for car in CARS]) == pytest.approx(kind.share, abs=0.055)
     for measure, (low, high) in (
-        ("length", drawn_cars.LENGTHS),
-        ("width", drawn_cars.WIDTHS),
-        ("height", drawn_cars.HEIGHTS),
+        *(("length", drawn_cars.LENGTHS), ("width", drawn_cars.WIDTHS), ("height", drawn_cars.HEIGHTS)),
     ):
         values = [getattr(car, measure) for car in CARS]
         assert low <= min(values) < low + 0.1 * (high - low)

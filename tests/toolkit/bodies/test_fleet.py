@@ -90,8 +90,7 @@ def test_every_name_that_is_drawn_is_announced(label):
     ("name", "options", "says"),
     [
         ("mine", {}, "fleet must be one of catalogue, own, meshes, both, got 'mine'"),
-        ("meshes", {}, "fleet 'meshes' needs a folder"),
-        ("both", {}, "fleet 'both' needs a folder"),
+        *(("meshes", {}, "fleet 'meshes' needs a folder"), ("both", {}, "fleet 'both' needs a folder")),
         ("own", {"meshes": "somewhere"}, "fleet 'own' takes no meshes, got somewhere"),
         ("own", {"held_out": True}, "held-out cars are of the catalogue"),
     ],

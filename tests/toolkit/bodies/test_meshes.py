@@ -93,8 +93,7 @@ def test_folders_and_names_give_the_class_and_the_rest_follows_from_the_size(tmp
 @pytest.mark.parametrize(
     ("change", "hint"),
     [
-        ({"scale": 1000.0}, "millimetres, scale it by 0.001"),
-        ({"scale": 100.0}, "centimetres, scale it by 0.01"),
+        *(({"scale": 1000.0}, "millimetres, scale it by 0.001"), ({"scale": 100.0}, "centimetres, scale it by 0.01")),
         ({"turn": ((0, -1, 0), (1, 0, 0), (0, 0, 1))}, "z up and y forward, turn it"),
         ({"turn": ((0, 1, 0), (0, 0, 1), (1, 0, 0))}, "y up and z forward, turn it"),
         ({"scale": 17.0}, "check its units"),
@@ -290,8 +289,7 @@ def horse():
     ("names", "label"),
     [
         (["family_sedan", "large_suv", "double_cab_pickup", "coupe", "delivery_van"], VEHICLE),
-        (["city_bus", "box_truck"], HEAVY),
-        (["city_bicycle", "motorcycle"], CYCLIST),
+        *((["city_bus", "box_truck"], HEAVY), (["city_bicycle", "motorcycle"], CYCLIST)),
         (["man_standing", "man_striding"], PEDESTRIAN),
     ],
 )
@@ -315,8 +313,7 @@ def test_animals_and_furniture_are_clearly_nothing(mesh):
 
 def test_stances_measures_and_mirrors_are_found():
     for turn, says in (
-        (ON_ITS_SIDE, "lies on its side"),
-        (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), "stands across"),
+        *((ON_ITS_SIDE, "lies on its side"), (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), "stands across")),
         (np.diag([-1.0, -1, 1]), "face backwards"),
     ):
         shape = shape_of(OURS["compact_hatchback"], turn)
@@ -352,8 +349,7 @@ def table_mesh_table(folder: Path, text: str) -> dict[Path, meshes.MeshEntry]:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[[mesh", "not valid TOML"),
-        ("mesh = 3", r"must hold \[\[mesh\]\] entries alone"),
+        *(("[[mesh", "not valid TOML"), ("mesh = 3", r"must hold \[\[mesh\]\] entries alone")),
         ('[other]\nx = 1\n[[mesh]]\nfile = "a.obj"', "entries alone"),
         ("mesh = [1]", "entry 1: file must name a mesh"),
         ('[[mesh]]\nfile = "b.obj"', "file must name a mesh below .*, got 'b.obj'"),

@@ -18,8 +18,7 @@ from toolkit.sites.site import Site
 
 CAMERA, LIDAR = DepthCamera(width=40, height=30), SpinningLidar(channels=4, azimuth_step=0.5)
 SENSORS = (
-    Sensor("one", CAMERA, look((-9.0, 0.0, 5.0), heading=0.0, tilt=0.3)),
-    Sensor("spun", LIDAR, pose(0.0, 3.0, 4.0)),
+    *(Sensor("one", CAMERA, look((-9.0, 0.0, 5.0), heading=0.0, tilt=0.3)), Sensor("spun", LIDAR, pose(0.0, 3.0, 4.0))),
     Sensor("two", CAMERA, look((9.0, 0.0, 5.0), heading=np.pi, tilt=0.3)),
 )
 PLACE = Site("place", np.array([-12.0, -12, 12, 12]), sensors=SENSORS, map_SE3_site=pose(700.0, -50.0, 3.0, yaw=0.4))

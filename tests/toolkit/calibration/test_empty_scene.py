@@ -11,8 +11,7 @@ from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor, SensorModel
 
 MODELS: list[SensorModel] = [
-    DepthCamera(width=24, height=20, stride=2),
-    SpinningLidar(channels=10, azimuth_step=float(np.deg2rad(30))),
+    *(DepthCamera(width=24, height=20, stride=2), SpinningLidar(channels=10, azimuth_step=float(np.deg2rad(30)))),
     SolidStateLidar(rows=10, columns=12),
 ]
 CAMERA = Sensor("cam", MODELS[0], look((0.0, 0.0, 5.0), 0.0))

@@ -214,8 +214,7 @@ def test_heights_motions_and_boxes_of_a_tilted_ground():
 def test_wrong_arguments_are_refused_and_heights_warned_of():
     points = street(np.random.default_rng(0))
     for arguments, message in (
-        ({"method": "spline"}, "method"),
-        ({"max_tilt": 1.0}, "max_tilt must lie in 0..45 degrees, got 57.3"),
+        *(({"method": "spline"}, "method"), ({"max_tilt": 1.0}, "max_tilt must lie in 0..45 degrees, got 57.3")),
         ({"reach": 0.0}, "reach must be above 0 m, got 0"),
     ):
         with pytest.raises((ValueError, TypeError), match=message):

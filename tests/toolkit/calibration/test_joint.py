@@ -14,8 +14,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Relief, Site
 
 TRUE = (
-    look((-8.0, -8.0, 6.0), heading=0.7, tilt=0.4),
-    look((8.0, -8.0, 6.0), heading=2.4, tilt=0.4),
+    *(look((-8.0, -8.0, 6.0), heading=0.7, tilt=0.4), look((8.0, -8.0, 6.0), heading=2.4, tilt=0.4)),
     look((0.0, -9.0, 6.0), heading=1.6, tilt=0.4),
 )
 

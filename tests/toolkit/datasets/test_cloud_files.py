@@ -90,8 +90,7 @@ def test_pose_files_in_text(tmp_path):
         return " ".join(map(repr, map(float, row)))
 
     for content, names in (
-        ("\n".join(text(row) for row in POSES[0]), ["0"]),
-        ("\n".join(text(row) for row in POSES[0][:3]), ["0"]),
+        *(("\n".join(text(row) for row in POSES[0]), ["0"]), ("\n".join(text(row) for row in POSES[0][:3]), ["0"])),
         ("# KITTI\n" + "\n\n".join(text(p[:3].ravel()) for p in POSES), ["0", "1"]),
         ("\n".join(f"{name} {text(p.ravel())}" for name, p in zip("ab", POSES, strict=True)), ["a", "b"]),
     ):

@@ -92,8 +92,7 @@ def place(change):
 @pytest.mark.parametrize(
     ("change", "suspected"),
     [
-        (blind, "no points"),
-        (place(lambda matrix: matrix @ pose(0.0, 0.0, 9.0)), "it stands under the ground"),
+        *((blind, "no points"), (place(lambda matrix: matrix @ pose(0.0, 0.0, 9.0)), "it stands under the ground")),
         (place(lambda matrix: np.diag([1, -1, -1, 1]) @ matrix), "upside down"),
     ],
 )
@@ -161,9 +160,7 @@ def test_files_that_cannot_be_read(tmp_path, healthy):
     with pytest.raises(FileNotFoundError):
         diagnose_file(path)
     for content, says in (
-        (b"", "is empty"),
-        (b"text" * 99, "not an HDF5 file"),
-        (healthy[: len(healthy) // 2], "cut off"),
+        *((b"", "is empty"), (b"text" * 99, "not an HDF5 file"), (healthy[: len(healthy) // 2], "cut off")),
     ):
         path.write_bytes(content)
         (finding,) = diagnose_file(path)

@@ -81,10 +81,8 @@ def test_intrinsics_refused(matrix):
 @pytest.mark.parametrize(
     ("rows", "says"),
     [
-        (np.zeros((2, 9)), "10 columns"),
-        (np.zeros(10), "10 columns"),
-        (np.full((1, 10), np.nan), "row 0 holds NaN"),
-        ([[0, 0, 0, 0, 0, 0, 1, 1, 1, 7.0]], r"classes 0\.\.3"),
+        *((np.zeros((2, 9)), "10 columns"), (np.zeros(10), "10 columns")),
+        *((np.full((1, 10), np.nan), "row 0 holds NaN"), ([[0, 0, 0, 0, 0, 0, 1, 1, 1, 7.0]], r"classes 0\.\.3")),
         ([[0, 0, 0, 0, 0, 0, 1, 1, 1, 0.5]], r"classes 0\.\.3"),
     ],
 )

@@ -45,10 +45,8 @@ def content(source):
 @pytest.mark.parametrize(
     ("sensors", "images"),
     [
-        ((CAMERA, TWIN), ("dslices", "dslices")),
-        ((LIDAR, CAMERA), ("coview/ranges/lidar", "dslices")),
-        ((CAMERA, SMALL), ("coview/depth/north", "coview/depth/small")),
-        ((LIDAR,), ("coview/ranges/lidar",)),
+        *(((CAMERA, TWIN), ("dslices", "dslices")), ((LIDAR, CAMERA), ("coview/ranges/lidar", "dslices"))),
+        *(((CAMERA, SMALL), ("coview/depth/north", "coview/depth/small")), ((LIDAR,), ("coview/ranges/lidar",))),
     ],
 )
 def test_cameras_of_one_size_share_their_images(sensors, images):

@@ -46,8 +46,7 @@ def test_listings_read_when_asked_with_rotations_and_poses():
         (lambda: records.as_number(None, "size"), "size must be a number, got 'None'"),
         (lambda: records.numbers([1, [2]], 3, "size"), "size must be 3 numbers"),
         (lambda: records.numbers([1, "b", 2], 3, "size"), "size must be 3 numbers"),
-        (lambda: json.loads("{}")["key"], "'key'"),
-        (lambda: b"\xff".decode(), "byte 0 is not UTF-8"),
+        *((lambda: json.loads("{}")["key"], "'key'"), (lambda: b"\xff".decode(), "byte 0 is not UTF-8")),
     ],
 )
 def test_damage_is_one_line_with_the_file(damage, names):
@@ -176,8 +175,7 @@ def test_boxes_there_and_back(tmp_path):
 @pytest.mark.parametrize(
     ("content", "names"),
     [
-        ("{}", "no entry coview"),
-        ('{"coview": "boxes", "version": 2, "samples": []}', "version 1"),
+        *(("{}", "no entry coview"), ('{"coview": "boxes", "version": 2, "samples": []}', "version 1")),
         ('{"coview": "boxes", "version": 1, "samples": {}}', "samples must be a list"),
         ('{"coview": "boxes", "version": 1, "samples": [{}]}', "no entry name"),
     ],

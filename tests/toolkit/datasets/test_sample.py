@@ -67,8 +67,7 @@ def test_regions_hold_places_and_boxes_in_an_image():
 @pytest.mark.parametrize(
     "region",
     [
-        Everywhere(),
-        Rectangle((-1.5, 0.0, 2.0, 3.25)),
+        *(Everywhere(), Rectangle((-1.5, 0.0, 2.0, 3.25))),
         ImageWedge(np.arange(12.0).reshape(3, 4) / 3, 1242, 375, ((0.0, 1.5, 2.0, 3.0),)),
     ],
 )
@@ -81,8 +80,7 @@ def test_a_region_comes_back_from_what_files_say_of_it(region):
 @pytest.mark.parametrize(
     ("record", "says"),
     [
-        ({"kind": "circle"}, "everywhere, rectangle, image, got {'kind': 'circle'}"),
-        ([], "complete in one of"),
+        *(({"kind": "circle"}, "everywhere, rectangle, image, got {'kind': 'circle'}"), ([], "complete in one of")),
         ({"kind": ["image"]}, "complete in one of"),
         ({"kind": "rectangle", "area": [1, 2, 3]}, "numbers of a region rectangle are damaged"),
         ({"kind": "image", "projection": "x", "width": 1, "height": 1, "ignored": []}, "region image are damaged"),

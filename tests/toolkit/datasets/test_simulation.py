@@ -167,8 +167,7 @@ def test_no_room_on_the_disk(tmp_path, undisturbed, share):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"seed": 4}, "seed 3 instead of 4"),
-        ({"frames": 7}, f"frames {FRAMES} instead of 7"),
+        *(({"seed": 4}, "seed 3 instead of 4"), ({"frames": 7}, f"frames {FRAMES} instead of 7")),
         ({"sensors": small_job()["sensors"][:1]}, "sensors 2 .* instead of 1 "),
         ({"fleet": Fleet(small_job()["fleet"].fixed[:3])}, "bodies . .* instead of 3 "),
     ],
@@ -211,8 +210,7 @@ a, b = small_job()["sensors"]
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"sensors": ()}, "has no sensors"),
-        ({"sensors": (a, a)}, "different names"),
+        *(({"sensors": ()}, "has no sensors"), ({"sensors": (a, a)}, "different names")),
         ({"sensors": (Sensor("a/b", a.model, a.pose),)}, "without '/'"),
     ],
 )

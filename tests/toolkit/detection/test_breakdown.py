@@ -3,15 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.detection.breakdown import (
-    by_centre,
-    format_rows,
-    group_rows,
-    kitti_ap,
-    nuscenes_ap,
-    repeated,
-    select_truth,
-)
+from toolkit.detection import breakdown
 from toolkit.detection.metrics import precision_recall
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.objects import Detections, Objects
@@ -23,23 +15,23 @@ def curve(hits, truths):
 
 def test_ap_of_kitti_and_of_nuscenes_by_range():
     """Hit, miss, hit of 4: precision 1 up to recall 1/4, then 2/3 up to 1/2, nothing beyond."""
-    assert kitti_ap(curve([1, 0, 1], 4)) == pytest.approx((10 * 1 + 10 * 2 / 3) / 40)
-    assert kitti_ap(curve([1], 1)) == 1
-    assert kitti_ap(curve([0], 1)) == 0
-    assert kitti_ap(curve([], 3)) == 0
-    assert np.isnan(kitti_ap(curve([0], 0)))
+    assert breakdown.kitti_ap(curve([1, 0, 1], 4)) == pytest.approx((10 * 1 + 10 * 2 / 3) / 40)
+    assert breakdown.kitti_ap(curve([1], 1)) == 1
+    assert breakdown.kitti_ap(curve([0], 1)) == 0
+    assert breakdown.kitti_ap(curve([], 3)) == 0
+    assert np.isnan(breakdown.kitti_ap(curve([0], 0)))
     # Precision 1 to recall 1/2, nothing beyond: recalls 0.11 to 0.50 of 0.11 to 1.00.
-    assert nuscenes_ap(curve([1, 1], 4)) == pytest.approx(40 * 0.9 / 90 / 0.9)
-    assert nuscenes_ap(curve([1, 1], 2)) == pytest.approx(1)
-    assert nuscenes_ap(curve([], 2)) == 0
-    assert np.isnan(nuscenes_ap(curve([0], 0)))
+    assert breakdown.nuscenes_ap(curve([1, 1], 4)) == pytest.approx(40 * 0.9 / 90 / 0.9)
+    assert breakdown.nuscenes_ap(curve([1, 1], 2)) == pytest.approx(1)
+    assert breakdown.nuscenes_ap(curve([], 2)) == 0
+    assert np.isnan(breakdown.nuscenes_ap(curve([0], 0)))
     found = Detections(boxes((70.0,)), np.array([0.9]))
-    each = select_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
+    each = breakdown.select_truth(frame(), np.array([58.0, -10.0, 78.0, 10.0])).judge(found)
     assert each.counted.tolist() == [False, False, False, False, True]
     assert each.truth_range[-1] == 2
     assert len(each.found) == 1
     three = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
-    text = format_rows([*group_rows(three, "vehicle"), *group_rows(three, "cyclist")])
+    text = breakdown.format_rows([*breakdown.group_rows(three, "vehicle"), *breakdown.group_rows(three, "cyclist")])
     assert text.startswith("vehicle, ours\nobjects              to find  BEV 0.3")
     assert "all                        3    1.000" in text
     assert "cyclist, nuScenes" in text
@@ -54,21 +46,25 @@ def found_at(places, scores=None, labels=None):
 
 def test_centres_are_matched_by_range_and_points():
     found, truths = found_at([0.9, 0.2, 9.0], [0.9, 0.8, 0.7]), found_at([0.0, 20.0])
-    matched = by_centre([found], [truths], [np.array([True, True])], 1.0, 0)
+    matched = breakdown.by_centre([found], [truths], [np.array([True, True])], 1.0, 0)
     assert matched.hits.tolist() == [True, False, False]  # the surer one takes it, though the other is nearer
     assert matched.truths == 2
-    assert by_centre([found], [truths], [np.array([True, True])], 0.5, 0).hits.tolist() == [False, True, False]
-    matched = by_centre([found_at([0.1, 20.1], [0.9, 0.8])], [found_at([0.0, 20.0])], [np.array([True, False])], 1.0, 0)
+    assert breakdown.by_centre([found], [truths], [np.array([True, True])], 0.5, 0).hits.tolist() == [
+        *(False, True, False),
+    ]
+    matched = breakdown.by_centre(
+        [found_at([0.1, 20.1], [0.9, 0.8])], [found_at([0.0, 20.0])], [np.array([True, False])], 1.0, 0
+    )
     assert (matched.hits.tolist(), matched.truths) == ([True], 1)
     found, truths = found_at([0.0, 0.0], [0.9, 0.8], np.array([0, 1])), found_at([0.0], labels=np.array([1]))
-    matched = by_centre([found], [truths], [np.array([True])], 1.0, 1)
+    matched = breakdown.by_centre([found], [truths], [np.array([True])], 1.0, 1)
     assert (matched.scores.tolist(), matched.hits.tolist(), matched.truths) == ([0.8], [True], 1)
-    empty = by_centre([Detections.empty()], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
+    empty = breakdown.by_centre([Detections.empty()], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
     assert (len(empty.scores), empty.truths) == (0, 0)
-    alarm = by_centre([found_at([0.0], [0.5])], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
+    alarm = breakdown.by_centre([found_at([0.0], [0.5])], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
     assert alarm.hits.tolist() == [False]
     # Two of three cars found, surest first, then a false alarm at 12 m, then nothing.
-    rows = group_rows([judged(frame(), (5.0, 25.1, 12.0), (0.9, 0.8, 0.85))], "vehicle")
+    rows = breakdown.group_rows([judged(frame(), (5.0, 25.1, 12.0), (0.9, 0.8, 0.85))], "vehicle")
     assert row(rows, "ours", "BEV 0.5").truths == 3
     assert row(rows, "ours", "BEV 0.5").ap == pytest.approx(1 / 3 + 2 / 3 / 3)
     assert row(rows, "ours", "BEV 0.5", "0-20 m").ap == 1  # the surest is the hit
@@ -101,7 +97,7 @@ def frame(places=PLACES, complete=None):
 
 
 def judged(seen, found_at, scores):
-    return select_truth(seen, AREA).judge(Detections(boxes(found_at), np.array(scores)))
+    return breakdown.select_truth(seen, AREA).judge(Detections(boxes(found_at), np.array(scores)))
 
 
 def row(rows, protocol, measure, among="all"):
@@ -118,19 +114,19 @@ def test_rows_count_once_what_overlaps_where_labels_are_complete():
     again = boxes((5.002, 25.0))
     again[0, 3] -= 0.003
     objects = Objects(np.concatenate([boxes((5.0, 25.0)), again]), np.array([0, 0, 0, 2]))
-    assert repeated(objects).tolist() == [False, False, True, False]
+    assert breakdown.repeated(objects).tolist() == [False, False, True, False]
     each = judged(replace(frame(), objects=objects), (5.0,), [0.9])
     assert each.counted.tolist() == [True, True, False, True]
-    assert row(group_rows([each], "vehicle"), "ours", "BEV 0.5").truths == 2
+    assert row(breakdown.group_rows([each], "vehicle"), "ours", "BEV 0.5").truths == 2
     near = boxes((5.0, 5.25))  # IoU 0.88: two labels that differ by more than an annotator's hand
-    assert not repeated(Objects(near)).any()
-    assert repeated(Objects(np.zeros((0, 7)))).shape == (0,)
+    assert not breakdown.repeated(Objects(near)).any()
+    assert breakdown.repeated(Objects(np.zeros((0, 7)))).shape == (0,)
     # Found 1.2 m short of a car at 20.5 m, which lies in the next ring.
     sample = Frame.of_clouds("0", (SensorCloud("s", np.float32([[20.5, 0, 0.75]]), np.eye(4)),), Objects(boxes([20.5])))
-    rows = group_rows([judged(sample, [19.3], [0.9])], "vehicle", [0.3])
+    rows = breakdown.group_rows([judged(sample, [19.3], [0.9])], "vehicle", [0.3])
     assert row(rows, "ours", "BEV 0.3", "20-35 m").ap == 1
     assert np.isnan(row(rows, "ours", "BEV 0.3", "0-20 m").ap)
     seen = frame(complete=Rectangle((0.0, -5.0, 8.0, 5.0)))
-    rows = group_rows([judged(seen, (5.0, 12.0), (0.8, 0.9))], "vehicle")
+    rows = breakdown.group_rows([judged(seen, (5.0, 12.0), (0.8, 0.9))], "vehicle")
     assert row(rows, "ours", "BEV 0.5").truths == 1
     assert row(rows, "ours", "BEV 0.5").ap == 1  # the false alarm at 12 m lies where nobody labelled

@@ -73,8 +73,7 @@ def test_empty_streets_are_empty_and_the_better_seen_scores_higher(detector):
     assert found.scores[best[0]] > 2 * found.scores[best[1]]
     assert ((found.scores > 0) & (found.scores <= 1)).all()
     others = [
-        ClusterDetector.learn([street(np.random.default_rng(9))]),
-        ClusterDetector(detector.background, fewest=6),
+        *(ClusterDetector.learn([street(np.random.default_rng(9))]), ClusterDetector(detector.background, fewest=6)),
         ClusterDetector(detector.background, cell=0.25),
     ]
     assert len({detector.digest, *(other.digest for other in others)}) == 4

@@ -43,14 +43,12 @@ def face(x, count=40, z=(0.5, 1.5)):
 def test_points_on_a_face_fit_and_those_within_or_around_do_not():
     hollow, turned = face(10.0)[np.abs(face(10.0)[:, 1]) < 0.5], BOX + np.eye(7)[6] * np.pi / 2
     for points, fit in (
-        (face(8.0), [1.0]),
-        (hollow, [0.0]),
+        *((face(8.0), [1.0]), (hollow, [0.0])),
         (face(7.6), [0.0]),  # in the shell, beside the box
         (np.concatenate([face(8.0), face(7.6)]), [0.5]),
         (np.concatenate([face(8.0), face(7.0)]), [1.0]),  # beyond the shell
         (face(7.91), [1.0]),  # a face may stand out by the slack
-        (face(7.89), [0.0]),
-        (face(8.0, LEAST_ON_BOX), [1.0]),
+        *((face(7.89), [0.0]), (face(8.0, LEAST_ON_BOX), [1.0])),
         (face(8.0, LEAST_ON_BOX - 1), [0.0]),  # a box of few points says nothing
     ):
         assert measure_fits(points, BOX).tolist() == fit

@@ -68,11 +68,9 @@ def test_sites_and_frames_are_drawn_the_same_again(tmp_path):
 @pytest.mark.parametrize(
     "shown",
     [
-        {"clouds": [np.random.default_rng(0).uniform(-9, 9, (500, 3))]},
-        {"truth": SEEN["truth"]},
+        *({"clouds": [np.random.default_rng(0).uniform(-9, 9, (500, 3))]}, {"truth": SEEN["truth"]}),
         {"detections": SEEN["detections"]},
-        {"sensors": [CAMERA, Sensor("d1", DepthCamera(), look((10.0, 0.0, 5.0), 3.0, 0.2))]},
-        {"title": "frame 3"},
+        *({"sensors": [CAMERA, Sensor("d1", DepthCamera(), look((10.0, 0.0, 5.0), 3.0, 0.2))]}, {"title": "frame 3"}),
         {"outcome": FrameOutcome(0.7, YES, NO, YES, NO)} | SEEN,
     ],
     ids=lambda shown: next(iter(shown)),

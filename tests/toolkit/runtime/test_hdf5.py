@@ -47,11 +47,9 @@ def test_what_is_sound_is_read_and_faults_of_h5py_are_of_reading(file):
 @pytest.mark.parametrize(
     ("name", "asked", "says"),
     [
-        ("missing", {}, "'missing' is missing"),
-        ("nowhere", {}, "is missing"),
+        *(("missing", {}, "'missing' is missing"), ("nowhere", {}, "is missing")),
         ("group", {}, "must be a dataset of numbers, got group"),
-        ("type", {}, "must be a dataset of numbers, got datatype"),
-        ("nothing", {}, "must be a dataset of numbers"),
+        *(("type", {}, "must be a dataset of numbers, got datatype"), ("nothing", {}, "must be a dataset of numbers")),
         ("words", {}, "must hold numbers, got object"),
         ("numbers", {"axes": 1}, r"must have 1 axes, got float64 of shape \(2, 3\)"),
         ("numbers", {"kinds": "iu"}, "must hold whole numbers, got float64"),

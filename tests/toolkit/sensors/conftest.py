@@ -13,10 +13,8 @@ CAMERA = Sensor("camera", DepthCamera(width=320, height=240, stride=1), look((0.
 LIDAR = Sensor("lidar", SpinningLidar(channels=48, azimuth_step=0.01), pose(0.0, 0.0, 5.0))
 BOXES = np.array(
     [
-        [12.0, 0, 0.75, 4.5, 1.8, 1.5, 0.3],
-        [18.0, 6, 0.75, 4.5, 1.8, 1.5, 1.2],
-        [16.0, -6, 1.5, 8.0, 2.5, 3.0, 0.1],
-        [10.0, 4.5, 0.9, 1.8, 0.6, 1.8, 0.0],
+        *([12.0, 0, 0.75, 4.5, 1.8, 1.5, 0.3], [18.0, 6, 0.75, 4.5, 1.8, 1.5, 1.2]),
+        *([16.0, -6, 1.5, 8.0, 2.5, 3.0, 0.1], [10.0, 4.5, 0.9, 1.8, 0.6, 1.8, 0.0]),
     ]
 )
 LABELS = np.array([VEHICLE, VEHICLE, HEAVY, CYCLIST])

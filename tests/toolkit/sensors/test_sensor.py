@@ -119,10 +119,8 @@ class FisheyeCamera:
 
 
 EACH = [
-    DepthCamera(width=120, height=90),
-    SpinningLidar(channels=20, azimuth_step=float(np.deg2rad(2.0))),
-    SolidStateLidar(rows=24, columns=90),
-    FisheyeCamera(72, offset=(1.5, -2.0)),
+    *(DepthCamera(width=120, height=90), SpinningLidar(channels=20, azimuth_step=float(np.deg2rad(2.0)))),
+    *(SolidStateLidar(rows=24, columns=90), FisheyeCamera(72, offset=(1.5, -2.0))),
 ]
 models = pytest.mark.parametrize("model", EACH, ids=lambda model: type(model).__name__)
 SPOTS = [((-18.0, -12.0, 6.0), 0.6, 0.3), ((17.0, 10.0, 5.0), -2.5, 0.25), ((0.0, -13.0, 4.0), 1.5, 0.4)]
@@ -355,10 +353,8 @@ def test_sensors_compare_by_value_and_models_go_by_name():
     sensor = Sensor("a", lidar, place)
     assert sensor.digest == Sensor("b", SpinningLidar(), place.copy()).digest
     others = [
-        Sensor("a", CAMERA, place),
-        Sensor("a", SpinningLidar(sigma=0.5), place),
-        Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)),
-        Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9)),
+        *(Sensor("a", CAMERA, place), Sensor("a", SpinningLidar(sigma=0.5), place)),
+        *(Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)), Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9))),
     ]
     assert len({sensor.digest, *(other.digest for other in others)}) == 5
 

@@ -122,8 +122,7 @@ DAMAGE = [
     (put(hybrid_radius=-3), r"hybrid_radius must be finite and at least 0"),
     (put(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
     *((put(coview_site=99), r"coview_site is version 99"), (drop("coview_site"), r"coview_site is missing")),
-    (put(type="Feature"), r"type must be 'FeatureCollection'"),
-    (put(features={}), r"features must be a list"),
+    *((put(type="Feature"), r"type must be 'FeatureCollection'"), (put(features={}), r"features must be a list")),
     (lambda d: d["features"].insert(0, 3), r"features\[0\] must be an object"),
 ]
 

@@ -175,10 +175,8 @@ def test_a_closed_lane_is_fenced_off_and_nothing_of_it_is_in_the_way(edge):
 @pytest.mark.parametrize(
     ("make", "kind", "top"),
     [
-        (furnishing.cone, "cone", (0.5, 1.0)),
-        (furnishing.beacon, "cone", (1.0, 1.3)),
-        (furnishing.concrete, "barrier", (0.75, 0.95)),
-        (furnishing.fence, "fence", (1.2, 2.0)),
+        *((furnishing.cone, "cone", (0.5, 1.0)), (furnishing.beacon, "cone", (1.0, 1.3))),
+        *((furnishing.concrete, "barrier", (0.75, 0.95)), (furnishing.fence, "fence", (1.2, 2.0))),
     ],
 )
 def test_what_closes_a_lane_has_its_usual_size(make, kind, top):

@@ -11,76 +11,72 @@ from shapely.geometry import shape
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites import georeference
 from toolkit.sites.files import load_site, save_site
-from toolkit.sites.georeference import (
-    bearing_deg,
-    feature,
-    feature_collection,
-    inverse_project,
-    longitude_latitude,
-    project,
-    projection,
-    site_geojson,
-    site_metres,
-)
 from toolkit.sites.site import Site
 
 CENTRE = (13.4, 52.505)
 AREA = np.array([-40.0, -30.0, 40.0, 30.0])
-TURNED = Site("berlin", AREA, map_SE3_site=pose(3.0, 4.0, 34.0, yaw=np.pi / 2), geo_reference=projection(*CENTRE))
+TURNED = Site(
+    "berlin", AREA, map_SE3_site=pose(3.0, 4.0, 34.0, yaw=np.pi / 2), geo_reference=georeference.projection(*CENTRE)
+)
 UTM = "+proj=utm +zone=33 +datum=WGS84 +units=m +no_defs"
 
 
 def test_sites_lie_on_earth_by_projections_of_proj():
     # Independent figures: one degree of longitude and latitude at 52.505° on WGS84 are 67,922.6 m and 111,268.5 m.
-    metres = project(np.array([[13.401, 52.505], [13.4, 52.506], CENTRE]), CENTRE)
+    metres = georeference.project(np.array([[13.401, 52.505], [13.4, 52.506], CENTRE]), CENTRE)
     np.testing.assert_allclose(metres, [[67.9, 0.0], [0.0, 111.27], [0, 0]], atol=0.05)
     points = np.random.default_rng(0).uniform(-2000, 2000, (50, 2))
-    np.testing.assert_allclose(project(inverse_project(points, CENTRE), CENTRE), points, atol=1e-6)
+    np.testing.assert_allclose(
+        georeference.project(georeference.inverse_project(points, CENTRE), CENTRE), points, atol=1e-6
+    )
     # Within 2 km to 1 mm, also for southern, western and far northern places.
     pyproj = pytest.importorskip("pyproj")
     points = np.random.default_rng(1).uniform(-1400, 1400, (50, 2))
     for centre in (CENTRE, (-70.25, -33.5), (179.999, 0.0), (25.7, 69.5)):
-        there = pyproj.Transformer.from_crs(projection(*centre), "EPSG:4326", always_xy=True)
+        there = pyproj.Transformer.from_crs(georeference.projection(*centre), "EPSG:4326", always_xy=True)
         degrees = np.stack(there.transform(*points.T), axis=1)
-        assert np.abs((inverse_project(points, centre) - degrees + 180) % 360 - 180).max() < 2e-8, centre
+        assert np.abs((georeference.inverse_project(points, centre) - degrees + 180) % 360 - 180).max() < 2e-8, centre
     site = Site("utm", AREA, map_SE3_site=pose(500000.0, 4982950.400), geo_reference=UTM)
-    found = longitude_latitude(site, np.array([[0.0, 0.0], [10.0, 20.0]]))
+    found = georeference.longitude_latitude(site, np.array([[0.0, 0.0], [10.0, 20.0]]))
     assert found is not None
     # Independent figures: zone 33 is about 15°; the meridian from the equator to 45° is 4,984,944.378 m, times 0.9996
     assert found[0] == pytest.approx([15.0, 45.0], abs=1e-8)
-    assert site_metres(site, found) == pytest.approx(np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5)
+    assert georeference.site_metres(site, found) == pytest.approx(np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5)
     # Its map's zero is where equator and Greenwich meet; 1 degree of longitude is 111,319.5 m there.
     carla = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +geoidgrids=egm96_15.gtx +vunits=m"
     site = Site("town01", AREA, map_SE3_site=pose(104.0, -196.0), geo_reference=carla)
-    assert longitude_latitude(site, np.zeros((1, 2))) == pytest.approx(
+    assert georeference.longitude_latitude(site, np.zeros((1, 2))) == pytest.approx(
         np.array([[104 / 111319.49, -196 / 110574.28]]), abs=1e-8
     )
     xy = np.array([[0.0, 0.0], [100.0, 0.0], [-4.0, 3.0]])
-    placed = longitude_latitude(TURNED, xy)
+    placed = georeference.longitude_latitude(TURNED, xy)
     assert placed is not None
     # x of the site points to the map's north, y to its west; the site's zero is 3 m east and 4 m north of CENTRE
-    assert project(placed, CENTRE) == pytest.approx(np.array([[3.0, 4.0], [3.0, 104.0], [0.0, 0.0]]), abs=1e-6)
+    assert georeference.project(placed, CENTRE) == pytest.approx(
+        np.array([[3.0, 4.0], [3.0, 104.0], [0.0, 0.0]]), abs=1e-6
+    )
     assert placed[2] == pytest.approx(CENTRE, abs=1e-9)
-    assert site_metres(TURNED, placed) == pytest.approx(xy, abs=1e-6)
-    assert longitude_latitude(TURNED, np.zeros((0, 2))) == pytest.approx(np.zeros((0, 2)))
-    assert longitude_latitude(load_site("tjunction"), np.zeros((2, 2))) is None
+    assert georeference.site_metres(TURNED, placed) == pytest.approx(xy, abs=1e-6)
+    assert georeference.longitude_latitude(TURNED, np.zeros((0, 2))) == pytest.approx(np.zeros((0, 2)))
+    assert georeference.longitude_latitude(load_site("tjunction"), np.zeros((2, 2))) is None
     with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is \(geo_reference\)"):
-        site_metres(load_site("tjunction"), np.zeros((2, 2)))
+        georeference.site_metres(load_site("tjunction"), np.zeros((2, 2)))
     pytest.importorskip("pyproj")
     site = replace(TURNED, geo_reference="+proj=merc +datum=WGS84")
     with pytest.raises(ValueError, match=r"does not reach \[0.0, 95.0\]"):
-        site_metres(site, np.array([[0.0, 0.0], [0.0, 95.0]]))
-    assert bearing_deg(TURNED, float(np.nextafter(0.0, 1.0))) == 0.0
-    assert min(bearing_deg(TURNED, h) for h in np.linspace(-7, 7, 500).tolist()) >= 0
-    assert json.loads(feature_collection([], name="none", note="Straße")) == {
+        georeference.site_metres(site, np.array([[0.0, 0.0], [0.0, 95.0]]))
+    assert georeference.bearing_deg(TURNED, float(np.nextafter(0.0, 1.0))) == 0.0
+    assert min(georeference.bearing_deg(TURNED, h) for h in np.linspace(-7, 7, 500).tolist()) >= 0
+    assert json.loads(georeference.feature_collection([], name="none", note="Straße")) == {
         "type": "FeatureCollection",
         "name": "none",
         "note": "Straße",
         "features": [],
     }
     with pytest.raises(ValueError, match="JSON compliant"):
-        feature_collection([], price=float("nan"))
+        georeference.feature_collection([], price=float("nan"))
 
 
 @pytest.mark.parametrize(
@@ -94,9 +90,9 @@ def test_what_is_no_projection_is_said_so(reference):
     pytest.importorskip("pyproj")
     site = replace(TURNED, geo_reference=reference)
     with pytest.raises(ValueError, match=f"got {re.escape(repr(reference))}: correct it in the site file"):
-        longitude_latitude(site, np.zeros((1, 2)))
+        georeference.longitude_latitude(site, np.zeros((1, 2)))
     with pytest.raises(ValueError, match="names no projection that PROJ knows"):
-        site_metres(site, np.zeros((1, 2)))
+        georeference.site_metres(site, np.zeros((1, 2)))
 
 
 def test_without_pyproj_only_foreign_maps_are_refused(monkeypatch):
@@ -108,9 +104,9 @@ def test_without_pyproj_only_foreign_maps_are_refused(monkeypatch):
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    assert longitude_latitude(TURNED, np.zeros((1, 2))) is not None
+    assert georeference.longitude_latitude(TURNED, np.zeros((1, 2))) is not None
     with pytest.raises(ImportError, match=r"pip install 'coview\[report\]'"):
-        longitude_latitude(replace(TURNED, geo_reference=UTM.replace("33", "31")), np.zeros((1, 2)))
+        georeference.longitude_latitude(replace(TURNED, geo_reference=UTM.replace("33", "31")), np.zeros((1, 2)))
 
 
 @pytest.mark.parametrize(
@@ -119,7 +115,7 @@ def test_without_pyproj_only_foreign_maps_are_refused(monkeypatch):
 )
 def test_bearings_are_clockwise_from_the_maps_north(heading_deg, map_yaw_deg, bearing):
     site = replace(TURNED, map_SE3_site=pose(104.0, -196.0, yaw=np.deg2rad(map_yaw_deg)))
-    assert bearing_deg(site, float(np.deg2rad(heading_deg))) == pytest.approx(bearing, abs=1e-9)
+    assert georeference.bearing_deg(site, float(np.deg2rad(heading_deg))) == pytest.approx(bearing, abs=1e-9)
 
 
 @pytest.fixture
@@ -128,16 +124,18 @@ def site(small_site):
     turned = pose(3.0, 4.0, yaw=np.pi / 2)
     level = Sensor("level", DepthCamera(), look((0.0, 0.0, 5.0), 0.0, 0.0))
     made = small_site()
-    return replace(made, map_SE3_site=turned, geo_reference=projection(*CENTRE), sensors=(*made.sensors, level))
+    return replace(
+        made, map_SE3_site=turned, geo_reference=georeference.projection(*CENTRE), sensors=(*made.sensors, level)
+    )
 
 
 def on_map(geometry):
     """Corners of a GeoJSON geometry in metres of the map."""
-    return project(shapely.get_coordinates(shape(geometry)), CENTRE)
+    return georeference.project(shapely.get_coordinates(shape(geometry)), CENTRE)
 
 
 def test_every_layer_is_there_with_its_properties(site):
-    features = json.loads(site_geojson(site))["features"]
+    features = json.loads(georeference.site_geojson(site))["features"]
     layers = [each["properties"]["layer"] for each in features]
     assert {layer: layers.count(layer) for layer in layers} == {
         "area": 1,
@@ -176,7 +174,7 @@ def test_every_layer_is_there_with_its_properties(site):
 
 
 def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
-    collection = json.loads(site_geojson(site))
+    collection = json.loads(georeference.site_geojson(site))
     assert collection["type"] == "FeatureCollection"
     assert collection["name"] == "small"
     assert not {"crs", "coview_site"} & set(collection)
@@ -191,22 +189,22 @@ def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
             (ring,) = each["geometry"]["coordinates"]
             assert ring[0] == ring[-1]
             assert shapely.LinearRing(ring).is_ccw
-    features = {each["properties"]["name"]: each for each in json.loads(site_geojson(site))["features"]}
+    features = {each["properties"]["name"]: each for each in json.loads(georeference.site_geojson(site))["features"]}
     # site (1, 3) is 3 m to the west and 1 m to the north of (3, 4)
     assert on_map(features["b"]["geometry"]) == pytest.approx(np.array([[0.0, 5.0]]), abs=2e-3)
     area = on_map(features["small"]["geometry"])
     assert [area.min(axis=0), area.max(axis=0)] == pytest.approx(np.array([[-2.0, -6.0], [8.0, 14.0]]), abs=2e-3)
-    written = feature(replace(site, geo_reference=None), shapely.Point(1.23456, -0.0001, 7.0))
+    written = georeference.feature(replace(site, geo_reference=None), shapely.Point(1.23456, -0.0001, 7.0))
     assert written["geometry"] == {"type": "Point", "coordinates": (1.235, 0.0)}
     with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is .* in metres"):
-        site_geojson(load_site("tjunction"))
+        georeference.site_geojson(load_site("tjunction"))
 
 
 def test_polygons_are_turned_in_the_same_text(site, tmp_path):
     outer, hole = [(0, 0), (0, 9), (9, 9), (9, 0)], [(2, 2), (4, 2), (4, 4), (2, 4)]
     both = shapely.MultiPolygon([shapely.Polygon(outer, [hole]), shapely.box(20, 0, 30, 9)])
     for place in (site, replace(site, geo_reference=None)):
-        written = feature(place, both, layer="seen")
+        written = georeference.feature(place, both, layer="seen")
         assert written["geometry"]["type"] == "MultiPolygon"
         (first, inside), (second,) = written["geometry"]["coordinates"]
         assert shapely.LinearRing(first).is_ccw
@@ -214,4 +212,4 @@ def test_polygons_are_turned_in_the_same_text(site, tmp_path):
         assert shapely.LinearRing(second).is_ccw
         assert written["properties"] == {"layer": "seen"}
     save_site(site, tmp_path / "site.json")
-    assert site_geojson(load_site(tmp_path / "site.json")) == site_geojson(site)
+    assert georeference.site_geojson(load_site(tmp_path / "site.json")) == georeference.site_geojson(site)

@@ -135,10 +135,8 @@ def test_lanes_lie_side_by_side_in_windows(street, tmp_path):
     (road,) = near(street(tmp_path), WINDOW, 0.0, 3.5)
     found = [(lane.kind, lane.outline.bounds, lane.width) for lane in lanes(road)]
     assert found == [
-        ("driving", (-50, 0.5, 50, 4.0), 3.5),
-        ("sidewalk", (-50, 4.0, 50, 6.0), 2.0),
-        ("driving", (-50, -3.0, 50, 0.5), 3.5),
-        ("parking", (-50, -5.5, 50, -3.0), 2.5),
+        *(("driving", (-50, 0.5, 50, 4.0), 3.5), ("sidewalk", (-50, 4.0, 50, 6.0), 2.0)),
+        *(("driving", (-50, -3.0, 50, 0.5), 3.5), ("parking", (-50, -5.5, 50, -3.0), 2.5)),
         ("sidewalk", (-50, -7.5, 50, -5.5), 2.0),
     ]
     np.testing.assert_allclose(list(lanes(road))[3].middle[[0, -1]], [[-50, -4.25], [50, -4.25]])

@@ -23,8 +23,7 @@ def test_sites_that_differ_are_not_equal(small_site):
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("area", [0.0, 0, 0, 4], "area is empty"),
-        ("area", [0.0, 0, np.nan, 4], "area must be four finite numbers"),
+        *(("area", [0.0, 0, 0, 4], "area is empty"), ("area", [0.0, 0, np.nan, 4], "area must be four finite numbers")),
         ("height", 0.0, "height must be positive"),
         ("hybrid_radius", -1.0, "hybrid_radius must be finite and at least 0 m, got -1"),
         ("hybrid_radius", np.inf, "hybrid_radius must be finite and at least 0 m, got inf"),
@@ -67,8 +66,7 @@ def test_ground_is_smooth_seeded_and_slopes_about_the_origin():
     [
         *({"name": "other"}, {"area": np.array([-10.0, -5, 10, 6])}, {"height": 3.6}, {"lanes": (SQUARE,)}),
         {"footways": (SQUARE + 6,)},
-        {"solids": (Solid(SQUARE - 9, -0.3, 6.25, "wall"), Solid(SQUARE + 1, -1.0, -0.5, "pond"))},
-        {"mounts": ()},
+        *({"solids": (Solid(SQUARE - 9, -0.3, 6.25, "wall"), Solid(SQUARE + 1, -1.0, -0.5, "pond"))}, {"mounts": ()}),
         {"sensors": (Sensor("d0", DepthCamera(sigma=0.5), look((1.0, 2.0, 5.2), 0.3, 0.1)),)},
         *({"parking": np.array([[1.0, 2, 0.6]])}, {"network": ""}, {"map_SE3_site": np.eye(4)}),
         *({"geo_reference": None}, {"relief": Relief(0.06, 8)}),

@@ -174,8 +174,7 @@ def test_lights_one_way_streets_and_dead_ends(lights_and_one_way_streets):
     [
         ({"network": ""}, {}, "no network"),
         ({"area": np.array([900.0, 900, 990, 990])}, {}, "no lane open to cars within 25 m"),
-        ({}, {"frames": -1}, "frames must be at least 0"),
-        ({}, {"interval": 0.25}, "whole number of SUMO's steps"),
+        *(({}, {"frames": -1}, "frames must be at least 0"), ({}, {"interval": 0.25}, "whole number of SUMO's steps")),
         ({}, {"interval": 0.05}, "whole number of SUMO's steps"),
         ({}, {"interval": 0.0}, "whole number of SUMO's steps"),
         ({}, {"interval": 1.5}, "whole number of SUMO's steps"),
@@ -192,8 +191,7 @@ def test_refuses(site, changes, arguments, says):
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"stay": 0}, "stay must be one frame or more, got 0"),
-        ({"most": 0}, "most must be at least 1, got 0"),
+        *(({"stay": 0}, "stay must be one frame or more, got 0"), ({"most": 0}, "most must be at least 1, got 0")),
         ({"parked": 31}, "parked must lie in 0..most 30, got 31"),
     ],
 )
@@ -298,8 +296,7 @@ def test_later_rows_step_aside_and_heaps_end_apart():
 @pytest.mark.parametrize(
     ("solid", "moves"),
     [
-        (wall(-5, 0.9, 5, 1.2), True),
-        (wall(-5, 0.9, 5, 1.2, top=0.12, kind="kerb"), False),
+        *((wall(-5, 0.9, 5, 1.2), True), (wall(-5, 0.9, 5, 1.2, top=0.12, kind="kerb"), False)),
         (wall(-5, 0.9, 5, 1.2, base=1.0, top=4.0, kind="tree"), True),
         (wall(-5, 0.9, 5, 1.2, base=2.5, top=4.0, kind="tree"), False),
         (wall(-5, 0.9, 5, 1.2, base=-1.5, top=-0.5, kind="pond"), False),

@@ -90,10 +90,8 @@ def test_anybodys_detector(name, ours, recording, tmp_path, run):
     [
         ("our_detectors:wrong", "must return toolkit.objects.Detections, got list"),
         ("our_detectors:broken", "(IndexError: list index out of range)"),
-        ("our_detectors:thing", "must be callable, got int"),
-        ("our_detectors:nothing", "cannot be imported"),
-        ("no.such.module:detect", "cannot be imported"),
-        ("our_detectors:", "named package.module:callable"),
+        *(("our_detectors:thing", "must be callable, got int"), ("our_detectors:nothing", "cannot be imported")),
+        *(("no.such.module:detect", "cannot be imported"), ("our_detectors:", "named package.module:callable")),
     ],
 )
 def test_a_detector_that_is_none(name, message, ours, recording, refused):
@@ -103,13 +101,11 @@ def test_a_detector_that_is_none(name, message, ours, recording, refused):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--sensors", "0,9"), "choose among 0..5"),
-        (("--detector", "telepathy"), "telepathy"),
+        *((("--sensors", "0,9"), "choose among 0..5"), (("--detector", "telepathy"), "telepathy")),
         (("--sensors", "0, 2, 0"), "named once"),
         (("--frames", "0"), "frames must be a whole number of at least 1, got 0"),
         (("--seed", "-1"), "seed must be a whole number of at least 0, got -1"),
-        (("--iou", "1.5"), "--iou must lie above 0 and at most at 1, got 1.5"),
-        (("--iou", "70"), "--iou"),
+        *((("--iou", "1.5"), "--iou must lie above 0 and at most at 1, got 1.5"), (("--iou", "70"), "--iou")),
         (("--radius", "-3"), "--radius must be at least 0"),
         (("--codec", "zip"), "choose among paper, range-images"),
         (("--step", "0.0005"), "step must be a whole number of millimetres"),

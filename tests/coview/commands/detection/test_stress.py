@@ -62,8 +62,7 @@ def test_wrong_arguments(recording, refused, tmp_path):
     for arguments, said in (
         (("--kinds", "storm"), "choose among bytes, pose, mounting, silent"),
         (("--kinds", "delay"), "needs frames at most 0.5 s apart, these are 5 s"),
-        (("--schemes", "middle"), "choose among early"),
-        (("--iou", "1.5"), "--iou"),
+        *((("--schemes", "middle"), "choose among early"), (("--iou", "1.5"), "--iou")),
         (("--table", "nowhere"), "no table 'nowhere'"),
         (("--table", "tjunction", "--iou", "0.5"), "holds AP at IoU 0.7"),
         (("--frames", "0"), "frames must be a whole number of at least 1"),

@@ -86,8 +86,7 @@ def test_a_file_that_is_there_is_kept(recording, tmp_path, refused):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("--to", "rcooper"), "only read"),
-        (("--to", "kiti"), "no layout 'kiti'"),
+        *((("--to", "rcooper"), "only read"), (("--to", "kiti"), "no layout 'kiti'")),
         (("--to", "folder", "--frames", 0), "--frames must be at least 1"),
     ],
 )

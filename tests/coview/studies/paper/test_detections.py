@@ -22,8 +22,7 @@ from toolkit.sites.site import Site
 PLACES = np.array([-20.0, -10, 0, 10, 20, 43.0])  # the last one is outside the area
 RUNS = [
     *(detections.SchemeRun(scheme, (0, 1, 2)) for scheme in ("early", "late")),
-    detections.SchemeRun("hybrid", (0, 2)),
-    detections.SchemeRun("early", (1,)),
+    *(detections.SchemeRun("hybrid", (0, 2)), detections.SchemeRun("early", (1,))),
 ]
 
 

@@ -35,9 +35,7 @@ def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
         make_conditions("earthquake", [])
     made = make_conditions("pairs", ["a", "b", "c"])
     assert [(each.level, each.silent) for each in made] == [
-        ("a and b", (0, 1)),
-        ("a and c", (0, 2)),
-        ("b and c", (1, 2)),
+        *(("a and b", (0, 1)), ("a and c", (0, 2)), ("b and c", (1, 2))),
     ]
     for kind in ("silent", "blinded", "frozen"):
         made = make_conditions(kind, ["a", "b"])

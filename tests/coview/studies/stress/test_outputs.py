@@ -63,18 +63,14 @@ def test_crossings_faults_and_failures_as_text():
         for level, ap in zip((0.0, 0.4), aps, strict=True)
     ]
     assert format_crossings(rows, crossed).splitlines() == [
-        "highest AP  IoU  scheme  from    to",
-        "pose        0.7  early   0.00  0.20",
-        "pose        0.7  late    0.20  0.40",
-        "",
+        *("highest AP  IoU  scheme  from    to", "pose        0.7  early   0.00  0.20"),
+        *("pose        0.7  late    0.20  0.40", ""),
         "overtaken  IoU  scheme  by    from level  95 % interval  of draws",
         "pose       0.7  early   late        0.25    0.20 to inf       97%",
     ]
     assert format_crossings(ROWS, []) == ""
     assert format_noticed([NOTICED], [FalseAlarms("loss 10%", "foreground", 3, 12.54)]).splitlines() == [
-        "fault   sent as     cases  noticed  median  worst",
-        "frozen  foreground      6        5   0.2 s  inf s",
-        "",
+        *("fault   sent as     cases  noticed  median  worst", "frozen  foreground      6        5   0.2 s  inf s", ""),
         "false alarms: link  sent as     alarms  sensor-minutes",
         "loss 10%            foreground       3            12.5",
     ]

@@ -125,8 +125,7 @@ def test_pose_errors_and_blinded_sensors_far_apart_and_progress(driving, tops):
 def test_bad_questions_and_the_same_rows_in_processes(driving, tops):
     for wrong, said in (
         ({"schemes": ()}, "name at least one IoU and one scheme"),
-        ({"ious": ()}, "name at least one IoU and one scheme"),
-        ({"schemes": ("middle",)}, "scheme must be one of"),
+        *(({"ious": ()}, "name at least one IoU and one scheme"), ({"schemes": ("middle",)}, "scheme must be one of")),
         ({"label": "ox"}, "ox"),
     ):
         with pytest.raises(ValueError, match=said):

@@ -82,9 +82,7 @@ def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_pa
     turned = [*SENSORS[:3], Sensor("3", CAMERA, look(AT, 2.0, 0.3))]
     others = replace(small_traffic, snapshots=small_traffic.snapshots[::-1])
     for traffic, sensors, labels in (
-        (small_traffic, turned, (0,)),
-        (small_traffic, SENSORS, (0, 1)),
-        (others, SENSORS, (0,)),
+        *((small_traffic, turned, (0,)), (small_traffic, SENSORS, (0, 1)), (others, SENSORS, (0,))),
     ):
         with pytest.raises(AssertionError, match="made again"):
             look_round(traffic, sensors, labels, run)

@@ -49,10 +49,8 @@ def example_plan(site, ground):
         return content.PlanOption(names, price, kbit, kbit * len(names), ap, judged(ap), ("greedy", "cpsat"))
 
     options = (
-        option(("d3",), 1.5, 300.0, 0.71),
-        option(("d0", "d3"), 3.0, 310.0, 0.88),
-        option(CHOSEN[:3], 4.5, 312.0, 0.934),
-        option(CHOSEN, 6.0, 312.0, 0.962),
+        *(option(("d3",), 1.5, 300.0, 0.71), option(("d0", "d3"), 3.0, 310.0, 0.88)),
+        *(option(CHOSEN[:3], 4.5, 312.0, 0.934), option(CHOSEN, 6.0, 312.0, 0.962)),
     )
     near = option(("d0", "d2", "d3", "d5"), 6.0, 309.0, 0.951)
     worth = tuple(
@@ -87,8 +85,7 @@ def example_plan(site, ground):
             content.BreakdownRow("west arm", judged(0.91)),
         ),
         by_range=(
-            content.BreakdownRow("0–15 m", judged(0.98)),
-            content.BreakdownRow("15–30 m", judged(0.95)),
+            *(content.BreakdownRow("0–15 m", judged(0.98)), content.BreakdownRow("15–30 m", judged(0.95))),
             content.BreakdownRow(">30 m", None),
         ),
         by_approach=(
@@ -96,8 +93,7 @@ def example_plan(site, ground):
             content.BreakdownRow("from the east", judged(0.97)),
         ),
         by_class=(
-            content.ClassSeen("vehicle", 412, 10, 0.98),
-            content.ClassSeen("cyclist", 61, 10, 0.83),
+            *(content.ClassSeen("vehicle", 412, 10, 0.98), content.ClassSeen("cyclist", 61, 10, 0.83)),
             content.ClassSeen("heavy", 0, 10, None),
         ),
         worth=worth,

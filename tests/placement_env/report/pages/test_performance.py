@@ -129,8 +129,7 @@ def test_shares_and_density_are_those_of_lanes(example):
 
 def test_worth_and_synergy_of_one_two_and_many(example):
     mine = (
-        SensorWorth("a", 0.6, {"b": 0.05, "c": -0.1}),
-        SensorWorth("b", 0.3, {"a": 0.05, "c": 0.0}),
+        *(SensorWorth("a", 0.6, {"b": 0.05, "c": -0.1}), SensorWorth("b", 0.3, {"a": 0.05, "c": 0.0})),
         SensorWorth("c", 0.1, {"a": -0.1, "b": 0.0}),
     )
     section = read(report.worth_section, replace(example.plan, worth=mine))

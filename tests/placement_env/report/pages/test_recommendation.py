@@ -23,9 +23,7 @@ def test_the_answer_comes_first_and_explains_its_ap(example):
     assert section.blocks[1].items == ("Links are too small.",)
     asked = section.blocks[-1]
     assert [tuple(cell.text for cell in row) for row in asked.rows][1:4] == [
-        ("budget", "6.0"),
-        ("min ap", "0.95"),
-        ("max kbit", "not given"),
+        *(("budget", "6.0"), ("min ap", "0.95"), ("max kbit", "not given")),
     ]
     (said,) = [
         block.text for block in read(report.requirement_section, example.plan).blocks if block.kind == "paragraph"

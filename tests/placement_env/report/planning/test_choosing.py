@@ -21,26 +21,20 @@ def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True, mean
 
 def test_the_best_wins_and_of_equals_the_better_mean_or_price():
     options = (
-        option(0.9, 0.8, 1.0, price=3.0),
-        option(0.95, 0.9, 1.0, price=2.0, sensors=2),
-        option(0.95, 0.9, 1.0, price=2.0),
-        option(0.99, 0.9, 1.0, judged=False),
+        *(option(0.9, 0.8, 1.0, price=3.0), option(0.95, 0.9, 1.0, price=2.0, sensors=2)),
+        *(option(0.95, 0.9, 1.0, price=2.0), option(0.99, 0.9, 1.0, judged=False)),
     )
     assert choose(options, None) == (2, "best")
     options = (
-        option(1.0, 1.0, 1.0, price=1.0, mean_ap=0.8),
-        option(1.0, 1.0, 1.0, price=2.0, mean_ap=0.9),
-        option(1.0, 1.0, 1.0, price=3.0, mean_ap=0.9),
-        option(0.99, 0.9, 1.0, price=1.0, mean_ap=0.95),
+        *(option(1.0, 1.0, 1.0, price=1.0, mean_ap=0.8), option(1.0, 1.0, 1.0, price=2.0, mean_ap=0.9)),
+        *(option(1.0, 1.0, 1.0, price=3.0, mean_ap=0.9), option(0.99, 0.9, 1.0, price=1.0, mean_ap=0.95)),
     )
     assert choose(options, None) == (1, "best")
     assert choose(options, 0.9) == (0, "interval")
     several = (
-        option(0.95, 0.92, 1.0, price=5.0),
-        option(0.94, 0.91, 1.0, price=3.0, sensors=3),
+        *(option(0.95, 0.92, 1.0, price=5.0), option(0.94, 0.91, 1.0, price=3.0, sensors=3)),
         option(0.93, 0.90, 1.0, price=3.0, sensors=2, kbit=200.0),
-        option(0.92, 0.90, 1.0, price=3.0, sensors=2, kbit=100.0),
-        option(0.91, 0.70, 1.0, price=1.0),
+        *(option(0.92, 0.90, 1.0, price=3.0, sensors=2, kbit=100.0), option(0.91, 0.70, 1.0, price=1.0)),
     )
     assert choose(several, 0.9) == (3, "interval")
     assert choose(several, 0.93) == (2, "estimate")
@@ -54,10 +48,8 @@ def test_near_optimal_sets_and_the_front():
     )
     assert near_optimal(options, 0) == (options[1], options[2])
     best, cheap, lean, beaten = (
-        option(0.9, 0.8, 1.0, price=3.0),
-        option(0.8, 0.7, 0.9, price=1.0),
-        option(0.7, 0.6, 0.8, price=2.0, kbit=10.0),
-        option(0.7, 0.6, 0.8, price=2.0, kbit=150.0),
+        *(option(0.9, 0.8, 1.0, price=3.0), option(0.8, 0.7, 0.9, price=1.0)),
+        *(option(0.7, 0.6, 0.8, price=2.0, kbit=10.0), option(0.7, 0.6, 0.8, price=2.0, kbit=150.0)),
     )
     assert find_front_options((best, beaten, lean, cheap, option(1.0, 1.0, 1.0, judged=False))) == (cheap, lean, best)
 
@@ -69,9 +61,7 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     picked = choose_set(street.objective, found, street.judge, run=Run(progress=lambda *stage: stages.append(stage)))
     assert (picked.chosen, picked.rule) == (5, "best")
     assert [stage for stage in stages if stage[0] == "judging"] == [
-        ("judging", 1, 3),
-        ("judging", 2, 3),
-        ("judging", 3, 3),
+        *(("judging", 1, 3), ("judging", 2, 3), ("judging", 3, 3)),
     ]
     judged = [o.judged and o.judged.ap for o in picked.options]
     assert judged[:4] == [0.5, 0.5, None, 0.25]  # the third sees a ghost before its one car, and is out of the race

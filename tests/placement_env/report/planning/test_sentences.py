@@ -32,8 +32,7 @@ def assume(question, fidelity="surrogate", sampled=False):
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({}, ""),
-        ({"levels": 3}, ", at the worst of 3 levels of traffic,"),
+        *(({}, ""), ({"levels": 3}, ", at the worst of 3 levels of traffic,")),
         (
             {"levels": 2, "levels_by": "mean", "failing": 1},
             ", what is left in the worst case when 1 sensor fails, averaged over 2 levels of traffic,",

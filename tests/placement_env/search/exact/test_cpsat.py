@@ -57,9 +57,7 @@ def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
     ones = np.ones((1, 5), np.int64)
     objects, weight = cpsat.merge_objects(seen, np.arange(2), 1, ones)
     assert sorted(zip(objects.T.tolist(), weight[0].tolist(), strict=True)) == [
-        ([False, True], 1),
-        ([True, False], 2),
-        ([True, True], 1),
+        *(([False, True], 1), ([True, False], 2), ([True, True], 1)),
     ]
     assert cpsat.merge_objects(seen, np.zeros(2, np.int64), 2, ones)[1].size == 0
 

@@ -72,9 +72,7 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     assert whole.searching(5) == pytest.approx(6.0)
     now, least = time.monotonic(), []
     for each, seconds in (
-        (whole.limit(slow, 1 / 2, 1), 50),
-        (whole.limit(slow, 1 / 4, 1), 25),
-        (whole.limit(slow), 100),
+        *((whole.limit(slow, 1 / 2, 1), 50), (whole.limit(slow, 1 / 4, 1), 25), (whole.limit(slow), 100)),
     ):
         assert isinstance(each, TimedEvaluator)
         assert each.until - now == pytest.approx(seconds, abs=1)

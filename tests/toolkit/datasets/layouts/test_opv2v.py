@@ -63,9 +63,7 @@ def test_agents_lists_are_put_together_by_id(tmp_path):
 @pytest.mark.parametrize(
     ("content", "names"),
     [
-        ("a: [1", "00068.yaml"),
-        ("- 1", "must hold names and values"),
-        ({"vehicles": {}}, "no entry lidar_pose"),
+        *(("a: [1", "00068.yaml"), ("- 1", "must hold names and values"), ({"vehicles": {}}, "no entry lidar_pose")),
         ({"lidar_pose": [1, 2, 3]}, "lidar_pose must be 6 numbers"),
         ({"lidar_pose": [1, 2, 3, 4, 5, float("nan")]}, "lidar_pose"),
         (AGENT | {"vehicles": {1: {"angle": [0, 0, 0]}}}, "location"),

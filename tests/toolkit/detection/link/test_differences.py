@@ -97,10 +97,8 @@ def test_what_refers_to_nothing_or_no_sender_writes_is_refused():
         ({}, content[:1] + b"\2" + content[2:], "goes on or not, got 1, 2"),
         ({}, b"\2" + content[1:], "refers to message -1"),
         ({"step_mm": 40}, content, "has steps of its reference, 20 mm, got 40 mm"),
-        ({"sensor": 7}, content, "whose sensor is"),
-        ({"scene": 7}, content, "whose scene is"),
-        ({"rows": 59}, content, "whose rows is"),
-        ({"kind": MessageKind.RANGE_IMAGE}, content, "kind difference"),
+        *(({"sensor": 7}, content, "whose sensor is"), ({"scene": 7}, content, "whose scene is")),
+        *(({"rows": 59}, content, "whose rows is"), ({"kind": MessageKind.RANGE_IMAGE}, content, "kind difference")),
     ):
         with pytest.raises(ValueError, match=said):
             reader.read(write_message(MessageHeader(**(numbers | changed)), body))

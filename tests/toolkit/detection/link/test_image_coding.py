@@ -5,38 +5,29 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toolkit.detection.link.image_coding import (
-    LARGEST,
-    MOST_STEPS,
-    _add_up,
-    _predict,
-    decode_pixels,
-    encode_pixels,
-    pack_integers,
-    read_bits,
-    unpack_integers,
-    write_bits,
-)
+from toolkit.detection.link import image_coding
 
-numbers = st.lists(st.one_of(st.integers(0, 20), st.integers(0, LARGEST)), max_size=60)
+numbers = st.lists(st.one_of(st.integers(0, 20), st.integers(0, image_coding.LARGEST)), max_size=60)
 
 
 @settings(deadline=None, max_examples=60)
 @given(numbers, st.binary(max_size=5))
 def test_what_was_packed_comes_back(values, before):
-    packed = pack_integers(np.array(values, np.int64))
-    again, end = unpack_integers(before + packed + b"more", len(before), len(values))
+    packed = image_coding.pack_integers(np.array(values, np.int64))
+    again, end = image_coding.unpack_integers(before + packed + b"more", len(before), len(values))
     assert again.tolist() == values
     assert end == len(before) + len(packed)
 
 
 def test_numbers_are_packed_in_few_bytes():
     values = np.unique([(1 << k) + d for k in range(32) for d in (-1, 0, 1)])
-    assert unpack_integers(pack_integers(values), 0, len(values))[0].tolist() == values.tolist()
+    assert (
+        image_coding.unpack_integers(image_coding.pack_integers(values), 0, len(values))[0].tolist() == values.tolist()
+    )
     # One large number: its symbol 8 + 2 (7 - 4) + 1 in the deflated part, its 5 lower bits, filled with zeros.
     import zlib
 
-    packed = pack_integers(np.array([1, 0b1101101]))
+    packed = image_coding.pack_integers(np.array([1, 0b1101101]))
     assert packed[0] == 2
     assert zlib.decompress(packed[2 : 2 + packed[1]], -15) == bytes([1, 15])
     assert packed[2 + packed[1] :] == bytes([0b01101000])
@@ -44,39 +35,39 @@ def test_numbers_are_packed_in_few_bytes():
     values = np.abs(np.rint(rng.normal(0, 2, 5000))).astype(np.int64)
     share = np.bincount(values) / len(values)
     entropy = -(share[share > 0] * np.log2(share[share > 0])).sum()
-    assert 8 * len(pack_integers(values)) < 1.08 * entropy * len(values)
+    assert 8 * len(image_coding.pack_integers(values)) < 1.08 * entropy * len(values)
     values = np.array([5, 0, 7, 1])
-    assert write_bits(values, 3) == bytes([0b10100011, 0b10010000])
-    again, end = read_bits(b"xx" + write_bits(values, 3), 2, np.full(4, 3))
+    assert image_coding.write_bits(values, 3) == bytes([0b10100011, 0b10010000])
+    again, end = image_coding.read_bits(b"xx" + image_coding.write_bits(values, 3), 2, np.full(4, 3))
     assert (again.tolist(), end) == (values.tolist(), 4)
-    assert read_bits(b"", 0, np.zeros(4, np.int64))[0].tolist() == [0] * 4
+    assert image_coding.read_bits(b"", 0, np.zeros(4, np.int64))[0].tolist() == [0] * 4
     with pytest.raises(ValueError, match="12 bits do not fit the 1 bytes"):
-        read_bits(b"x", 0, np.full(4, 3))
+        image_coding.read_bits(b"x", 0, np.full(4, 3))
 
 
-@pytest.mark.parametrize("values", [[-1], [LARGEST + 1], [3, -5]])
+@pytest.mark.parametrize("values", [[-1], [image_coding.LARGEST + 1], [3, -5]])
 def test_numbers_that_cannot_be_packed_are_refused(values):
     with pytest.raises(ValueError, match="numbers from 0"):
-        pack_integers(np.array(values))
+        image_coding.pack_integers(np.array(values))
 
 
 def test_damaged_bytes_and_bombs_are_refused():
-    packed = pack_integers(np.arange(199))
+    packed = image_coding.pack_integers(np.arange(199))
     with pytest.raises(ValueError, match="at most 198 packed numbers are possible, got 199"):
-        unpack_integers(packed, 0, 198)
+        image_coding.unpack_integers(packed, 0, 198)
     for length in range(len(packed)):
         with pytest.raises(ValueError, match=r"cut off|inflate|fit"):
-            unpack_integers(packed[:length], 0, 200)
+            image_coding.unpack_integers(packed[:length], 0, 200)
     with pytest.raises(ValueError, match="does not end"):
-        unpack_integers(b"\xff" * 9, 0, 10)
+        image_coding.unpack_integers(b"\xff" * 9, 0, 10)
     with pytest.raises(ValueError, match="symbols up to 65, got 200"):
-        unpack_integers(b"\x01" + bytes([len(deflated := _deflate(b"\xc8"))]) + deflated, 0, 1)
+        image_coding.unpack_integers(b"\x01" + bytes([len(deflated := _deflate(b"\xc8"))]) + deflated, 0, 1)
     with pytest.raises(ValueError, match="filled with zeros"):
-        unpack_integers(packed[:-1] + bytes([packed[-1] | 1]), 0, 200)
+        image_coding.unpack_integers(packed[:-1] + bytes([packed[-1] | 1]), 0, 200)
     deflated = _deflate(b"\x00" * 10_000_000)
     head = b"\x05" + bytes([len(deflated) & 127 | 128, len(deflated) >> 7 & 127 | 128, len(deflated) >> 14])
     with pytest.raises(ValueError, match="inflate to 5 symbols, got 6"):
-        unpack_integers(head + deflated, 0, 10)
+        image_coding.unpack_integers(head + deflated, 0, 10)
 
 
 def _deflate(data):
@@ -91,7 +82,7 @@ def images(rng):
     kind = rng.integers(4)
     mask = rng.random(shape) < rng.choice([0.0, 0.1, 0.5, 0.95, 1.0])
     if kind == 0:
-        steps = rng.integers(0, MOST_STEPS, shape)
+        steps = rng.integers(0, image_coding.MOST_STEPS, shape)
     elif kind == 1:
         steps = np.full(shape, rng.integers(0, 5000))
     else:
@@ -103,7 +94,7 @@ def images(rng):
 @given(st.integers(0, 2**32))
 def test_every_image_comes_back_exactly(seed):
     steps, mask = images(np.random.default_rng(seed))
-    again, marked = decode_pixels(encode_pixels(steps, mask), mask.shape)
+    again, marked = image_coding.decode_pixels(image_coding.encode_pixels(steps, mask), mask.shape)
     np.testing.assert_array_equal(marked, mask)
     np.testing.assert_array_equal(again, np.where(mask, steps, 0))
 
@@ -112,22 +103,22 @@ def test_the_prediction_is_that_of_loco_i():
     """Left 7 and up 3 about upper left: the edge's other side, or the plane between."""
     for upper_left, guess in ((9, 3), (7, 3), (1, 7), (3, 7), (5, 5), (4, 6)):
         steps, mask = np.array([[upper_left, 3], [7, 100]]), np.ones((2, 2), bool)
-        assert _predict(steps, mask)[3] == guess
+        assert image_coding._predict(steps, mask)[3] == guess
         residuals = np.array([upper_left, 3 - upper_left, 7 - upper_left, 100 - guess])
-        assert _add_up(mask, residuals)[1, 1] == 100
+        assert image_coding._add_up(mask, residuals)[1, 1] == 100
     mask = np.zeros((3, 5), bool)
     mask[0, 4] = mask[2, 0] = True
-    assert _predict(np.full((3, 5), 700), mask).tolist() == [0, 700]
+    assert image_coding._predict(np.full((3, 5), 700), mask).tolist() == [0, 700]
     # Forty rows of sixty pixels, smooth but for a noise of half a step.
     rng = np.random.default_rng(0)
     mask = np.zeros((150, 200), bool)
     mask[60:100, 70:130] = True
     steps = 500 + np.add.outer(np.zeros(150), np.arange(200) * 0.3) + rng.normal(0, 0.5, (150, 200))
-    assert 8 * len(encode_pixels(np.rint(steps).astype(np.int64), mask)) < 2.1 * mask.sum()
-    assert len(encode_pixels(np.zeros((150, 200), np.int64), np.zeros((150, 200), bool))) < 10
-    for value in (-1, MOST_STEPS):
+    assert 8 * len(image_coding.encode_pixels(np.rint(steps).astype(np.int64), mask)) < 2.1 * mask.sum()
+    assert len(image_coding.encode_pixels(np.zeros((150, 200), np.int64), np.zeros((150, 200), bool))) < 10
+    for value in (-1, image_coding.MOST_STEPS):
         with pytest.raises(ValueError, match="steps, got"):
-            encode_pixels(np.array([[value]]), np.ones((1, 1), bool))
+            image_coding.encode_pixels(np.array([[value]]), np.ones((1, 1), bool))
 
 
 @pytest.mark.parametrize(
@@ -143,17 +134,23 @@ def test_the_prediction_is_that_of_loco_i():
 def test_what_is_not_there_is_not_predicted_from(mask, guess):
     steps = np.array([[6, 2, 4], [8, 50, 0]])
     mask = np.array(mask, bool)
-    assert _predict(steps, mask)[-1] == guess
-    np.testing.assert_array_equal(decode_pixels(encode_pixels(steps, mask), (2, 3))[0], np.where(mask, steps, 0))
+    assert image_coding._predict(steps, mask)[-1] == guess
+    np.testing.assert_array_equal(
+        image_coding.decode_pixels(image_coding.encode_pixels(steps, mask), (2, 3))[0], np.where(mask, steps, 0)
+    )
 
 
 def test_what_no_encoder_writes_is_refused():
     from toolkit.detection.link.image_coding import pack_integers
 
     def content(distances, residuals, way=0):
-        return bytes([way]) + pack_integers(np.array(distances, int)) + pack_integers(np.array(residuals, int))
+        return (
+            bytes([way])
+            + image_coding.pack_integers(np.array(distances, int))
+            + image_coding.pack_integers(np.array(residuals, int))
+        )
 
-    assert decode_pixels(content([2, 2], [4, 1]), (1, 5))[0].tolist() == [[0, 2, 1, 0, 0]]
+    assert image_coding.decode_pixels(content([2, 2], [4, 1]), (1, 5))[0].tolist() == [[0, 2, 1, 0, 0]]
     for wrong, said in (
         *((b"", "begin with 0 or 1"), (content([2], [0], way=7), "begin with 0 or 1")),
         *((content([0, 2], [4]), "lie outside"), (content([4, 2], [4]), "lie outside")),
@@ -162,4 +159,4 @@ def test_what_no_encoder_writes_is_refused():
         (content([1] * 6, []), "at most 5 packed numbers are possible, got 6"),
     ):
         with pytest.raises(ValueError, match=said):
-            decode_pixels(wrong, (1, 5))
+            image_coding.decode_pixels(wrong, (1, 5))

@@ -97,9 +97,7 @@ def test_messages_are_taken_in_order_and_damage_changes_nothing():
     inbox = Inbox(7)
     inbox.receive(message(1))
     for wrong, said in (
-        (message(2)[:-1], "cut off"),
-        (message(2) + b"x", "checksum"),
-        (message(2, sensor=8), "sensor is 7, got 8"),
+        *((message(2)[:-1], "cut off"), (message(2) + b"x", "checksum"), (message(2, sensor=8), "sensor is 7, got 8")),
         (message(2, time=0.05), "clock was set back"),
     ):
         with pytest.raises(ValueError, match=said):

@@ -74,8 +74,7 @@ def test_what_no_encoder_writes_is_refused():
 
 
 MODELS = [
-    DepthCamera(width=40, height=30, max_range=80.0),
-    SpinningLidar(channels=12),
+    *(DepthCamera(width=40, height=30, max_range=80.0), SpinningLidar(channels=12)),
     SolidStateLidar(rows=9, columns=14),
 ]
 
