@@ -206,7 +206,6 @@ def test_a_second_stage_and_classes_survive_a_file_or_are_missed(tmp_path):
 
 
 def assert_unions(detector, clouds, unions):
-    """Of each union what its points together give."""
     found = detector.unions(clouds, unions)
     assert len(found) == len(unions)
     for row, each in zip(unions, found, strict=True):

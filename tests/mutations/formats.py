@@ -34,7 +34,6 @@ def calls(name: str) -> Callable[[Path], object]:
 
 
 def formats() -> dict[str, Format]:
-    """All formats, by the name of the file that is made of each."""
     read_weights = calls("models.weight_files:load_weights")
     clouds = {
         "binary.ply": points.ply,

@@ -80,7 +80,6 @@ def samples(count: int = 3) -> list[Any]:
 
 
 def write(layout: str, folder: Path) -> Path:
-    """A sound recording; what is to be opened."""
     from toolkit.datasets.recordings import write_recording
 
     own: dict[str, Callable[[Path], Path]] = {
@@ -114,7 +113,6 @@ def read(layout: str, opened: Path) -> None:
 
 
 def maker(name: str) -> Callable[[Path], None]:
-    """Writes the sound file of a format of `FILES`."""
     layout, place, _ = FILES[name]
 
     def make(path: Path) -> None:

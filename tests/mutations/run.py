@@ -27,7 +27,6 @@ Case = tuple[str, int]  # name of the format, number of the mutant
 
 
 def main() -> None:
-    """Print the table; exit code 1 where a mutant failed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("mutants", type=int, nargs="?", default=400)
     parser.add_argument("--formats", nargs="*", help="part of the names of those wanted, all if not given")
@@ -85,7 +84,6 @@ def examined(cases: Sequence[Case]) -> dict[Case, str]:
 
 
 def table(cases: Iterable[Case], failures: Iterable[Case]) -> str:
-    """Format, mutants, clean, failed."""
     total, failed = (Counter(name for name, _ in some) for some in (cases, failures))
     rows = [f"| {name} | {count} | {count - failed[name]} | {failed[name]} |" for name, count in total.items()]
     whole, bad = sum(total.values()), sum(failed.values())

@@ -50,7 +50,7 @@ def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float
     return Objective(Setting(candidates=some, fidelity=Counting(len(some)), scheme=scheme, weights=weights))  # type: ignore[arg-type]
 
 
-def test_rewards_are_sums_and_mounts_are_paid_once():
+def test_objectives_sum_terms_by_hand_and_say_where_scores_come_from():
     score = objective(Weights(comm=0.001, price=0.01)).score([1, 4])
     assert score.kbit == 500.0
     assert score.kbit_per_sensor == 250.0
@@ -82,6 +82,26 @@ def test_rewards_are_sums_and_mounts_are_paid_once():
     subsets = np.array([scored.row(members) for members in ((), (0,), (0, 1), (0, 2, 4), range(6))])
     assert scored.price(subsets).tolist() == [0.0, 2.0, 2.0, 6.0, 6.0]
     assert scored.price(np.zeros((0, 6), bool)).shape == (0,)
+    with pytest.raises(FileNotFoundError, match="pol"):
+        Objective(Setting("tjunction", candidates="pol"))
+    with pytest.raises(ValueError, match="weights must be finite"):
+        Weights(comm=-1.0)
+    with pytest.raises((ValueError, TypeError), match="of"):
+        objective(scheme="middle")
+    origin = Objective(Setting("tjunction", scheme="late", fidelity="table"), Run(frames=2)).provenance
+    assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == ("tjunction", 2, 0, "table")
+    assert {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"} <= origin.keys()
+    assert origin["errors"]["profile"] == "paper"
+    assert objective().provenance["fidelity"] == "counting"
+    pool = candidates()
+    axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
+    factors = np.array([[1, 0, 0, 0, 0]])
+    one = Candidates(pool.sensors[2:3], pool.mounts, factors, axes)
+    assert Objective(Setting(candidates=one, fidelity=Counting(1))).score([0]).price == 2.0
+    early, foreground = objective(), objective(scheme="foreground")
+    assert early.provenance["codec"] == "PaperCodec(bits_per_point=96, bits_per_box=256)"
+    assert foreground.provenance["codec"] == "RangeImages(step=0.02)"
+    assert foreground.provenance["scheme"].startswith("Foreground(")
 
 
 @settings(max_examples=30, deadline=None)
@@ -106,29 +126,6 @@ def test_a_link_carries_what_it_can(scheme: str, fits: int) -> None:
 def test_members_that_there_are_not(bad: list[int | str]) -> None:
     with pytest.raises(ValueError, match="candidates are 0 to 5"):
         objective().score(bad)
-
-
-def test_objectives_say_where_scores_come_from_and_take_parts_by_hand():
-    with pytest.raises(FileNotFoundError, match="pol"):
-        Objective(Setting("tjunction", candidates="pol"))
-    with pytest.raises(ValueError, match="weights must be finite"):
-        Weights(comm=-1.0)
-    with pytest.raises((ValueError, TypeError), match="of"):
-        objective(scheme="middle")
-    origin = Objective(Setting("tjunction", scheme="late", fidelity="table"), Run(frames=2)).provenance
-    assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == ("tjunction", 2, 0, "table")
-    assert {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"} <= origin.keys()
-    assert origin["errors"]["profile"] == "paper"
-    assert objective().provenance["fidelity"] == "counting"
-    some = candidates()
-    axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
-    factors = np.array([[1, 0, 0, 0, 0]])
-    one = Candidates(some.sensors[2:3], some.mounts, factors, axes)
-    assert Objective(Setting(candidates=one, fidelity=Counting(1))).score([0]).price == 2.0
-    early, foreground = objective(), objective(scheme="foreground")
-    assert early.provenance["codec"] == "PaperCodec(bits_per_point=96, bits_per_box=256)"
-    assert foreground.provenance["codec"] == "RangeImages(step=0.02)"
-    assert foreground.provenance["scheme"].startswith("Foreground(")
 
 
 @pytest.mark.parametrize(

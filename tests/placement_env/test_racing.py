@@ -166,7 +166,7 @@ class Spread:
 TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
 
 
-def test_a_race_ends_when_sure_and_drops_what_is_worse():
+def test_races_end_when_sure_or_by_budget():
     sure = Spread(TRUE, noise=0.0)
     assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12)).frames.max() == 12
     assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), RaceRules(first=12, least=24)).frames.max() == 24
@@ -177,18 +177,35 @@ def test_a_race_ends_when_sure_and_drops_what_is_worse():
     exact = Spread(TRUE, noise=0.0)
     ran = race_until(exact, np.eye(5, dtype=bool), np.arange(400))
     assert (len(exact.asked), ran.confidence, ran.spent) == (1, 1.0, 60)
-    scores = Spread(TRUE)
+    spread_out = Spread(TRUE)
     ran = race_until(
-        scores, np.eye(5, dtype=bool), np.arange(384)[::-1], RaceRules(first=12, tolerance=0.001, confidence=0.9)
+        spread_out, np.eye(5, dtype=bool), np.arange(384)[::-1], RaceRules(first=12, tolerance=0.001, confidence=0.9)
     )
-    assert [len(frames) for _, frames in scores.asked] == [12, 24, 48, 96, 192, 384]
-    assert all(frames == list(range(383, 383 - len(frames), -1)) for _, frames in scores.asked)
-    assert [sorted(sets) for sets, _ in scores.asked][:2] == [[0, 1, 2, 3, 4], [1, 3, 4]]
+    assert [len(frames) for _, frames in spread_out.asked] == [12, 24, 48, 96, 192, 384]
+    assert all(frames == list(range(383, 383 - len(frames), -1)) for _, frames in spread_out.asked)
+    assert [sorted(sets) for sets, _ in spread_out.asked][:2] == [[0, 1, 2, 3, 4], [1, 3, 4]]
     assert ran.ranking.tolist() == [1, 4, 3, 2, 0]
     assert ran.figures.tolist() == TRUE[ran.ranking].tolist()
     assert ran.frames.tolist()[:2] == [384, 384]
     assert ran.frames.tolist()[3:] == [12, 12]
     assert ran.spent == sum(ran.frames)
+    tight = Spread(TRUE, noise=2.0)
+    ran = race_until(tight, np.eye(5, dtype=bool), np.arange(96), RaceRules(most=60.0 + 12 * 3, tolerance=0.0))
+    assert [len(sets) for sets, _ in tight.asked] == [5, 3, 1, 1]
+    assert set(tight.asked[1][0]) == {1, 3, 4}
+    assert ran.confidence < 0.95
+    # Of the second rung's 24 frames there are 17.
+
+    def scores(sets, frames):
+        asked.append((len(sets), len(frames)))
+        return spread(sets, frames)._replace(frames=17 if len(frames) > 12 else None)
+
+    asked, spread = [], Spread(TRUE, noise=0.2)
+    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(96), RaceRules(tolerance=0.0))
+    assert asked == [(5, 12), (asked[1][0], 24)]
+    assert ran.frames.tolist()[: asked[1][0]] == [17] * asked[1][0]
+    assert ran.spent == 60 + 5 * asked[1][0]
+    assert ran.confidence < 0.95
 
 
 def test_doubt_is_the_share_of_draws_also_of_what_was_dropped():
@@ -214,26 +231,6 @@ def test_doubt_is_the_share_of_draws_also_of_what_was_dropped():
     assert asked == [[0, 1, 2], [0, 1]]
     assert ran.confidence == pytest.approx(1 - 0.3 - 0.005)
     assert ran.frames.tolist() == [24, 24, 12]
-
-
-def test_a_race_ends_with_its_budget_or_time():
-    tight = Spread(TRUE, noise=2.0)
-    ran = race_until(tight, np.eye(5, dtype=bool), np.arange(96), RaceRules(most=60.0 + 12 * 3, tolerance=0.0))
-    assert [len(sets) for sets, _ in tight.asked] == [5, 3, 1, 1]
-    assert set(tight.asked[1][0]) == {1, 3, 4}
-    assert ran.confidence < 0.95
-    # Of the second rung's 24 frames there are 17.
-
-    def scores(sets, frames):
-        asked.append((len(sets), len(frames)))
-        return spread(sets, frames)._replace(frames=17 if len(frames) > 12 else None)
-
-    asked, spread = [], Spread(TRUE, noise=0.2)
-    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(96), RaceRules(tolerance=0.0))
-    assert asked == [(5, 12), (asked[1][0], 24)]
-    assert ran.frames.tolist()[: asked[1][0]] == [17] * asked[1][0]
-    assert ran.spent == 60 + 5 * asked[1][0]
-    assert ran.confidence < 0.95
 
 
 @pytest.mark.parametrize(("blocks", "confidence"), [(1, 0.5), (3, 1 - 1 / 8), (5, 1 - 1 / 32)])

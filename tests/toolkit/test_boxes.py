@@ -19,7 +19,6 @@ some_boxes = st.lists(a_box(), min_size=1, max_size=6).map(np.array)
 
 
 def random_boxes(rng, n, area=(80.0, 40.0)):
-    """Cars as they occur over a junction."""
     columns = [rng.uniform(-s / 2, s / 2, n) for s in area]
     sizes = [rng.uniform(low, high, n) for low, high in ((3.5, 5.6), (1.6, 2.1), (1.4, 2.0))]
     return np.column_stack([*columns, rng.uniform(0.5, 1, n), *sizes, rng.uniform(-np.pi, np.pi, n)])

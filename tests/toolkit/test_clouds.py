@@ -167,7 +167,7 @@ def test_files_that_cannot_be_are_refused(tmp_path):
         load(tmp_path / "damaged.ply")
 
 
-def test_clouds_own_their_memory_and_fuse_what_all_have():
+def test_clouds_own_their_memory_and_keep_points_when_thinned():
     clouds = [from_points(np.full((1000, 3), k, np.float32), k) for k in range(200)]
     gc.collect()
     assert all((positions(cloud) == k).all() and (sensor_numbers(cloud) == k).all() for k, cloud in enumerate(clouds))
@@ -179,24 +179,6 @@ def test_clouds_own_their_memory_and_fuse_what_all_have():
     with pytest.warns(UserWarning, match=r"fuse drops intensity, ring: not all 2 clouds"):
         poorer = fuse([rich_cloud(20, 1), rich_cloud(30, 2, "intensity", "ring")])
     assert set(attributes(poorer)) == {"positions", "sensor", "normals", "colors", "time"}
-
-
-def rich_cloud(n=60, seed=0, *left_out):
-    """A cloud with everything that scanners give."""
-    rng = np.random.default_rng(seed)
-    made: dict[str, np.ndarray] = {
-        "positions": rng.normal(0, 9, (n, 3)).astype(np.float32),
-        "sensor": (np.arange(n) % 5).astype(np.int32)[:, None],
-        "normals": rng.normal(size=(n, 3)).astype(np.float32),
-        "colors": rng.integers(0, 256, (n, 3)).astype(np.uint8),
-        "intensity": rng.random((n, 1)).astype(np.float32),
-        "time": rng.random((n, 1)) + 1.7e9,
-        "ring": rng.integers(0, 64, (n, 1)).astype(np.uint16),
-    }
-    return from_attributes({name: column for name, column in made.items() if name not in left_out})
-
-
-def test_down_sampling_keeps_measured_points_of_every_sensor():
     cloud = rich_cloud(3000)
     thin = down_sample(cloud, 4.0)
     cells = [
@@ -214,3 +196,18 @@ def test_down_sampling_keeps_measured_points_of_every_sensor():
     for wrong in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match="voxel_m"):
             down_sample(cloud, wrong)
+
+
+def rich_cloud(n=60, seed=0, *left_out):
+    """A cloud with everything that scanners give."""
+    rng = np.random.default_rng(seed)
+    made: dict[str, np.ndarray] = {
+        "positions": rng.normal(0, 9, (n, 3)).astype(np.float32),
+        "sensor": (np.arange(n) % 5).astype(np.int32)[:, None],
+        "normals": rng.normal(size=(n, 3)).astype(np.float32),
+        "colors": rng.integers(0, 256, (n, 3)).astype(np.uint8),
+        "intensity": rng.random((n, 1)).astype(np.float32),
+        "time": rng.random((n, 1)) + 1.7e9,
+        "ring": rng.integers(0, 64, (n, 1)).astype(np.uint16),
+    }
+    return from_attributes({name: column for name, column in made.items() if name not in left_out})

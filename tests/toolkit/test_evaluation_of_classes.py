@@ -59,7 +59,7 @@ def mixed(classes, **options):
     )
 
 
-def test_classes_have_rows_and_tables_one_after_another():
+def test_classes_have_rows_figures_and_tables():
     rows = mixed(["vehicle", "cyclist", "pedestrian"])
     assert [(row.label, row.iou) for row in rows] == [
         *(("vehicle", iou) for iou in (0.7, 0.8, 0.9)),
@@ -95,9 +95,6 @@ def test_classes_have_rows_and_tables_one_after_another():
         mixed(["tram"])
     with pytest.raises(ValueError, match="a class and an IoU threshold"):
         mixed([])
-
-
-def test_class_figures_say_what_the_threshold_is_worth():
     vehicle, cyclist, pedestrian = mixed(["vehicle", "cyclist", "pedestrian"]).classes
     assert [(c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)] == [
         ("vehicle", 0.5, 4, 4, 4), ("cyclist", 0.5, 4, 8, 6), ("pedestrian", 0.25, 4, 3, 2),

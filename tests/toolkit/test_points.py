@@ -61,7 +61,30 @@ def test_frame_points_are_cropped_clouds_with_noise_of_the_generator():
         assert (np.diff(pixels) > 0).all()
 
 
-def test_sensors_by_number_and_areas_near_by():
+@pytest.mark.parametrize("unknown", [3, -1, "d", "0"])
+def test_unknown_sensors_are_named(unknown):
+    with pytest.raises(ValueError, match=r"choose among 0\.\.2 or a, b, c"):
+        select_sensors(SENSORS, [unknown])
+
+
+def test_points_move_and_areas_near_by_count():
+    scene, shift = frame(), np.array([256.0, -128.0, 0.0])
+    moved = tuple(Sensor(s.name, s.model, pose(*shift) @ s.pose) for s in SENSORS)
+    area = np.array(AREA) + np.tile(shift[:2], 2)
+    for here, there in zip(
+        frame_points(scene, area=AREA),
+        frame_points(Frame(moved, scene.measurements, scene.objects), area=area),
+        strict=True,
+    ):
+        np.testing.assert_allclose(there, here + shift, atol=1e-4)
+    boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
+    assert has_centre_inside(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
+    points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
+    for metric in ("horizontal", "published"):
+        level = is_beyond(
+            points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
+        )
+        assert level.tolist() == [False, True, False]
     assert select_sensors(SENSORS) == [0, 1, 2]
     assert select_sensors(SENSORS, ["c", 0]) == [2, 0]
     assert select_sensors(SENSORS, []) == []
@@ -84,32 +107,6 @@ def test_sensors_by_number_and_areas_near_by():
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, float("nan"))
     with pytest.raises(ValueError, match="floor must be a number"):
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, floor=float("nan"))
-
-
-@pytest.mark.parametrize("unknown", [3, -1, "d", "0"])
-def test_unknown_sensors_are_named(unknown):
-    with pytest.raises(ValueError, match=r"choose among 0\.\.2 or a, b, c"):
-        select_sensors(SENSORS, [unknown])
-
-
-def test_points_move_with_site_and_sensors_and_edges_count():
-    scene, shift = frame(), np.array([256.0, -128.0, 0.0])
-    moved = tuple(Sensor(s.name, s.model, pose(*shift) @ s.pose) for s in SENSORS)
-    area = np.array(AREA) + np.tile(shift[:2], 2)
-    for here, there in zip(
-        frame_points(scene, area=AREA),
-        frame_points(Frame(moved, scene.measurements, scene.objects), area=area),
-        strict=True,
-    ):
-        np.testing.assert_allclose(there, here + shift, atol=1e-4)
-    boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
-    assert has_centre_inside(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
-    points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
-    for metric in ("horizontal", "published"):
-        level = is_beyond(
-            points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
-        )
-        assert level.tolist() == [False, True, False]
 
 
 def test_slopes_are_cropped_and_detected_in_as_level_ground():

@@ -113,7 +113,6 @@ def light() -> None:
 
 
 def voxelisation() -> None:
-    """80,000 points, as in the published grid."""
     from models.config import VoxelNetConfig
     from models.network.voxels import voxelise
 

@@ -72,7 +72,6 @@ class Judging:
 
     @cached_property
     def objective(self) -> Any:
-        """What is searched: the surrogate on the first part of the traffic."""
         from placement_env.objective import Objective
 
         return Objective(
@@ -118,7 +117,6 @@ class Judging:
         return [self.draw(rng, 1 + turn % MOST_DRAWN) for turn in range(count)]
 
     def draw(self, rng: np.random.Generator, k: int) -> tuple[int, ...]:
-        """A set drawn at random, one sensor to a mount."""
         members = rng.permutation(len(self.candidates))
         _, first = np.unique(self.candidates.mount[members], return_index=True)
         return tuple(sorted(members[np.sort(first)][:k].tolist()))
@@ -183,7 +181,6 @@ def run(judging: Judging, k: int, rows: Rows) -> None:
 
 
 def judge_sets(judging: Judging, sets: Iterable[tuple[int, ...]], rows: Rows, *, k: int | None = None) -> None:
-    """Add rows of the sets at one site that the rows lack."""
     at = {"site": judging.name, "scheme": judging.scheme}
     for subset in sets:
         if subset and not rows.find(kind="set", subset=list(subset), **at):

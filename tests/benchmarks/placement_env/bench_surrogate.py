@@ -58,7 +58,6 @@ def ms_each(fidelity: Callable[[np.ndarray], object], sets: np.ndarray) -> float
 def leaderboard(
     visibility: Visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.ndarray, model: HitModel | None = None
 ) -> None:
-    """Print a line for each surrogate, best first."""
     from information_gain import InformationGain
 
     from placement_env.fidelity.coverage import Coverage

@@ -50,7 +50,6 @@ class AtOnce(OneByOne):
 
 
 def main() -> None:
-    """Score all sets in a few frames, in one process and thread."""
     torch.set_num_threads(1)
     dataset = CoopDataset(sys.argv[1])
     frames = int(sys.argv[2]) if len(sys.argv) > 2 else 2

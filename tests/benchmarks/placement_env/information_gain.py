@@ -57,7 +57,6 @@ class InformationGain:
 
 
 def _rasterize(boxes: np.ndarray) -> np.ndarray:
-    """1 for ground cells with their middle under a box; the cells span the boxes' centres."""
     if not len(boxes):
         return np.zeros((0, 0), np.float32)
     low, high = np.floor(boxes[:, :2].min(axis=0) - 3), np.ceil(boxes[:, :2].max(axis=0) + 3)

@@ -71,7 +71,6 @@ def _portfolios(rows: Sequence[Row]) -> list[str]:
 
 
 def _judged(rows: Sequence[Row], site: str, k: int) -> dict[tuple[int, ...], Row]:
-    """The sets of at most k sensors that were judged at a site."""
     there = (row for row in rows if row["kind"] == "set" and row["site"] == site)
     return {tuple(row["subset"]): row for row in there if len(row["subset"]) <= k}
 
@@ -154,7 +153,6 @@ def _within(
 
 
 def _grouped(rows: Sequence[Row], by: tuple[str, ...]) -> dict[tuple[Any, ...], list[Row]]:
-    """The rows with the same values, where there are enough; by k only those with so many sensors."""
     groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         if "k" not in by or len(row["subset"]) == row["k"]:
@@ -163,7 +161,6 @@ def _grouped(rows: Sequence[Row], by: tuple[str, ...]) -> dict[tuple[Any, ...], 
 
 
 def _over_sites(values: np.ndarray, sites: Sequence[str]) -> tuple[float, float]:
-    """The interval of a mean over sites drawn with replacement."""
     different, rng = sorted(set(sites)), np.random.default_rng(0)
     of_site = {name: values[[site == name for site in sites]] for name in different}
     means = [

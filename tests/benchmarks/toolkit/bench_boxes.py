@@ -12,7 +12,6 @@ from toolkit.objects import Detections, Objects
 
 
 def cars(n: int, rng: np.random.Generator) -> np.ndarray:
-    """Boxes of cars anywhere in an area of 80 by 40 m."""
     place = rng.uniform([-40, -20, 0.6], [40, 20, 0.9], (n, 3))
     return np.hstack([place, rng.normal([4.3, 1.8, 1.5], 0.2, (n, 3)), rng.uniform(-np.pi, np.pi, (n, 1))])
 

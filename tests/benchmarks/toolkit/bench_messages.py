@@ -125,7 +125,6 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
 
 
 def print_bytes(folder: Path) -> None:
-    """Kbit per sensor and frame with intervals, how many messages fit a packet, and what making and reading takes."""
     from toolkit.detection.link.message import PACKET
 
     heads = f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} {'ms':>6s} {'95 %':>6s}"

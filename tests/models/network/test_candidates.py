@@ -84,7 +84,7 @@ def class_prediction(boxes, labels, sure):
     return Prediction(*(each.reshape(1, *shape[:2], -1).permute(0, 3, 1, 2) for each in maps))
 
 
-def test_every_class_has_its_anchors_scores_and_boxes():
+def test_every_class_has_its_boxes_and_its_rivals_count_once():
     """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of four."""
     boxes = [
         [1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3], [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0],
@@ -107,6 +107,35 @@ def test_every_class_has_its_anchors_scores_and_boxes():
     mean = average_boxes(found, np.array([0, 1]), 0.75)
     np.testing.assert_allclose(mean.boxes, [[0.2 / 5, *box[1:]], other], atol=1e-12)
     assert mean.labels.tolist() == [VEHICLE, HEAVY]
+    rivalry = np.zeros((5, 4))
+    rivalry[0, 3], rivalry[1, 2] = 0.7, 0.6
+    rivalry[2, 0], rivalry[3, 1] = 0.5, 0.9
+    np.testing.assert_array_equal(strongest_rivals(street(), STREET), rivalry)
+    assert strongest_rivals(Detections.empty(), STREET).shape == (0, 4)
+    found = street()
+    weak = Detections(found.boxes, np.array([0.6, 0.9 * LEAST_RIVAL, 0.9, LEAST_RIVAL, 0.8]), found.labels)
+    rivals = strongest_rivals(weak, STREET)
+    assert rivals[0, 3] == 0
+    assert rivals[2, 0] == LEAST_RIVAL
+    found = street()
+    beside = found.boxes[1:2].copy()
+    beside[:, 0] += 0.1
+    more = Detections.merge([found, Detections(beside, np.array([0.75]), np.array([PEDESTRIAN]))])
+    assert strongest_rivals(more, STREET)[0].tolist() == [0, 0, 0, 0.75]
+    sure = Detections(street().boxes, np.array([1.0, 0.0, 1.0, 0.0, 1.0]), street().labels)
+    assert np.isfinite(apply_rivals(sure, replace(STREET, rivalry=ROWS)).scores).all()
+    after = apply_rivals(street(), replace(STREET, rivalry=ROWS))
+
+    def sigmoid(x):
+        return 1 / (1 + np.exp(-x))
+
+    def logit(p):
+        return np.log(p / (1 - p))
+
+    after_rivals = [sigmoid(2 * logit(0.6) - 0.5 - 3 * 0.7), 0.7, 0.9, sigmoid(logit(0.5) - 2 * 0.9), 0.8]
+    np.testing.assert_allclose(after.scores, after_rivals, atol=1e-12)
+    np.testing.assert_array_equal(after.boxes, street().boxes)
+    np.testing.assert_array_equal(after.labels, street().labels)
 
 
 CONFIGS = {
@@ -172,38 +201,6 @@ def street():
     ]
     labels = np.array([CYCLIST, PEDESTRIAN, HEAVY, VEHICLE, PEDESTRIAN])
     return Detections(np.array(boxes), np.array([0.6, 0.7, 0.9, 0.5, 0.8]), labels)
-
-
-def test_rivals_count_once_and_leave_what_scores_say():
-    expected = np.zeros((5, 4))
-    expected[0, 3], expected[1, 2] = 0.7, 0.6
-    expected[2, 0], expected[3, 1] = 0.5, 0.9
-    np.testing.assert_array_equal(strongest_rivals(street(), STREET), expected)
-    assert strongest_rivals(Detections.empty(), STREET).shape == (0, 4)
-    found = street()
-    weak = Detections(found.boxes, np.array([0.6, 0.9 * LEAST_RIVAL, 0.9, LEAST_RIVAL, 0.8]), found.labels)
-    rivals = strongest_rivals(weak, STREET)
-    assert rivals[0, 3] == 0
-    assert rivals[2, 0] == LEAST_RIVAL
-    found = street()
-    beside = found.boxes[1:2].copy()
-    beside[:, 0] += 0.1
-    more = Detections.merge([found, Detections(beside, np.array([0.75]), np.array([PEDESTRIAN]))])
-    assert strongest_rivals(more, STREET)[0].tolist() == [0, 0, 0, 0.75]
-    sure = Detections(street().boxes, np.array([1.0, 0.0, 1.0, 0.0, 1.0]), street().labels)
-    assert np.isfinite(apply_rivals(sure, replace(STREET, rivalry=ROWS)).scores).all()
-    after = apply_rivals(street(), replace(STREET, rivalry=ROWS))
-
-    def sigmoid(x):
-        return 1 / (1 + np.exp(-x))
-
-    def logit(p):
-        return np.log(p / (1 - p))
-
-    scores = [sigmoid(2 * logit(0.6) - 0.5 - 3 * 0.7), 0.7, 0.9, sigmoid(logit(0.5) - 2 * 0.9), 0.8]
-    np.testing.assert_allclose(after.scores, scores, atol=1e-12)
-    np.testing.assert_array_equal(after.boxes, street().boxes)
-    np.testing.assert_array_equal(after.labels, street().labels)
 
 
 @pytest.mark.parametrize("found", [street(), Detections.empty()])

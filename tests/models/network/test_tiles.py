@@ -97,7 +97,6 @@ def drawn(config, count, seed=0, n=160):
 
 
 def whole_maps(network, clouds, unions):
-    """The head's maps of each union, put together from its tiles."""
     config = network.config
     (rows, columns), grid = config.map_shape, [-(-cells // TILE) for cells in config.map_shape]
     found, entries_there = {}, 0

@@ -162,7 +162,6 @@ def test_thresholds_cost_few_and_faces_are_learnt():
 
 
 def fake(found):
-    """Stands for what a network detects on a packed file."""
     return lambda network, frames, *, count, seed, subsets, errors: found
 
 

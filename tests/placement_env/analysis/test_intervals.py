@@ -92,30 +92,13 @@ def test_blocks_ratios_and_percentiles_of_what_is_defined():
             block_draws(1, **settings)
 
 
-def test_intervals_cover_as_often_as_they_say():
-    """200 recordings of independent blocks, of which the vehicles of one are found or missed together."""
-    rng, covered = np.random.default_rng(0), 0
-    for seed in range(200):
-        found = np.repeat(rng.random(50) < 0.7, 4)
-        draws = block_draws(200, resamples=200, seed=seed)
-        low, high = ap_interval(
-            [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 200, draws=draws
-        )
-        covered += low <= 0.7 <= high
-    assert 0.9 <= covered / 200 <= 0.99
-    found = np.repeat(np.random.default_rng(0).random(25) < 0.7, 4)
-    values = [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 100
-    (low, high), (low_of_1, high_of_1) = (ap_interval(*values, draws=block_draws(100, block=n)) for n in (4, 1))
-    assert high - low > 1.5 * (high_of_1 - low_of_1)
-
-
 @pytest.mark.parametrize("confidence", [0.0, 1.0, 95.0])
 def test_refuses_confidence(confidence):
     with pytest.raises(ValueError, match="confidence must lie between 0 and 1"):
         ratio_interval([1.0], [1.0], confidence=confidence)
 
 
-def test_tallies_are_of_their_frames_and_leave_out_what_is_ignored():
+def test_tallies_of_frames_cover_as_often_as_they_say():
     tally = Tally(
         np.array([0.9, 0.8, 0.7, 0.6]), np.array([True, False, True, True]), np.array([2, 0, 0, 2]), np.array([1, 0, 3])
     )
@@ -139,3 +122,17 @@ def test_tallies_are_of_their_frames_and_leave_out_what_is_ignored():
     assert (tally.hit.tolist(), tally.frame.tolist()) == ([True, False, True], [0, 0, 1])
     assert (tally.recall, tally.precision) == pytest.approx((2 / 3, 2 / 3))
     assert Tally.of(outcomes, np.array([1, 2]), 1).hit.tolist() == [False, False, False]
+    # 200 recordings of independent blocks, of which the vehicles of one are found or missed together.
+    rng, covered = np.random.default_rng(0), 0
+    for seed in range(200):
+        found = np.repeat(rng.random(50) < 0.7, 4)
+        draws = block_draws(200, resamples=200, seed=seed)
+        low, high = ap_interval(
+            [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 200, draws=draws
+        )
+        covered += low <= 0.7 <= high
+    assert 0.9 <= covered / 200 <= 0.99
+    found = np.repeat(np.random.default_rng(0).random(25) < 0.7, 4)
+    values = [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 100
+    (low, high), (low_of_1, high_of_1) = (ap_interval(*values, draws=block_draws(100, block=n)) for n in (4, 1))
+    assert high - low > 1.5 * (high_of_1 - low_of_1)

@@ -28,7 +28,7 @@ def sets(candidates: Candidates, *chosen: tuple[int, ...]) -> np.ndarray:
     return rows
 
 
-def test_candidates_are_counted_selected_and_taken_by_arrays():
+def test_candidates_are_counted_selected_and_look_along_their_axis():
     candidates = pool(square(), headings=4)
     assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
     assert candidates.at(3, 0, 0, 0, 0) == candidates.at(-1, 0, 1, 0, 0) == candidates.at(0, 99, 1, 0, 0) == -1
@@ -45,21 +45,6 @@ def test_candidates_are_counted_selected_and_taken_by_arrays():
     assert chosen.sensors == (candidates.sensors[7], candidates.sensors[3])
     assert chosen.at(*candidates.factors[3]) == 1
     assert chosen.at(*candidates.factors[4]) == -1
-
-
-MODELS = [DepthCamera(), SpinningLidar(channels=4), SolidStateLidar()]
-
-
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
-@given(heading=st.floats(-3.1, 3.1), tilt=st.floats(-1.4, 1.4))
-def test_a_sensor_looks_where_it_is_aimed(model, heading, tilt):
-    sensor = aim_sensor(Sensor("s", model, np.eye(4)), np.array([1.0, -2.0, 6.0]), heading, tilt)
-    assert np.allclose(aims([sensor]), [[heading], [tilt]], atol=1e-9)
-    assert sensor.position.tolist() == [1.0, -2.0, 6.0]
-    assert (sensor.name, sensor.model) == ("s", model)
-
-
-def test_axes_of_sensors_and_what_does_not_fit():
     camera = Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.5))
     lidar = Sensor("l", SpinningLidar(channels=4), pose(0.0, 0.0, 5.0, yaw=-2.0, pitch=0.1))
     headings, tilts = aims([camera, lidar])
@@ -76,3 +61,15 @@ def test_axes_of_sensors_and_what_does_not_fit():
     twice = (good.sensors[0], good.sensors[0], *good.sensors[2:])
     with pytest.raises(ValueError, match=f"{good.sensors[0].name}' twice"):
         replace(good, sensors=twice)
+
+
+MODELS = [DepthCamera(), SpinningLidar(channels=4), SolidStateLidar()]
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
+@given(heading=st.floats(-3.1, 3.1), tilt=st.floats(-1.4, 1.4))
+def test_a_sensor_looks_where_it_is_aimed(model, heading, tilt):
+    sensor = aim_sensor(Sensor("s", model, np.eye(4)), np.array([1.0, -2.0, 6.0]), heading, tilt)
+    assert np.allclose(aims([sensor]), [[heading], [tilt]], atol=1e-9)
+    assert sensor.position.tolist() == [1.0, -2.0, 6.0]
+    assert (sensor.name, sensor.model) == ("s", model)

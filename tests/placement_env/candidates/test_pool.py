@@ -52,7 +52,7 @@ def test_paper_sensors_are_the_sites_own_each_on_its_own_mount(name):
     assert candidates.mount_prices.tolist() == [mount.price for mount in candidates.mounts]
 
 
-def test_far_sensors_get_mounts_and_digests_are_the_same_elsewhere():
+def test_sensors_of_either_model_have_mounts_wherever_they_stand():
     sensor = Sensor("mast", DepthCamera(), look((5.0, 5.0, 12.0), 0.3, 0.2))
     (mount,) = paper_candidates(square(sensors=(sensor,))).mounts
     assert mount.name == "mast_mount"
@@ -64,9 +64,6 @@ def test_far_sensors_get_mounts_and_digests_are_the_same_elsewhere():
     )
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
     assert told == pool(load_site("tjunction")).select(range(99)).digest()
-
-
-def test_sensors_of_random_sites_of_either_model_are_candidates():
     for seed in range(2):
         site = random_site(seed)
         candidates = paper_candidates(site)

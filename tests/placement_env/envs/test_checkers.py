@@ -54,7 +54,6 @@ def test_random_greedy_and_exhaustive_sets_are_paid_their_reward(name: str, fide
 
 
 def episode_reward(name: str, scored: Objective, chosen: list[int]) -> float:
-    """Reward of an episode that chooses these candidates."""
     env = gym.make(name, objective=scored, budget=3)
     env.reset(seed=0)
     actions = [*chosen, len(scored.candidates)] if "Select" in name else [scored.row(chosen).astype(np.int8)]

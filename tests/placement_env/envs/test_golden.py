@@ -101,7 +101,6 @@ def answer(observation: np.ndarray, info: dict[str, Any], *, env: Any) -> dict[s
 
 
 def drawn(space: gym.Space[Any], n: int, rng: np.random.Generator) -> np.ndarray:
-    """Actions, legal and illegal ones."""
     if isinstance(space, gym.spaces.Discrete):
         return rng.integers(0, space.n, n)
     if isinstance(space, gym.spaces.MultiDiscrete):

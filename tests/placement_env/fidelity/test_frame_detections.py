@@ -53,8 +53,6 @@ class OneByOne:
 
 
 class AtOnce(OneByOne):
-    """It writes down how many unions it is asked for at once."""
-
     def __init__(self):
         super().__init__()
         self.asked = []

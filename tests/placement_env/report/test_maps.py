@@ -82,7 +82,7 @@ def test_coverage_blind_spots_and_density_are_in_their_colours():
     assert not smooth(values, counted & False, 0.5).any()
 
 
-def test_plan_views_show_poles_even_none():
+def test_plan_views_show_poles_none_or_thirty_sensors():
     bare = plan_view(SITE, SENSORS)
     assert bare == plan_view(SITE, SENSORS)
     with_poles = plan_view(SITE, SENSORS, ["a"], ["$b_1$", "<c>", "_d"])
@@ -99,9 +99,6 @@ def test_plan_views_show_poles_even_none():
     for draw in MAPS:
         ElementTree.fromstring(draw(SITE, nothing, []))
     ElementTree.fromstring(plan_view(SITE, [], ground=nothing))
-
-
-def test_thirty_sensors_are_all_numbered_and_the_file_is_small():
     site = load_site("roundabout")
     many = [
         Sensor(f"north-east pole {k}", DepthCamera(), look((1.0 * k, -k / 2, 5.0), float(k), 0.3)) for k in range(30)

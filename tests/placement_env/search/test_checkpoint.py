@@ -22,8 +22,6 @@ class Killed(BaseException):
 
 
 class Mortal(Checkpoint):
-    """Saves every state, and is killed after so many."""
-
     def __init__(self, folder, lives):
         super().__init__(folder, every=0.0)
         self.lives = lives
@@ -41,7 +39,6 @@ def answer(found):
 
 
 def killed_each(way, folder, lives):
-    """The result of a search that is killed after each few states."""
     for kills in range(1000):
         try:
             return way(checkpoint=Mortal(folder, lives)), kills

@@ -246,7 +246,6 @@ def wall_image(row=20.0, spot=None):
 
 
 def after(images, **times):
-    """The scene after images at these times."""
     adapting = empty_scene.SceneAdaptation(wall_scene(), **times)
     for time, each in images:
         adapting.update(each, time)

@@ -148,7 +148,6 @@ TWO = TRUE[:2]
 
 
 def cars(rng, count=6):
-    """Boxes more than a gate apart."""
     x = np.linspace(-9, 9, count) + rng.uniform(-0.3, 0.3, count)
     centres = np.column_stack([x, rng.uniform(-6, 6, count), np.full(count, 0.8)])
     sizes = np.tile([4.2, 1.8, 1.5], (count, 1))
@@ -190,7 +189,7 @@ def test_road_users_say_what_a_bare_plane_does_not_by_their_derivatives():
             np.testing.assert_allclose((after.residual - before.residual)[centres] / 1e-6, rows[centres], atol=0.05)
 
 
-def test_only_each_others_nearest_that_head_alike_are_one_road_user():
+def test_road_users_pair_by_nearest_and_heading():
     boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0.0], [5.0, 0, 1, 4, 2, 1.5, 0.0], [9.0, 0, 1, 4, 2, 1.5, 0.0]])
     others = boxes.copy()
     others[0, :2] += [0.5, 0.2]  # a road user seen by both
@@ -210,9 +209,6 @@ def test_only_each_others_nearest_that_head_alike_are_one_road_user():
     one = SeenBoxes.of(np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]]), np.eye(4))
     assert object_pairs([[one, nothing]], [np.eye(4)] * 2, 1.5) == []
     assert object_pairs([], [np.eye(4)] * 2, 1.5) == []
-
-
-def test_a_detector_sees_level_ground_and_its_boxes_go_into_each_sensors_axes():
     sensor = Sensor("c", DepthCamera(width=40, height=30), look((0.0, 0.0, 6.0), heading=0.0, tilt=np.pi / 2))
     site = Site("slope", np.array([-20.0, -20, 20, 20]), relief=Relief(slope=(0.05, 0.0)))
     frame = Frame((sensor,), (np.full(sensor.model.shape, 5.0, np.float32),), Objects.empty())

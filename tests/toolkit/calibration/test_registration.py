@@ -191,7 +191,7 @@ def scene(depth, share=1.0, spread=0.02, frames=16):
     return EmptyScene("c", model, frames=frames, **images)
 
 
-def test_sites_and_clouds_have_normals_where_they_are_flat():
+def test_points_and_normals_are_where_surfaces_are_flat():
     surface = site_surface(PLACE)
     assert np.allclose(np.linalg.norm(surface.normals, axis=1), 1.0)
     roof = np.isclose(surface.points[:, 2], 5.0)
@@ -212,9 +212,6 @@ def test_sites_and_clouds_have_normals_where_they_are_flat():
     assert (~flat).sum() < 0.2 * flat.sum()
     with pytest.raises(ValueError, match="0 points on flat ground or walls, 50 are needed"):
         cloud_surface(rng.uniform(0, 100, (30, 3)))
-
-
-def test_points_of_scenes_know_how_sure_they_are_and_make_one_surface():
     points, deviation = scene_points(scene(8.0))
     assert points.shape == (300, 3)
     assert np.allclose(points[:, 2], 8.0)

@@ -81,8 +81,6 @@ def blind(file):
 
 
 def place(change):
-    """Change the place of the first camera, world → camera."""
-
     def moved(file):
         file["cameras/d00/extrinsic"][...] = change(file["cameras/d00/extrinsic"][()])
 

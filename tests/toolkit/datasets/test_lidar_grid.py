@@ -87,7 +87,7 @@ def test_azimuths_are_in_the_middle_of_their_columns(phase, columns):
     assert abs(model.heading) <= np.pi / columns + 1e-9
 
 
-def test_lidars_across_the_seam_or_without_a_pattern():
+def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     row, column = (each.ravel() for each in np.meshgrid(np.arange(20), np.arange(50)))
     elevation, azimuth = np.deg2rad(5 - 0.8 * row), np.deg2rad(160.0 + 0.8 * column)  # on to -160.8
     grid = find_grid([cloud(elevation, azimuth, seed=k) for k in range(2)])
@@ -110,6 +110,25 @@ def test_lidars_across_the_seam_or_without_a_pattern():
     assert made.inside.tolist() == [True, True, False]
     assert made.cells[:2].tolist() == [2 * 36 + 4, 3 * 36 + 5]
     assert rasterize_cloud(SensorCloud("l", points, np.eye(4)), grid).cells.tolist() == [4, 5, 6]
+    points_cloud = SensorCloud("l", along((1, 5, 30.0), (1, 5, 12.0), (1, 5, 20.0), (2, 5, 9.0)), np.eye(4))
+    made = rasterize_cloud(points_cloud, LidarGrid(MODEL))
+    assert made.shown.tolist() == [False, True, False, True]
+    assert made.left_out == {SHARED_CELL: 2}
+    assert made.measurement[1, 5] == pytest.approx(12.0)
+    assert made.measurement[2, 5] == pytest.approx(9.0)
+    assert (made.measurement > 0).sum() == 2
+    far = along((0, 0, 500.0), (3, 1, 10.0))
+    high = np.array([[10 * np.cos(0.31), 0, 10 * np.sin(0.31)]], np.float32)  # 0.11 above the row, 0.1 to the next
+    low = np.array([[10 * np.cos(0.5), 0, -10 * np.sin(0.5)]], np.float32)  # 0.2 below the row, 0.3 to the next
+    made = rasterize_cloud(SensorCloud("l", np.concatenate([far, high, low]), np.eye(4)), LidarGrid(MODEL))
+    assert made.inside.tolist() == [False, True, False, True]
+    assert made.left_out == {OUTSIDE_GRID: 2}
+    assert made.cells.max() < 4 * 36
+    azimuth = 3.0 + np.array([-0.52, -0.48, 0.0, 0.48, 0.52])  # on across the seam
+    points = 10 * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(5)], axis=1)
+    made = rasterize_cloud(SensorCloud("l", points.astype(np.float32), np.eye(4)), LidarGrid(SECTOR))
+    assert made.inside.tolist() == [False, True, True, True, False]
+    assert made.cells[1:4].tolist() == [10, 15, 19]
 
 
 def test_what_is_no_image_is_refused(monkeypatch):
@@ -159,25 +178,3 @@ def test_images_there_and_back_are_exact_in_range():
     assert rasterize_cloud(SensorCloud("l", np.array([[5.0, 0, 3]], np.float32), np.eye(4)), one).inside.tolist() == [
         True
     ]
-
-
-def test_points_in_cells_and_outside_are_counted():
-    cloud = SensorCloud("l", along((1, 5, 30.0), (1, 5, 12.0), (1, 5, 20.0), (2, 5, 9.0)), np.eye(4))
-    made = rasterize_cloud(cloud, LidarGrid(MODEL))
-    assert made.shown.tolist() == [False, True, False, True]
-    assert made.left_out == {SHARED_CELL: 2}
-    assert made.measurement[1, 5] == pytest.approx(12.0)
-    assert made.measurement[2, 5] == pytest.approx(9.0)
-    assert (made.measurement > 0).sum() == 2
-    far = along((0, 0, 500.0), (3, 1, 10.0))
-    high = np.array([[10 * np.cos(0.31), 0, 10 * np.sin(0.31)]], np.float32)  # 0.11 above the row, 0.1 to the next
-    low = np.array([[10 * np.cos(0.5), 0, -10 * np.sin(0.5)]], np.float32)  # 0.2 below the row, 0.3 to the next
-    made = rasterize_cloud(SensorCloud("l", np.concatenate([far, high, low]), np.eye(4)), LidarGrid(MODEL))
-    assert made.inside.tolist() == [False, True, False, True]
-    assert made.left_out == {OUTSIDE_GRID: 2}
-    assert made.cells.max() < 4 * 36
-    azimuth = 3.0 + np.array([-0.52, -0.48, 0.0, 0.48, 0.52])  # on across the seam
-    points = 10 * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(5)], axis=1)
-    made = rasterize_cloud(SensorCloud("l", points.astype(np.float32), np.eye(4)), LidarGrid(SECTOR))
-    assert made.inside.tolist() == [False, True, True, True, False]
-    assert made.cells[1:4].tolist() == [10, 15, 19]

@@ -103,7 +103,6 @@ def rows(x):
 
 
 def side(x, count=100):
-    """Points on the near side of the box at x, of a right-handed map."""
     return np.column_stack([np.linspace(x - 1.9, x + 1.9, count), np.full(count, -1.0), np.full(count, 1.0)])
 
 

@@ -24,7 +24,6 @@ AREA = [-40, -40, 40, 40]
 
 
 def frame_at(k, apart=0.1):
-    """Ground alone is seen; two cars drive at 10 m/s along x."""
     depths = []
     for sensor in SENSORS:
         down = sensor.world_rays[2].reshape(sensor.model.shape)

@@ -90,22 +90,12 @@ def test_labels_doubled_impossible_or_without_counts():
     assert problems == {"yaws beyond a full turn": 1}
 
 
-def test_kinds_and_track_ids_are_numbers_the_same_everywhere():
+def test_kinds_points_and_times_are_the_same_everywhere():
     assert [records.CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [0, 0, 3, 1, 2]
     assert [records.track_number(" 17 "), records.track_number("-3")] == [17, -3]
     assert records.track_number("b1d0-44") == records.track_number("b1d0-44") != records.track_number("b1d0-45")
     assert records.track_number("9" * 30) >= 0
     assert records.track_number("²") > 3
-
-
-def cloud(points, **columns):
-    problems = {}
-    return records.build_cloud(
-        {"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems
-    ), problems
-
-
-def test_points_and_times_of_clouds():
     made, problems = cloud([[1, 2, 3], [np.inf, 0, 0], [0, 0, 0], [2e5, 0, 0]], intensity=np.arange(4.0)[:, None])
     assert (made.points.tolist(), made.intensity.tolist()) == ([[1, 2, 3]], [0])
     assert problems == {"points with NaN or infinite numbers": 2, "points of no return": 1}
@@ -120,6 +110,13 @@ def test_points_and_times_of_clouds():
     np.testing.assert_allclose(times, [0, 0.5])
     assert cloud([[1, 0, 0]])[0].time is None
     assert cloud([[1, 0, 0]])[0].intensity is None
+
+
+def cloud(points, **columns):
+    problems = {}
+    return records.build_cloud(
+        {"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems
+    ), problems
 
 
 def test_clouds_there_and_back_as_one_with_rings(tmp_path):

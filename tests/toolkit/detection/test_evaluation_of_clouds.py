@@ -67,7 +67,7 @@ def test_schemes_on_clouds(tmp_path):
     assert "kbit/sensor" in made.text()
 
 
-def test_scenes_and_sensors_may_be_given_with_a_rate():
+def test_scenes_and_sensor_sets_are_given_or_refused():
     made = evaluate(samples(), "early", rate=10.0)
     assert made.schemes["early"]["load"]["mbit_per_s"] == pytest.approx(2 * 8 * 96 * 10 / 1e6)
     assert "on a link at 10 Hz" in made.text()
@@ -81,9 +81,6 @@ def test_scenes_and_sensors_may_be_given_with_a_rate():
     assert list(made.schemes) == ["all clouds"]
     assert made.schemes["all clouds"]["kbit_per_sensor"] is None
     assert made.rows[0].sensors == (1,)
-
-
-def test_several_sensor_sets_and_what_is_refused():
     made = evaluate(samples(), "early", sensor_sets=[["b"], None])
     assert list(made.schemes) == ["early 1", "early 0,1"]
     asked = Comparison(schemes=["early"], breakdown=False)

@@ -40,7 +40,7 @@ def face(x, count=40, z=(0.5, 1.5)):
     return np.column_stack([np.full(count, x), np.linspace(-0.9, 0.9, count), np.linspace(*z, count)])
 
 
-def test_points_on_a_face_fit_and_those_within_or_around_do_not():
+def test_points_fit_faces_better_than_chance():
     hollow, turned = face(10.0)[np.abs(face(10.0)[:, 1]) < 0.5], BOX + np.eye(7)[6] * np.pi / 2
     for points, fit in (
         *((face(8.0), [1.0]), (hollow, [0.0])),
@@ -55,9 +55,6 @@ def test_points_on_a_face_fit_and_those_within_or_around_do_not():
     wall = face(9.0)
     assert measure_fits(wall, turned).tolist() == [1.0]  # 1 m ahead and behind, 2 m aside
     assert measure_fits(wall[np.abs(wall[:, 1]) < 0.5], BOX).tolist() == [0.0]
-
-
-def test_what_is_seen_of_a_sample_is_better_by_more_than_chance():
     for before, after, said in (
         (np.zeros(5), np.ones(5), True),
         (np.zeros(4), np.ones(4), False),  # too few

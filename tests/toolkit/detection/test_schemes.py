@@ -73,7 +73,7 @@ def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius)
     assert Hybrid().find_radius(AREA) == Hybrid().find_radius(Site("any", np.array(AREA, float))) == 20.0
 
 
-def test_early_and_late_send_points_and_boxes():
+def test_schemes_by_name_send_points_and_boxes():
     fused = Early().fuse(view(), [0, 1])
     np.testing.assert_allclose(fused.detections.boxes[:, :3], [[0.0, 6.0, 1.0]])
     assert fused.detections.scores.tolist() == [0.6]
@@ -95,6 +95,12 @@ def test_early_and_late_send_points_and_boxes():
     assert (Late().sends_points, Late().sends_boxes) == (False, True)
     late: Scheme = Late()
     assert late.mask_pooled(np.zeros((2, 3), np.float32), 20.0) is None
+    assert schemes_in_steps(0.04)["differences"] == ForegroundDifferences(0.04)
+    named = schemes_in_steps(0.08, refers_to="key", key_every=5)
+    assert named["differences"] == ForegroundDifferences(0.08, "key", 5)
+    assert named["foreground"] == Foreground(0.08)
+    assert PAPER_SCHEMES == tuple(SCHEMES)[:3] == ("early", "late", "hybrid")
+    assert len({Hybrid().digest, Hybrid(5.0).digest, Hybrid(metric="published").digest, Early().digest}) == 4
 
 
 @pytest.mark.parametrize("name", SCHEMES)
@@ -104,15 +110,6 @@ def test_each_goes_by_its_name(name):
     assert scheme.name == name
     assert find_scheme(scheme) is scheme
     assert scheme.sends_points or scheme.sends_boxes
-
-
-def test_names_steps_and_digests_of_schemes():
-    assert schemes_in_steps(0.04)["differences"] == ForegroundDifferences(0.04)
-    named = schemes_in_steps(0.08, refers_to="key", key_every=5)
-    assert named["differences"] == ForegroundDifferences(0.08, "key", 5)
-    assert named["foreground"] == Foreground(0.08)
-    assert PAPER_SCHEMES == tuple(SCHEMES)[:3] == ("early", "late", "hybrid")
-    assert len({Hybrid().digest, Hybrid(5.0).digest, Hybrid(metric="published").digest, Early().digest}) == 4
 
 
 @pytest.mark.parametrize("scheme", ["middle", "", None, 3, Early])

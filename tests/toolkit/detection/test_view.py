@@ -26,8 +26,6 @@ SENSORS = tuple(Sensor(name, DepthCamera(), np.eye(4)) for name in "ab")
 
 
 class Halved:
-    """Every other point arrives, every box."""
-
     digest = "halved"
 
     def encode_points(self, points, /):
@@ -101,7 +99,7 @@ def test_a_cloud_that_lost_points_on_the_way_is_another_and_else_the_same(watche
     assert calls.run[2:] == [[(0, ())]]
 
 
-def test_points_that_share_pixels_stay_and_overlapping_boxes_do_not():
+def test_points_share_pixels_and_are_counted_from_the_middle():
     boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
     kept = suppress(Detections(boxes, np.array([0.4, 0.6, 0.5])))
     assert kept.boxes[:, 0].tolist() == [0.5, 9]
@@ -122,6 +120,21 @@ def test_points_that_share_pixels_stay_and_overlapping_boxes_do_not():
     assert imaged.sensors[0].model == MODEL
     np.testing.assert_allclose(captured.points(captured.sending(captured.pixels).measurement),
                                points[np.argsort(captured.pixels)], atol=1e-4)  # fmt: skip
+    made = view(Counts())
+    assert made.cloud(0).points.tolist() == [[1, 0, 1]] * 30
+    assert made.cloud(1).points.tolist() == [[10, 40, 1]] * 20
+    assert made.cloud(0).points.dtype == np.float32
+    assert made.sensors[1].position.tolist() == [10, 0, 4]
+    detector = Counts()
+    fused = Hybrid(radius=15.0).fuse(view(detector), [0, 1])
+    assert fused.bits.tolist() == [256, 256 + 20 * 96]
+    assert [len(points) for points in detector.seen] == [20, 30, 20]
+    detector = Counts()
+    nothing = stand_view(
+        far_sample(), detector, Stand(AREA_VIEWS, np.zeros(2))
+    )  # points are at x = 101 and 110, z = 11
+    assert SCHEMES["late"].fuse(nothing, [0, 1]).kbit_per_sensor == 0
+    assert detector.seen == []
 
 
 class Dimmed(Halved):
@@ -157,10 +170,10 @@ def test_a_codec_of_images_gets_the_pixels_of_the_points(shifted):
     cloud = view.cloud(0)
     part = view.part(view.part(cloud, "far", far), "second", lambda points, _: np.arange(len(points)) == 1)
     for each, rows in ((cloud, None), (part, [1])):
-        arrived, bits = view.send_points(each)
+        sent = view.send_points(each)
         half = (each.points + frame.sensors[0].position - (shifted and [0, 0.5, 0])) / 2 + (shifted and [0, 0.5, 0])
-        np.testing.assert_allclose(arrived.points, half, atol=1e-5)
-        assert bits == 5
+        np.testing.assert_allclose(sent.arrived.points, half, atol=1e-5)
+        assert sent.bits == 5
         assert (each.rows is None) == (rows is None)
     assert [np.count_nonzero(image.measurement) for image in codec.sent] == [len(cloud.points), 1]
     assert part.rows.tolist() == [np.flatnonzero(far(cloud.points, None))[1]]
@@ -285,8 +298,6 @@ AREA_VIEWS = np.array([-50.0, -50, 50, 50])
 
 
 class Counts:
-    """A detection whose score is the share of 100 points it saw."""
-
     def __init__(self):
         self.seen = []
 
@@ -308,24 +319,6 @@ def far_sample():
 
 def view(detector):
     return stand_view(far_sample(), detector, Stand(AREA_VIEWS, np.array([100.0, 0]), Ground(np.array([0.0, 0, 10.0]))))
-
-
-def test_clouds_are_counted_from_the_middle_and_hybrid_sends_far_points():
-    made = view(Counts())
-    assert made.cloud(0).points.tolist() == [[1, 0, 1]] * 30
-    assert made.cloud(1).points.tolist() == [[10, 40, 1]] * 20
-    assert made.cloud(0).points.dtype == np.float32
-    assert made.sensors[1].position.tolist() == [10, 0, 4]
-    detector = Counts()
-    fused = Hybrid(radius=15.0).fuse(view(detector), [0, 1])
-    assert fused.bits.tolist() == [256, 256 + 20 * 96]
-    assert [len(points) for points in detector.seen] == [20, 30, 20]
-    detector = Counts()
-    nothing = stand_view(
-        far_sample(), detector, Stand(AREA_VIEWS, np.zeros(2))
-    )  # points are at x = 101 and 110, z = 11
-    assert SCHEMES["late"].fuse(nothing, [0, 1]).kbit_per_sensor == 0
-    assert detector.seen == []
 
 
 @pytest.mark.parametrize(("scheme", "kbit"), [("early", 96 * 25 / 1000), ("late", 0.256)])

@@ -85,7 +85,7 @@ def test_houses_have_windows_set_into_closed_walls(outline):
     assert np.allclose(drop(mesh, np.array([[4.0, 3.0]])), 7.0)
 
 
-def test_hedges_and_leaves_let_rays_pass_within_their_place():
+def test_hedges_leaves_and_slopes_are_followed_by_rays():
     mesh = build_scenery(site(Solid(np.array([[0.0, 0], [6, 0], [6, 0.8], [0, 0.8]]), -0.3, 1.4, "hedge")))
     hedge = mesh.vertices[mesh.vertices[:, 2] > 0.05]
     assert hedge[:, :2].min() > -ROUGHNESS - 1e-9
@@ -102,9 +102,6 @@ def test_hedges_and_leaves_let_rays_pass_within_their_place():
     passed = heights < 0.1
     assert 0.02 < passed.mean() < 0.6
     assert heights[~passed].min() > 1.4
-
-
-def test_what_stands_on_a_slope_follows_it_and_ponds_too():
     kerb, house = Solid(SQUARE, 0.0, 0.48, "kerb"), Solid(np.add(SQUARE, [0, 20]), -0.3, 6.0, "building")
     steep = site(kerb, house, relief=Relief(0.0, 0, (0.06, 0.03)))
     ground, solid = (

@@ -143,7 +143,6 @@ BESIDE, BELOW, AWAY = (8.0, -4.0, 0.3), (-8.0, -3.0, -2.0), (-15.0, 9.0, 0.0)
 
 
 def moment_of(places, bodies=None):
-    """Cars there, or other bodies."""
     bodies = np.zeros(len(places), np.int64) if bodies is None else np.array(bodies)
     sizes = np.array([(CAR, TRUCK)[body].size for body in bodies]).reshape(-1, 3)
     xyw = np.array(places).reshape(-1, 3)

@@ -86,7 +86,7 @@ def test_it_needs_velocities_unless_it_has_no_strength(read, harmless, street):
         ClockOffset(-1.0)
 
 
-def test_laws_of_range_and_of_stereo_and_time_of_flight():
+def test_laws_of_range_rain_and_rotation():
     """p = 1/2 where rho · cos · (half / R)² = 1; twice the range or a quarter of the power is the same."""
     one = np.ones(1)
     assert chance_of_return(80 * one, one, 80.0, 2.0)[0] == 0.5
@@ -108,6 +108,32 @@ def test_laws_of_range_and_of_stereo_and_time_of_flight():
         assert term.quadratic * 100 == pytest.approx(0.05 * ambient)
     with pytest.raises(ValueError, match="share"):
         time_of_flight_noise(ambient=1.5)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        vector = rng.normal(size=3)
+        turned = make_rotation(vector)
+        assert np.allclose(turned @ turned.T, np.eye(3))
+        assert np.linalg.det(turned) == pytest.approx(1)
+        assert np.allclose(turned @ vector, vector)
+        assert np.trace(turned) == pytest.approx(1 + 2 * np.cos(np.linalg.norm(vector)))
+        assert np.allclose(turned @ make_rotation(-vector), np.eye(3))
+    assert np.array_equal(make_rotation(np.zeros(3)), np.eye(3))
+    # dB per km: rain of 10 mm/h 5.03, dry snow of 1 mm/h 5.55, wet 3.88; fog of 100 m visibility 0.039 per
+    # metre.
+    per_km = 10 / np.log(10) * 1000
+    assert rain(10.0).extinction * per_km == pytest.approx(1.076 * 10**0.67)
+    assert rain(10.0).extinction * per_km == pytest.approx(5.03, abs=0.01)
+    assert snow(1.0).extinction * per_km == pytest.approx(5.545, abs=0.01)
+    assert snow(1.0, wet=True).extinction * per_km == pytest.approx(3.878, abs=0.01)
+    assert fog(100.0).extinction == pytest.approx(0.03912)
+    assert rain(10.0).share == pytest.approx(1 - np.exp(-0.03))
+    assert fog(50.0).reach == 5.0
+    shares = [rain(r).share for r in (0.0, 1.0, 10.0, 100.0)]
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    for wrong in (lambda: rain(-1.0), lambda: snow(float("nan")), lambda: fog(0.0)):
+        with pytest.raises(ValueError, match="must be"):
+            wrong()
 
 
 @pytest.mark.parametrize("share", [0.02, 0.4])
@@ -184,35 +210,6 @@ def test_edges_mix_between_and_within_bounds(read, halves):
 
 def angle_between(a, b):
     return np.arccos(np.clip((np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2, -1, 1))
-
-
-def test_laws_multiply_and_rotations_are_by_their_length():
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        vector = rng.normal(size=3)
-        turned = make_rotation(vector)
-        assert np.allclose(turned @ turned.T, np.eye(3))
-        assert np.linalg.det(turned) == pytest.approx(1)
-        assert np.allclose(turned @ vector, vector)
-        assert np.trace(turned) == pytest.approx(1 + 2 * np.cos(np.linalg.norm(vector)))
-        assert np.allclose(turned @ make_rotation(-vector), np.eye(3))
-    assert np.array_equal(make_rotation(np.zeros(3)), np.eye(3))
-    # dB per km: rain of 10 mm/h 5.03, dry snow of 1 mm/h 5.55, wet 3.88; fog of 100 m visibility 0.039 per
-    # metre.
-    per_km = 10 / np.log(10) * 1000
-    assert rain(10.0).extinction * per_km == pytest.approx(1.076 * 10**0.67)
-    assert rain(10.0).extinction * per_km == pytest.approx(5.03, abs=0.01)
-    assert snow(1.0).extinction * per_km == pytest.approx(5.545, abs=0.01)
-    assert snow(1.0, wet=True).extinction * per_km == pytest.approx(3.878, abs=0.01)
-    assert fog(100.0).extinction == pytest.approx(0.03912)
-    assert rain(10.0).share == pytest.approx(1 - np.exp(-0.03))
-    assert fog(50.0).reach == 5.0
-    shares = [rain(r).share for r in (0.0, 1.0, 10.0, 100.0)]
-    assert shares == sorted(shares)
-    assert shares[0] == 0
-    for wrong in (lambda: rain(-1.0), lambda: snow(float("nan")), lambda: fog(0.0)):
-        with pytest.raises(ValueError, match="must be"):
-            wrong()
 
 
 def test_calibration_has_its_root_mean_square_and_is_constant(read, street):

@@ -41,7 +41,7 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
     assert any(works) == (not angles)
 
 
-def test_posts_barriers_and_works_have_their_size_off_the_street():
+def test_posts_and_crowns_have_their_size_and_shape():
     rng = np.random.default_rng(0)
     mounts = place_mounts(ROAD, AREA, rng)
     solids, _ = furnishing.furnish(ROAD, AREA, mounts, rng)
@@ -58,6 +58,24 @@ def test_posts_barriers_and_works_have_their_size_off_the_street():
     assert np.ptp(np.concatenate([s.footprint for s in solids])[:, 0]) == pytest.approx(2.5)
     assert min(s.base for s in solids) == 0
     assert 0.9 <= max(s.top for s in solids) <= 1.2
+    plot = Plot(ROAD, WINDOW, [])
+    furnishing.avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
+    assert plot.solids == []
+    for seed in range(10):
+        made = furnishing.clumps(5.0, -2.0, furnishing.OVER_ROAD[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
+        assert 3 <= len(made) <= 8
+        reach = max(np.hypot(*(s.footprint - [5.0, -2.0]).T).max() for s in made)
+        assert 3.0 < reach < 4.51
+        assert min(s.base for s in made) == 3.0
+        assert max(s.top for s in made) == 7.0
+    rng, plot = np.random.default_rng(0), Plot(ROAD, WINDOW, [])
+    plot.solids.append(Solid(rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
+    assert furnishing.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
+    crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
+    assert max(crown.bounds[3] for crown in crowns) <= 8.01
+    assert not furnishing.plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), "too close to the wall"
+    assert not furnishing.plant(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
+    assert not furnishing.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
 
 
 WINDOW = shapely.box(*AREA).buffer(25.0, join_style="mitre")
@@ -102,27 +120,6 @@ def test_avenues_islands_and_slivers_are_planted():
     assert min(sizes) < 1.0 < 4.0 < max(sizes)
     narrow = [(-20.0, -8.0, 20.0, -2.0), (-20.0, 2.0, 20.0, 8.0), (-20.0, -8.0, -3.0, 8.0), (3.0, -8.0, 20.0, 8.0)]
     assert planted(0, narrow).solids == []
-
-
-def test_crowns_are_clumps_and_narrower_beside_houses():
-    plot = Plot(ROAD, WINDOW, [])
-    furnishing.avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
-    assert plot.solids == []
-    for seed in range(10):
-        made = furnishing.clumps(5.0, -2.0, furnishing.OVER_ROAD[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
-        assert 3 <= len(made) <= 8
-        reach = max(np.hypot(*(s.footprint - [5.0, -2.0]).T).max() for s in made)
-        assert 3.0 < reach < 4.51
-        assert min(s.base for s in made) == 3.0
-        assert max(s.top for s in made) == 7.0
-    rng, plot = np.random.default_rng(0), Plot(ROAD, WINDOW, [])
-    plot.solids.append(Solid(rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
-    assert furnishing.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
-    crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
-    assert max(crown.bounds[3] for crown in crowns) <= 8.01
-    assert not furnishing.plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), "too close to the wall"
-    assert not furnishing.plant(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
-    assert not furnishing.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
 
 
 @pytest.mark.parametrize("footway", [True, False])

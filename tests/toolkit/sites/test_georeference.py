@@ -130,7 +130,6 @@ def site(small_site):
 
 
 def on_map(geometry):
-    """Corners of a GeoJSON geometry in metres of the map."""
     return georeference.project(shapely.get_coordinates(shape(geometry)), CENTRE)
 
 

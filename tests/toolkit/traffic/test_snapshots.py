@@ -264,7 +264,7 @@ def cars(*offsets):
     return CAR + [[x, y, 0, 0, 0, 0, yaw] for x, y, yaw in offsets]
 
 
-def test_later_rows_step_aside_and_heaps_end_apart():
+def test_later_rows_and_parked_vehicles_stand_free():
     boxes = cars((0, 0, 0), (0, 2.0 + 2 * GAP, 0), (10, 0, 1))
     settled, kept, repaired = separate(boxes, FREE)
     assert settled is boxes
@@ -291,6 +291,25 @@ def test_later_rows_step_aside_and_heaps_end_apart():
         assert not overlaps(settled[kept]).any()
         assert not obstacles.hit(settled[kept]).any()
         assert kept[0] or obstacles.hit(boxes[:1]).any()
+    for seed in range(10):
+        parked = draw(seed)
+        assert 0 < len(parked.places) <= 20
+        assert len(set(parked.places.tolist())) == len(parked.places)
+        assert (TYPES.labels[parked.bodies] == VEHICLE).all()
+        assert np.abs(parked.poses[:, :2] - parked.bays[parked.places, :2]).max() < 0.2
+        assert np.abs(np.sin(parked.poses[:, 2] - 0.5)).max() < 0.05
+    assert len(draw(0, solids=(WALL,)).bays) == len(BAYS) - 1
+    site = Site("none", np.array([-5.0, -5, 5, 5]))
+    parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), most=6)
+    assert len(parked.ids) == len(parked.later(TYPES, np.random.default_rng(0), count()).ids) == 0
+    parked, rng, ids = draw(1), np.random.default_rng(2), count(100)
+    number, gone = len(parked.ids), 0
+    for _ in range(400):
+        later = parked.later(TYPES, rng, ids)
+        gone += len(set(parked.ids.tolist()) - set(later.ids.tolist()))
+        assert len(set(later.places.tolist())) == number
+        parked = later
+    assert 0.8 < gone * STAY / (400 * number) < 1.2
 
 
 @pytest.mark.parametrize(
@@ -316,25 +335,3 @@ WALL = Solid(np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), 0.0, 2.0, "wall")
 def draw(seed, most=20, solids=()):
     site = Site("lot", np.array([-50.0, -50, 50, 100]), parking=BAYS, solids=solids)
     return Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(seed), count(), most=most)
-
-
-def test_parked_vehicles_stand_free_and_change_with_time():
-    for seed in range(10):
-        parked = draw(seed)
-        assert 0 < len(parked.places) <= 20
-        assert len(set(parked.places.tolist())) == len(parked.places)
-        assert (TYPES.labels[parked.bodies] == VEHICLE).all()
-        assert np.abs(parked.poses[:, :2] - parked.bays[parked.places, :2]).max() < 0.2
-        assert np.abs(np.sin(parked.poses[:, 2] - 0.5)).max() < 0.05
-    assert len(draw(0, solids=(WALL,)).bays) == len(BAYS) - 1
-    site = Site("none", np.array([-5.0, -5, 5, 5]))
-    parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), most=6)
-    assert len(parked.ids) == len(parked.later(TYPES, np.random.default_rng(0), count()).ids) == 0
-    parked, rng, ids = draw(1), np.random.default_rng(2), count(100)
-    number, gone = len(parked.ids), 0
-    for _ in range(400):
-        later = parked.later(TYPES, rng, ids)
-        gone += len(set(parked.ids.tolist()) - set(later.ids.tolist()))
-        assert len(set(later.places.tolist())) == number
-        parked = later
-    assert 0.8 < gone * STAY / (400 * number) < 1.2

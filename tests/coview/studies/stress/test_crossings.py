@@ -25,7 +25,7 @@ def rows(**schemes):
     return [row(name, x, ap) for name, each in schemes.items() for x, ap in zip(LEVELS, each, strict=True)]
 
 
-def test_levels_between_two_where_schemes_change_places():
+def test_levels_where_schemes_change_places_or_never():
     levels = np.array([0.0, 0.2, 0.4])
     assert crossing_level(levels, np.array([-0.1, 0.1, 0.3])) == pytest.approx(0.1)
     assert crossing_level(levels, np.array([0.1, -0.1, 0.1])) == pytest.approx(0.3)  # the last time it comes to lead
@@ -48,13 +48,10 @@ def test_levels_between_two_where_schemes_change_places():
     assert found.level == pytest.approx(0.3)
     assert found.low == pytest.approx(0.2)  # blocks of the lesser frames alone: 0.8, 0.6, 0.2
     assert found.high == pytest.approx(0.3)  # of the better ones: 1, 0.8, 0.4
-
-
-def test_best_schemes_cross_at_infinity_by_kind_or_not():
     unsure = [row("late", x, ap) for x, ap in zip(LEVELS, (0.2, 0.2, 0.5), strict=True)]
-    always = [row("early", x, ap) for x, ap in zip(LEVELS, (1.0, 1.0, 0.0), strict=True)]
-    last = StressRow(**{**vars(always[2]), "tally": row("early", 0.4, 0.5).tally})  # as good in every draw
-    (found,) = find_crossings([*unsure, *always[:2], last])  # the figure itself is never left out
+    leading = [row("early", x, ap) for x, ap in zip(LEVELS, (1.0, 1.0, 0.0), strict=True)]
+    last = StressRow(**{**vars(leading[2]), "tally": row("early", 0.4, 0.5).tally})  # as good in every draw
+    (found,) = find_crossings([*unsure, *leading[:2], last])  # the figure itself is never left out
     assert (found.low, found.high, found.share) == (found.level, math.inf, 0)
     best = best_schemes(rows(early=(0.9, 0.6, 0.2), hybrid=(0.8, 0.7, 0.3), late=(0.6, 0.6, 0.5)))
     assert [(each.scheme, round(each.start, 3), round(each.end, 3)) for each in best] == [

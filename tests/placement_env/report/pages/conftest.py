@@ -189,7 +189,6 @@ def hostile_example(example):
 
 @pytest.fixture(scope="session")
 def nothing_chosen(example):
-    """The plan where nothing can be built."""
     plan = content.Plan(
         question={"site": "tjunction", "max_kbit": 0.001},
         site="tjunction",

@@ -27,5 +27,4 @@ def build(site, **options):
 
 @pytest.fixture(scope="session")
 def ask():
-    """Builds the question for a site, from options of any of its parts."""
     return build

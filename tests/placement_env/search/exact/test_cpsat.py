@@ -21,7 +21,6 @@ def single(mount):
 
 
 def most(seen, mount, budget, views):
-    """Coverage of the best set, by trying all."""
     best = 0
     for size in range(1, budget + 1):
         for chosen in combinations(range(len(seen)), size):

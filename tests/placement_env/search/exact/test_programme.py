@@ -24,7 +24,6 @@ pytest.importorskip("ortools")
 
 
 def every(mount, budget):
-    """All sets with at most one candidate on a mount."""
     for size in range(1, budget + 1):
         for chosen in combinations(range(len(mount)), size):
             if len(set(mount[list(chosen)])) == size:

@@ -154,7 +154,7 @@ def test_images_are_whole_where_that_is_less_and_pixels_may_be_missing():
         sender.write(image(4), np.ones_like(missing))
 
 
-def test_two_thousand_damaged_differences():
+def test_damaged_and_encoder_less_differences_are_refused():
     sender = differences.DifferenceSender(SCENE)
     whole, message = written(sender, 2)
     rng, read = np.random.default_rng(0), 0
@@ -179,6 +179,28 @@ def test_two_thousand_damaged_differences():
         reader.read(whole)
     assert read < 1000
     restored_alike(reader.read(message), 1)
+    from toolkit.detection.link.image_coding import encode_mask, pack_integers
+
+    reference, nobody = reference_of([[5, 6, 7]]), np.zeros((1, 3), bool)
+    steps, sent = np.array([[5, 6, 7]]), np.ones((1, 3), bool)
+    sound = differences.encode_difference(steps, sent, reference, np.ones((1, 1), bool))
+    np.testing.assert_array_equal(differences.decode_difference(sound, 0, reference)[0], steps)
+
+    def content(still, others=(), squares=b"\x80"):
+        return (
+            squares + encode_mask(nobody) + pack_integers(np.array(still, int)) + pack_integers(np.array(others, int))
+        )
+
+    for wrong, said in (
+        *((b"", "do not fit"), (content([0, 0, 0], squares=b"\x81"), "filled with zeros")),
+        *((content([0, 0]), "3 pixels stand still, got 2"), (content([0, 0, 0], [1]), "0 pixels are marked, got 1")),
+        *((content([0, 0, 15]), "out of range"), (content([0, 0, 2 * MOST_STEPS]), "out of range")),
+        (sound[:-1], "inflate to 0 symbols"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            differences.decode_difference(wrong, 0, reference)
+    with pytest.raises(ValueError, match="the reference is an image of"):
+        differences.encode_difference(np.zeros((2, 3), int), np.ones((2, 3), bool), reference, np.ones((1, 1), bool))
 
 
 def test_references_average_few_images_under_a_checksum():
@@ -288,31 +310,6 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     whole = reference.whole_steps
     same = differences.encode_difference(whole, mask, reference, differences.still_squares(reference, whole, mask))
     assert len(same) < 50
-
-
-def test_what_no_encoder_writes_is_refused():
-    from toolkit.detection.link.image_coding import encode_mask, pack_integers
-
-    reference, nobody = reference_of([[5, 6, 7]]), np.zeros((1, 3), bool)
-    steps, sent = np.array([[5, 6, 7]]), np.ones((1, 3), bool)
-    sound = differences.encode_difference(steps, sent, reference, np.ones((1, 1), bool))
-    np.testing.assert_array_equal(differences.decode_difference(sound, 0, reference)[0], steps)
-
-    def content(still, others=(), squares=b"\x80"):
-        return (
-            squares + encode_mask(nobody) + pack_integers(np.array(still, int)) + pack_integers(np.array(others, int))
-        )
-
-    for wrong, said in (
-        *((b"", "do not fit"), (content([0, 0, 0], squares=b"\x81"), "filled with zeros")),
-        *((content([0, 0]), "3 pixels stand still, got 2"), (content([0, 0, 0], [1]), "0 pixels are marked, got 1")),
-        *((content([0, 0, 15]), "out of range"), (content([0, 0, 2 * MOST_STEPS]), "out of range")),
-        (sound[:-1], "inflate to 0 symbols"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            differences.decode_difference(wrong, 0, reference)
-    with pytest.raises(ValueError, match="the reference is an image of"):
-        differences.encode_difference(np.zeros((2, 3), int), np.ones((2, 3), bool), reference, np.ones((1, 1), bool))
 
 
 AREA = (-20.0, -20.0, 20.0, 20.0)

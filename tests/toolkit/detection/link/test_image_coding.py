@@ -141,7 +141,6 @@ def test_what_is_not_there_is_not_predicted_from(mask, guess):
 
 
 def test_what_no_encoder_writes_is_refused():
-    from toolkit.detection.link.image_coding import pack_integers
 
     def content(distances, residuals, way=0):
         return (

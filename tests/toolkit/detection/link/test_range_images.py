@@ -33,7 +33,7 @@ def test_boxes_come_back_to_a_centimetre_and_a_quarter_of_a_degree(n, seed):
     assert got.labels.tolist() == sent.labels.tolist()
 
 
-def test_boxes_are_sent_again_within_their_scores():
+def test_scores_bound_boxes_and_encoders_bound_images():
     once = range_images.decode_boxes(range_images.encode_boxes(some(20)))
     assert range_images.encode_boxes(once) == range_images.encode_boxes(
         range_images.decode_boxes(range_images.encode_boxes(once))
@@ -52,9 +52,6 @@ def test_boxes_are_sent_again_within_their_scores():
         boxes = np.array([[value, 0, 0, 4, 2, 1, 0.0]])
         with pytest.raises(ValueError, match=said):
             range_images.encode_boxes(Detections(boxes, np.array([0.5])))
-
-
-def test_what_no_encoder_writes_is_refused():
     content = range_images.encode_boxes(some(3))
     for length in range(len(content)):
         with pytest.raises(ValueError, match=r"cut off|fit"):
