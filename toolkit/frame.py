@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -383,6 +384,32 @@ def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | No
     if len(set(chosen)) < len(chosen):
         raise ValueError(f"a sensor can be chosen once only, got {list(wanted)}: leave out what is there twice")
     return chosen
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingView:
+    """Frames made from those of another recording."""
+
+    recording: Frames
+
+    @property
+    def site(self) -> Site | None:
+        """The place, None if unknown."""
+        return getattr(self.recording, "site", None)
+
+    @property
+    def path(self) -> Path | None:
+        """The recording's file or folder."""
+        return getattr(self.recording, "path", None)
+
+    def __len__(self) -> int:
+        return len(self.recording)
+
+    def __getitem__(self, index: int) -> Frame:
+        return self.recording[index]
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.__getitem__, range(len(self)))
 
 
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:

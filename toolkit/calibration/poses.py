@@ -29,9 +29,8 @@ from toolkit.datasets import published_layout as published
 from toolkit.datasets.cloud_files import Pose
 from toolkit.datasets.dataset import CoopDataset, list_cameras
 from toolkit.datasets.doctor import Finding
-from toolkit.datasets.readings import RecordingView
 from toolkit.datasets.recordings import write_recording
-from toolkit.frame import Frame, Frames, Recording, SensorCloud, select_sensors
+from toolkit.frame import Frame, Frames, Recording, RecordingView, SensorCloud, select_sensors
 from toolkit.geometry import check_pose, invert
 from toolkit.objects import Detector
 from toolkit.runtime.files import parse_json, replace_infinite, write_text, writing

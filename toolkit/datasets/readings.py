@@ -4,20 +4,18 @@ believed poses, and their measurements are those of their true poses. Objects st
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets.dataset import noisy
-from toolkit.frame import Frame, Frames
+from toolkit.frame import Frame, Frames, RecordingView
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, get_profile, only_own_noise
 from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.readings import TrueImage
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.site import Site
 
 
 @dataclass(frozen=True)
@@ -44,32 +42,6 @@ class Reads:
         errors = get_profile(self.errors)
         check_drawn(errors, self.noise_seed)
         return errors
-
-
-@dataclass(frozen=True, eq=False)
-class RecordingView:
-    """Frames made from those of another recording."""
-
-    recording: Frames
-
-    @property
-    def site(self) -> Site | None:
-        """The place, None if unknown."""
-        return getattr(self.recording, "site", None)
-
-    @property
-    def path(self) -> Path | None:
-        """The recording's file or folder."""
-        return getattr(self.recording, "path", None)
-
-    def __len__(self) -> int:
-        return len(self.recording)
-
-    def __getitem__(self, index: int) -> Frame:
-        return self.recording[index]
-
-    def __iter__(self) -> Iterator[Frame]:
-        return map(self.__getitem__, range(len(self)))
 
 
 @dataclass(frozen=True)

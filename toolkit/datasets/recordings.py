@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.datasets.readings import RecordingView
 from toolkit.datasets.records import ENDINGS, Listing
-from toolkit.frame import Frame, Recording
+from toolkit.frame import Frame, Recording, RecordingView
 from toolkit.objects import label_index
 
 GROUP = "coview.layouts"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -15,13 +15,13 @@ from coview.outputs import OK, Writing, check_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Place
+from toolkit.frame import Frame, RecordingView
 from toolkit.runtime.run import Run
 
 if TYPE_CHECKING:
     from toolkit.calibration.poses import FoundPose
     from toolkit.detection.evaluation import Comparison
-    from toolkit.frame import Frame, Recording
-    from toolkit.sites.site import Site
+    from toolkit.frame import Frame
 
 
 @dataclass(frozen=True)
@@ -184,22 +184,11 @@ def _compare(rules: Rules, *, known: bool) -> Comparison:
     )
 
 
-@dataclass(frozen=True)
-class _Seen:
+@dataclass(frozen=True, eq=False)
+class _Seen(RecordingView):
     """A recording as some of its sensors saw it."""
 
-    recording: Recording
     sensors: tuple[int | str, ...]
-
-    @property
-    def site(self) -> Site | None:
-        return self.recording.site
-
-    def __len__(self) -> int:
-        return len(self.recording)
 
     def __getitem__(self, index: int) -> Frame:
         return self.recording[index].seen_by(list(dict.fromkeys(self.sensors)))
-
-    def __iter__(self) -> Iterator[Frame]:
-        return map(self.__getitem__, range(len(self)))
