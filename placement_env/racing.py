@@ -81,7 +81,7 @@ class Contest:
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """Best k sets of a fast fidelity, ranked accurately. Figures of both fidelities are kept."""
+    """Best k sets of a fast fidelity, ranked accurately, with both figures."""
 
     sets: Bool[np.ndarray, "k C"]
     fast: Float64[np.ndarray, " k"]
@@ -226,10 +226,7 @@ def race_until(
 
 
 def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, tolerance: float) -> float:
-    """Chance that some set beats the winner by more than the tolerance.
-
-    It is the share of resamples in which any set of the last rung does, plus that of each set in its last rung.
-    """
+    """Chance that some set beats the winner clearly: a share of the resamples, that of each set in its last rung."""
     doubt = 0.0
     going_on = np.zeros(0, np.int64)
     for last, (rows, found) in enumerate(reversed(rungs)):

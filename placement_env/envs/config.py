@@ -27,12 +27,11 @@ RUN_FIELDS = {field.name for field in fields(Run)}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnvConfig:
-    """Configuration that all environments share.
+    """Configuration that all environments share. Raises ValueError where a field does not fit.
 
-    site, scheme: one or several, None for the setting's; budget: sensors to place; failures: number of candidates that
-    have failed. Each episode draws one of several sites and schemes, a number from a budget or failures given as
-    (lowest, highest), and the failed candidates, all by the environment's own generator; options of `reset` come first.
-    Raises ValueError where a field does not fit.
+    site, scheme: one or several, None for the setting's; budget: sensors to place; failures: number of failed
+    candidates. Episodes draw one of several sites and schemes, a number from (lowest, highest), and the failed
+    candidates, by the environment's own generator; options of `reset` come first.
     """
 
     setting: Setting = Setting()

@@ -35,11 +35,10 @@ class SentData:
 
 
 class Coverage:
-    """Share of scored objects that a set covers.
+    """Share of scored objects with at least `least` points from each of at least `views` sensors, as AP and recall.
 
-    An object is covered by at least `least` points from each of at least `views` sensors. Both `ap` and `recall` of the
-    estimate are this share. The data sent is as of `SentData`. classes: of the objects that count, several combined.
-    Raises ValueError for `least` that is not positive or fewer views than 1.
+    The data sent is as of `SentData`. classes: of the objects that count, several combined. Raises ValueError for
+    `least` that is not positive or fewer views than 1.
     """
 
     name = "coverage"

@@ -59,9 +59,8 @@ def fit(
 ) -> HitModel:
     """Model that best explains the hits at some sites, and then has the least mean squared error of the AP.
 
-    label: class of the objects, for its name alone; resamples: number of repeated fits, to sites, blocks of frames and
-    sets drawn with replacement (a single site is always kept), from which the model states its uncertainty; seed: of
-    these. Raises ValueError where the data are empty; ModuleNotFoundError without SciPy.
+    resamples: repeated fits to sites (unless single), blocks of frames and sets drawn with replacement, from which the
+    model states its uncertainty. Raises ValueError where the data are empty; ModuleNotFoundError without SciPy.
     """
     for each in observed:
         _check(each)

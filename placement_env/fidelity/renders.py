@@ -1,9 +1,8 @@
 """`Renders`: the cloud of each candidate in each frame, rendered on first use and kept packed.
 
-As in `models.training.packed`, a candidate's view of the empty site is kept once, and the differing pixels of each
-frame. Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of sensors measures
-the same in any order, pool or process. Errors beyond the sensors' own noise need whole images, since they look at
-neighbouring pixels and may carry points into the crop: these are packed separately.
+Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of sensors measures the same
+in any order, pool or process. Errors beyond the sensors' own noise need whole images, packed separately, since they
+look at neighbouring pixels and may carry points into the crop.
 """
 
 from __future__ import annotations

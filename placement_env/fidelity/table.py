@@ -67,11 +67,10 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Figures of all 2^C sets of C sensors.
+    """Figures of all 2^C sets of C sensors, by scheme (of `PAPER_SCHEMES`) and IoU threshold (of `IOUS`).
 
-    They are by scheme (of `PAPER_SCHEMES`) and IoU threshold (of `IOUS`); kbit is the total that the sensors of a set
-    send in a frame by the paper's codec. Where several classes were measured, `ap` and `recall` are of the first of
-    them, more_ap and more_recall of the others. Raises ValueError where the shapes do not fit.
+    kbit: total of a set in a frame by the paper's codec. `ap` and `recall` are of the first class, more_ap and
+    more_recall of the others. Raises ValueError where the shapes do not fit.
     """
 
     origin: Origin
@@ -195,9 +194,8 @@ def make_table(
 ) -> Table:
     """Score every sensor set by detection, in each scheme and for each class, and write the table.
 
-    renders: the sensors' measurements, such as `Renders.of(CoopDataset(path))`; frames: number of first frames to use;
-    seed: of their noise, written down; processes: report each frame once for each scheme. Detections are kept beside
-    `out` until the table is complete, so a killed run resumes with the same table.
+    frames: number of first frames to use; seed: of their noise, written down. Detections are kept beside `out` until
+    the table is complete, so a killed run resumes with the same table.
     """
     out, subsets, count = Path(out), all_subsets(len(renders.sensors)), len(range(renders.frames)[:frames])
     memo = Cache(out.with_name(out.name + ".detections"))

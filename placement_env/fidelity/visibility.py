@@ -102,11 +102,9 @@ class Visibility:
         noise_seed: int | None = 0,
         labels: Sequence[int] = (VEHICLE,),
     ) -> Visibility:
-        """View of a recording's sensors on its objects.
+        """View of a recording's sensors on its objects of some classes, counted in the clouds of the first `frames`.
 
-        The objects are vehicles, or those of the given classes, counted in the sensors' clouds; frames: number of first
-        frames to use. Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none,
-        as kbit are there.
+        Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are.
         """
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
         points, sent, far, objects = [], [], [], []

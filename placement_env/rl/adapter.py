@@ -49,13 +49,11 @@ def vectorize(first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment:
 
 
 class SB3VecEnv(VecEnv):
-    """A native vector environment for Stable-Baselines3.
+    """A native vector environment for Stable-Baselines3, in which an ended episode restarts within the step.
 
-    An episode that has ended restarts within the step. Infos are empty until an episode ends; then they hold its return
-    `r` and length `l` (`episode`, as in Stable-Baselines3's `Monitor`), its final set (`subset`), whether it was cut
-    off (`TimeLimit.truncated`) and its last observation (`terminal_observation`).
-
-    augment: each episode's junction is rotated by a multiple of 90° and mirrored at random, as seen by agents.
+    Infos are empty until an episode ends; then they hold its return `r` and length `l` (`episode`), its final set
+    (`subset`), `TimeLimit.truncated` and `terminal_observation`. augment: each episode's junction is rotated by a
+    multiple of 90° and mirrored at random, as seen by agents.
     """
 
     def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:

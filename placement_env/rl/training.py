@@ -129,12 +129,11 @@ def train_policy(
     progress: Callable[[int, float], None] | None = None,
     watch: Watch | None = None,
 ) -> OnPolicyAlgorithm:
-    """Train until `steps` environment steps are done in all, or `seconds` in this call.
+    """Train until `steps` environment steps are done in all, or `seconds` in this call, in whole rounds.
 
-    `out/policy.pt` is kept; called again with the folder, training resumes. Whole rounds are trained. progress: called
-    with the steps done and the mean return of the last 100 episodes, NaN before the first; watch: called with the infos
-    of each step, see `placement_env.rl.adapter`. Raises ValueError without a limit and if `out` holds a training of
-    other settings, ImportError without the libraries.
+    `out/policy.pt` is kept; called again with the folder, training resumes. progress: called with the steps done and
+    the mean return of the last 100 episodes, NaN before the first; watch: called with the infos of each step. Raises
+    ValueError without a limit and if `out` holds another training, ImportError without the libraries.
     """
     from models.weight_files import read_checkpoint, save_atomically
 

@@ -33,11 +33,10 @@ Place = tuple[float, float, float]
 
 
 class LiveView:
-    """Look at traffic from mounts.
+    """Look at traffic from mounts, with sensors that measure all of the detection area (`seeing.choose_quick`).
 
     labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
-    processes, None for this object's memory. Sensors must measure all of the detection area, see
-    `placement_env.fidelity.seeing.choose_quick`.
+    processes, None for this object's memory.
     """
 
     def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:
