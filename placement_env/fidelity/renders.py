@@ -68,11 +68,6 @@ class Renders:
     def __reduce__(self) -> tuple[object, ...]:
         return partial(Renders, noise_seed=self._noise_seed, errors=self.errors), self._arguments
 
-    @staticmethod
-    def of(recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS) -> Recorded:
-        """Measurements of a recording. They are as in `toolkit.detection.evaluation`."""
-        return Recorded(recording, noise_seed, errors=errors)
-
     @cached_property
     def digest(self) -> str:
         """SHA-256 over everything behind clouds except the sensor."""

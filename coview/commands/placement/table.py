@@ -56,7 +56,7 @@ def table(
         out: Table to write (.npz).
     """
     from models.train import commit
-    from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.renders import Recorded
     from placement_env.fidelity.table import best_sets, make_table
     from toolkit.detection.schemes import PAPER_SCHEMES
     from toolkit.sensors.error_profiles import find_profile
@@ -71,7 +71,7 @@ def table(
         detect = recording_detector(data.detector, recording)
         check_digest(data.detector, detect, ": what is detected is kept until the table is whole")
         made = make_table(
-            Renders.of(recording, errors=find_profile(data.errors)),
+            Recorded(recording, errors=find_profile(data.errors)),
             detect,
             out,
             frames=count,

@@ -31,7 +31,7 @@ from coview.studies.paper.experiments import (
 from coview.studies.paper.page import paper_page
 from coview.studies.paper.published import DEPTH_NOISE, PAPER_SITES, PLACE_NAMES, TEST_FRAMES
 from placement_env.checks import check_whole
-from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.renders import Recorded
 from placement_env.fidelity.table import Table, hash_site, load_table, make_table
 from toolkit.bodies.fleet import fleet_named
 from toolkit.datasets.dataset import CoopDataset
@@ -117,7 +117,7 @@ def run_reproduction(
             raise ValueError(f"the table is of {given.origin.site!r} with other sensors: make one with coview table")
         if given is not None and given.origin.detector != digest:
             raise ValueError("the table was measured with another detector: make one with coview table")
-        renders, memo = Renders.of(recording, NOISE_SEED), Cache(out / "detections.sqlite")
+        renders, memo = Recorded(recording, NOISE_SEED), Cache(out / "detections.sqlite")
         runs = [*scheme_runs(len(recording.sensors)), *curve_runs(site), *region_runs(site)]
         detect_in = partial(detect_runs, renders, detect, memo=memo, processes=processes)
         stored = detect_in(runs, frames=frames)

@@ -15,7 +15,7 @@ import torch
 
 from models import load_detector
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.renders import Recorded
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float32
 from toolkit.datasets.dataset import CoopDataset
@@ -66,7 +66,7 @@ def main() -> None:
 
 def _scored(how: str, dataset: CoopDataset, detector: OneByOne, scheme: str, memo: Cache, frames: int) -> float:
     """Processor seconds a frame of all sets in a scheme."""
-    renders, subsets = Renders.of(dataset), all_subsets(len(dataset.sensors))
+    renders, subsets = Recorded(dataset), all_subsets(len(dataset.sensors))
     start, detections, inside = process_time(), detector.detections, detector.seconds
     Detected(renders, detector, scheme, memo=memo).partial(subsets, frames)
     seconds, each = (process_time() - start) / frames, (detector.detections - detections) / frames

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.renders import Recorded, Renders
 from placement_env.fidelity.visibility import Visibility
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset, noisy
@@ -158,14 +158,14 @@ def recording(tmp_path_factory, small_traffic):
 
 
 def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording):
-    renders = Renders.of(recording)
+    renders = Recorded(recording)
     for k in (1, 0):
         expected = frame_points(noisy(recording[k], 0), area=recording.site)
         assert all(np.array_equal(renders.clouds(k, c), cloud) for c, cloud in enumerate(expected))
         assert np.array_equal(renders.objects(k).boxes, recording[k].objects.boxes)
     assert len(renders.digest) == 64
-    assert renders.digest != Renders.of(recording, 1).digest
-    seen, renders = Visibility.of(recording), Renders.of(recording)
+    assert renders.digest != Recorded(recording, 1).digest
+    seen, renders = Visibility.of(recording), Recorded(recording)
     assert seen.sent.tolist() == [[len(renders.clouds(k, c)) for k in range(2)] for c in range(2)]
     far = [
         [is_beyond(renders.clouds(k, c), sensor, recording.site.hybrid_radius).sum() for k in range(2)]
@@ -176,12 +176,12 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
     boxes = seen.boxes[seen.frame == 1]
     assert seen.points[:, seen.frame == 1].tolist() == [count_points(cloud, boxes).tolist() for cloud in clouds]
     assert Visibility.of(recording, 1).frames == 1
-    rough = Renders.of(recording, errors=TYPICAL)
+    rough = Recorded(recording, errors=TYPICAL)
     for k in (1, 0):
         expected = frame_points(with_errors(recording[k], TYPICAL, 0), area=recording.site)
         assert all(np.array_equal(rough.clouds(k, c), cloud) for c, cloud in enumerate(expected))
-    assert len({Renders.of(recording, errors=each).digest for each in (PAPER_ERRORS, TYPICAL, POOR)}) == 3
-    assert Renders.of(recording).digest == Renders.of(recording, errors=PAPER_ERRORS).digest
+    assert len({Recorded(recording, errors=each).digest for each in (PAPER_ERRORS, TYPICAL, POOR)}) == 3
+    assert Recorded(recording).digest == Recorded(recording, errors=PAPER_ERRORS).digest
 
 
 NONE = ErrorProfile("none", ())
