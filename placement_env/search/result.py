@@ -190,8 +190,7 @@ def _build_result(content: _Row) -> Result:
         "best": load_score(content["best"]),
         "history": History(
             np.array(history["evaluations"], np.int64),
-            np.array(history["seconds"], np.float64),
-            np.array(history["reward"], np.float64),
+            *(np.array(history[name], np.float64) for name in ("seconds", "reward")),
         ),
         "certificate": Certificate(**certificate | {"bound": _number(certificate["bound"], math.inf)}),
         "front": tuple(map(load_score, content["front"])),
@@ -202,16 +201,15 @@ def _build_result(content: _Row) -> Result:
         ),
     }
     if assessment is not None:
-        tuples = ("searches", "subset")
-        contenders = [each | {name: tuple(each[name]) for name in tuples} for each in assessment["contenders"]]
-        rows["assessment"] = Assessment(
-            **assessment
-            | {
-                "expected": _number(assessment.get("expected"), math.nan),
-                "contenders": tuple(Contender(**each) for each in contenders),
-                "by_errors": tuple(ProfileAP(**each) for each in assessment.get("by_errors", ())),
-            }
-        )
+        contenders = [
+            (each, {name: tuple(each[name]) for name in ("searches", "subset")}) for each in assessment["contenders"]
+        ]
+        judged = {
+            "expected": _number(assessment.get("expected"), math.nan),
+            "contenders": tuple(Contender(**each | tuples) for each, tuples in contenders),
+            "by_errors": tuple(ProfileAP(**each) for each in assessment.get("by_errors", ())),
+        }
+        rows["assessment"] = Assessment(**assessment | judged)
     return Result(**content | rows)
 
 

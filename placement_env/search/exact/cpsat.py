@@ -173,9 +173,8 @@ def useful(
         price = np.zeros(len(poses)) if prices is None else prices[poses]
         within = (views @ views.T) == size[:, None]  # all that i sees, j sees
         earlier = np.arange(len(poses))[None] < np.arange(len(poses))[:, None]
-        more = (size[None] > size[:, None]) | (price[None] < price[:, None])
-        equal = (size[None] == size[:, None]) & (price[None] == price[:, None])
-        beaten = within & (price[None] <= price[:, None]) & (more | (equal & earlier))
+        better = (size[None] > size[:, None]) | (price[None] < price[:, None])
+        beaten = within & (price[None] <= price[:, None]) & (better | earlier)
         keep[poses[beaten.any(axis=1)]] = False
     return np.flatnonzero(keep)
 

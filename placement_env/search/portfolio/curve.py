@@ -59,17 +59,6 @@ class CurvePoint:
     by_errors: tuple[ProfileAP, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Winner:
-    """Winner of a race: its members, the searches that found it, the AP they predicted, and its price limit."""
-
-    members: list[int]
-    searches: list[str]
-    predicted: float
-    confidence: float
-    money: float
-
-
 def budget_curve(
     objective: Objective,
     most: int,
@@ -95,22 +84,24 @@ def budget_curve(
     groups = list(_groups(objective, Effort(sizes, each, evaluations, judging.neighbours), amounts, seed, checkpoint))
     races = checkpoint.part("races")
     kept: KeptState = races.load() or {"ended": 0, "winners": []}
-    winners = [_Winner(**won) for won in kept["winners"]]
+    winners: list[KeptState] = kept["winners"]
     for n, (money, found) in enumerate(groups[kept["ended"] :], kept["ended"]):
         timed = schedule.limit(racing, 1 / (len(groups) - n + 1), 1)
-        before = as_rows([winners[-1].members] if amounts and winners else [], count)
+        before = as_rows([winners[-1]["subset"]] if amounts and winners else [], count)
         sets = np.concatenate([found.sets, before])
         enough = SET_FRAMES if seconds is None else math.inf
         ran = contest(objective, sets, timed, confidence=judging.confidence, seed=seed, most=enough)
         first = int(ran.ranking[0])
         members = np.flatnonzero(sets[first]).tolist()
-        if not (len(before) and members == winners[-1].members):
-            figures = (float(found.predicted[first]), float(ran.confidence), float(money))
-            winners.append(_Winner(members, list(found.searches[first]), *figures))
-        races.save({"ended": n + 1, "winners": [vars(won) for won in winners]})
+        if not (len(before) and members == winners[-1]["subset"]):
+            figures = {"predicted": float(found.predicted[first]), "confidence": float(ran.confidence)}
+            winners.append(
+                {"subset": members, "searches": list(found.searches[first]), "money": float(money), **figures}
+            )
+        races.save({"ended": n + 1, "winners": winners})
     if not winners:
         return ()
-    rows = as_rows([won.members for won in winners], count)
+    rows = as_rows([won["subset"] for won in winners], count)
     order = np.arange(final.frames) if seconds is None else race_order(final.frames)
     judged = schedule.limit(final).evaluate(rows, order, objective.run.stage("judging", final.frames))
     by_errors = aps_at_profiles(final, rows, order[: judged.frames])
@@ -119,23 +110,18 @@ def budget_curve(
     for place, (won, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
         low, high = figure_interval(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
         rivals = (price <= price[place]) & (np.arange(len(rows)) != place)
-        points.append(
-            CurvePoint(
-                sensors=len(won.members),
-                subset=tuple(won.members),
-                price=float(price[place]),
-                kbit=float(judged.kbit[place]),
-                searches=tuple(won.searches),
-                predicted=won.predicted,
-                ap=ap,
-                low=low,
-                high=high,
-                confidence=won.confidence,
-                pays=not bool((judged.ap[rivals] >= ap).any()),
-                money=won.money,
-                by_errors=by_errors[place],
-            )
+        point = CurvePoint(
+            sensors=len(won["subset"]),
+            price=float(price[place]),
+            kbit=float(judged.kbit[place]),
+            ap=ap,
+            low=low,
+            high=high,
+            pays=not bool((judged.ap[rivals] >= ap).any()),
+            by_errors=by_errors[place],
+            **won | {name: tuple(won[name]) for name in ("subset", "searches")},
         )
+        points.append(point)
     return tuple(points)
 
 
