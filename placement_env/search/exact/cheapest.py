@@ -102,7 +102,7 @@ class Demand:
             return np.zeros(0)
         cases = Cases(failing=self.failing)
         rows, owners = cases.expand(sets)
-        return cases.over_failures(np.min([each(rows).ap for each in by], axis=0), owners, tie=0)
+        return cases.over_failures(np.min([each(rows).ap for each in by], axis=0), owners, tie=0.0)
 
 
 USUAL_DEMAND = Demand()

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from ortools.sat.python.cp_model import CpModel, IntVar
 
 PARTS = 10**9  # parts into which the sum over several classes is divided
+_Seen = Bool[np.ndarray, "C O"]  # of candidates × objects, True where seen
+_Each = Int64[np.ndarray, " C"]  # of candidates, such as their mounts or prices
+_Worth = Int64[np.ndarray, "k O"]
 
 
 class Cover(NamedTuple):
@@ -96,14 +99,14 @@ def search(
 
 
 def cover_most(
-    seen: Bool[np.ndarray, "C O"],
+    seen: _Seen,
     poles: Poles,
     budget: int,
     *,
     views: int = 1,
     may_stand: Bool[np.ndarray, " C"] | None = None,
     prices: Prices | None = None,
-    worth: Int64[np.ndarray, "k O"] | None = None,
+    worth: _Worth | None = None,
     limits: SolverLimits = USUAL_LIMITS,
 ) -> Cover:
     """Choose at most `budget` candidates that cover the most objects, each by at least `views` of them.
@@ -141,7 +144,7 @@ def cover_most(
     return Cover(chosen, covered, max(bound, covered), bound <= covered)
 
 
-def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[Int64[np.ndarray, "k O"], int]:
+def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
     """Whole worth of covering each object, and the total: their number where one class counts, else `PARTS`.
 
     The objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class.
@@ -157,9 +160,7 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[In
     return np.rint(shares * PARTS).astype(np.int64), PARTS
 
 
-def useful(
-    seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], prices: Int64[np.ndarray, " C"] | None = None
-) -> Int64[np.ndarray, " k"]:
+def useful(seen: _Seen, mount: _Each, prices: _Each | None = None) -> Int64[np.ndarray, " k"]:
     """Candidates that see something, and more than any on their mount for no higher a price; the first of equal ones.
 
     >>> useful(np.array([[1, 0], [1, 1], [1, 0], [0, 0]], bool), np.array([0, 0, 1, 1]))
@@ -180,7 +181,7 @@ def useful(
 
 
 def merge_objects(
-    seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], views: int, worth: Int64[np.ndarray, "k O"]
+    seen: _Seen, mount: _Each, views: int, worth: _Worth
 ) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, "k m"]]:
     """Kinds of objects seen by different candidates and at least `views` mounts, with their total worth."""
     able = sum((seen[mount == here].any(axis=0) for here in np.unique(mount)), np.zeros(seen.shape[1])) >= views
@@ -196,13 +197,7 @@ def merge_objects(
 
 
 def greedy_cover(
-    seen: Bool[np.ndarray, "C m"],
-    weight: Int64[np.ndarray, " m"],
-    mount: Int64[np.ndarray, " C"],
-    budget: int,
-    views: int,
-    *,
-    prices: Prices | None = None,
+    seen: _Seen, weight: Int64[np.ndarray, " O"], mount: _Each, budget: int, views: int, *, prices: Prices | None = None
 ) -> list[int]:
     """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each, within the money.
 
@@ -225,13 +220,7 @@ def greedy_cover(
 
 
 def prove_bound(
-    seen: Bool[np.ndarray, "C m"],
-    weight: Int64[np.ndarray, " m"],
-    mount: Int64[np.ndarray, " C"],
-    budget: int,
-    *,
-    views: int,
-    chosen: list[int],
+    seen: _Seen, weight: Int64[np.ndarray, " O"], mount: _Each, budget: int, *, views: int, chosen: list[int]
 ) -> int:
     """Most objects that any set can cover with `views` views of each.
 

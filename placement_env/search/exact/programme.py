@@ -34,6 +34,7 @@ FINEST = 1 << 40  # whole units of the highest price
 LINK = 1 << 40  # whole units of a link
 UNITS = 1000  # parts of the highest threshold of an object
 GAINS = 10**6  # parts of the worth of all objects
+_Mask = Bool[np.ndarray, " C"]  # of candidates
 HIT_STEPS = (0.25, 0.5, 0.75, 0.9)  # shares of the highest probability at which a step begins
 
 
@@ -210,10 +211,10 @@ class Programme:
     levels: Levels
     budget: int
     poles: Poles
-    may_stand: Bool[np.ndarray, " C"]
+    may_stand: _Mask
     money: Prices | None = None
     failing: int = 0
-    lost: list[Bool[np.ndarray, " C"]] | None = None
+    lost: list[_Mask] | None = None
 
     @staticmethod
     def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> Programme:
@@ -290,9 +291,7 @@ def solve(
     return Solved(chosen, figure, bound, bound == figure)
 
 
-def _reached(
-    model: CpModel, built: list[IntVar], levels: Levels, may_stand: Bool[np.ndarray, " C"]
-) -> list[LinearExpr]:
+def _reached(model: CpModel, built: list[IntVar], levels: Levels, may_stand: _Mask) -> list[LinearExpr]:
     """Worth of the levels reached, of each party."""
     linear = cp_model().LinearExpr
     reached: list[tuple[int, IntVar, int]] = []
@@ -308,9 +307,7 @@ def _reached(
     return [linear.weighted_sum([level for level, _ in each], [gain for _, gain in each]) for each in own]
 
 
-def _surviving(
-    model: CpModel, built: list[IntVar], levels: Levels, may_stand: Bool[np.ndarray, " C"]
-) -> list[LinearExpr]:
+def _surviving(model: CpModel, built: list[IntVar], levels: Levels, may_stand: _Mask) -> list[LinearExpr]:
     """Worth of each party that survives any one failure: what two sensors see, or another than the failing one."""
     linear = cp_model().LinearExpr
     once: list[IntVar] = []
