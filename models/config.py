@@ -1,4 +1,4 @@
-"""`VoxelNetConfig`: the shape and meaning of a network, from published size to light."""
+"""`VoxelNetConfig`: the shape and meaning of a network."""
 
 from __future__ import annotations
 
@@ -241,7 +241,7 @@ class VoxelNetConfig:
 
 
 def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:
-    """Return the entries of a configuration that tells these classes apart."""
+    """Entries of a configuration for these classes."""
     return {"kinds": kinds, "labels": tuple(kind.label for kind in kinds)}
 
 

@@ -84,7 +84,7 @@ class VoxelNetDetector:
         return self.batch([points])[0]
 
     def batch(self, clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Detections]:
-        """Detect in several clouds at once, with the results of one after the other."""
+        """Detect in several clouds at once."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]

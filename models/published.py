@@ -126,7 +126,7 @@ def proposals(boxes: Float64[np.ndarray, "n 7"], scores: Float64[np.ndarray, " n
 
 
 def to_network(points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site") -> Float32[np.ndarray, "n 3"]:
-    """Turn points of the site's frame, or of CARLA's map, into the network's frame."""
+    """Turn points of site or CARLA into the network's frame."""
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
     x, y, z = points.T
@@ -141,7 +141,7 @@ def to_network(points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site
 
 
 def from_network(boxes: Float64[np.ndarray, "n 7"], site: str) -> Float64[np.ndarray, "n 7"]:
-    """Turn boxes of the network's frame, with CARLA's yaw, into the site's frame."""
+    """Turn boxes of the network into the site's frame."""
     turned = boxes.copy()
     if site == "tjunction":
         rx, ry = REFERENCE[site]

@@ -107,7 +107,7 @@ def commit() -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Train from the command line with torch, numpy, h5py, safetensors, scipy and shapely only."""
+    """Train from the command line of a bare machine."""
     site, options = parse_arguments(arguments)
     started = time.monotonic()
 

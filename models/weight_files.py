@@ -140,7 +140,7 @@ def digest_tensors(tensors: dict[str, Tensor]) -> str:
 
 
 def digest_detector(weights: str, *settings: object) -> str:
-    """SHA-256 of a weights digest and a detector's settings, as JSON."""
+    """SHA-256 of a detector's weights digest and settings."""
     return hashlib.sha256(json.dumps([weights, *settings], sort_keys=True).encode()).hexdigest()
 
 
@@ -193,7 +193,7 @@ def check_identity(path: Path, state: dict[str, object], identity: dict[str, obj
 
 @contextmanager
 def checkpoint_errors(path: Path) -> Iterator[None]:
-    """Turn errors of a checkpoint that does not fit into one line."""
+    """Say in one line that a checkpoint does not fit."""
     try:
         yield
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError) as error:
@@ -203,7 +203,7 @@ def checkpoint_errors(path: Path) -> Iterator[None]:
 
 
 def _plain(value: object) -> object:
-    """Turn tuples into lists, so that settings compare equal after a round trip."""
+    """Turn tuples into lists, as a round trip does."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,1 +1,1 @@
-"""VoxelNet: voxels, network and anchors. The same network is also computed sparsely."""
+"""VoxelNet: voxels, network, anchors, and sparse inference."""

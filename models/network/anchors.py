@@ -65,7 +65,7 @@ def decode(
 
 
 def faces_back(boxes: Float[Tensor, "*n 7"], anchors: Float[Tensor, "*n 7"]) -> Bool[Tensor, "*n"]:
-    """Mark boxes headed more than 90° off their anchor, the direction bit."""
+    """Mark boxes headed more than 90° off their anchor."""
     return torch.cos(boxes[..., 6] - anchors[..., 6]) < 0
 
 

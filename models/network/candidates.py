@@ -39,7 +39,7 @@ class Candidates(NamedTuple):
     scores: Float32[Tensor, "n L"]
 
     def best(self, rows: Int64[Tensor, " m"] | slice) -> tuple[Float32[Tensor, "k 7"], Float32[Tensor, "k L"]]:
-        """Return boxes and scores of these rows, at most the `MOST_CANDIDATES` surest."""
+        """Boxes and scores of these rows, at most `MOST_CANDIDATES`."""
         boxes, scores = self.boxes[rows], self.scores[rows]
         if len(boxes) <= MOST_CANDIDATES:
             return boxes, scores
@@ -50,7 +50,7 @@ class Candidates(NamedTuple):
 def candidates(
     prediction: Prediction, anchors: Float32[Tensor, "H W A 7"], config: VoxelNetConfig, thresholds: Sequence[float]
 ) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
-    """Return boxes and scores of each cloud's best anchors above a label's threshold."""
+    """Boxes and scores of each cloud's best anchors."""
     found = all_candidates(prediction, anchors, config, thresholds)
     ends = torch.bincount(found.item, minlength=len(prediction.class_logits)).cumsum(0).tolist()
     return [found.best(slice(first, end)) for first, end in zip([0, *ends], ends, strict=False)]
@@ -176,7 +176,7 @@ def rescore(
 
 
 def logit(scores: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Log odds of scores, clipped to 1e-6 from 0 and 1 as in the detector."""
+    """Log odds of scores, clipped as in the detector."""
     cut = np.clip(scores, 1e-6, 1 - 1e-6)
     return np.log(cut / (1 - cut))
 

@@ -76,7 +76,7 @@ class FaceNetworks(nn.Module):
 
     @torch.inference_mode()
     def shifts(self, features: FaceFeatures) -> list[Float[np.ndarray, " k"]]:
-        """Shift outwards (m) of each face, by sort. 0 without evidence."""
+        """Shift outwards (m) of each face, 0 without evidence."""
         found = []
         for sort, rows, counted, prior in zip(SORTS, features[:3], features.counted, self.prior, strict=True):
             shift, spread = self.answers(sort, torch.from_numpy(rows))
@@ -170,7 +170,7 @@ def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.
 def _counts(
     distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray, row: np.ndarray, boxes: int
 ) -> Float[np.ndarray, "n F"]:
-    """Count points by box (rows), and by zone and distance in steps."""
+    """Count points by box, zone and step of distance."""
     step = np.floor((distance - NEAREST) / STEP)
     inside = chosen & (step >= 0) & (step < BINS)
     place = (row[inside] * ZONES + zone[inside]) * BINS + step[inside].astype(np.int64)

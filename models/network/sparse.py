@@ -79,7 +79,7 @@ def scale_and_shift(norm: nn.Module) -> tuple[Tensor, Tensor]:
 
 
 def fold_norm(layer: nn.Linear | nn.Conv2d | nn.Conv3d, norm: nn.Module) -> tuple[Tensor, Tensor]:
-    """Weight and bias of a layer with the BatchNorm after it."""
+    """Weight and bias of a layer and its BatchNorm."""
     scale, shift = scale_and_shift(norm)
     bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
     return layer.weight.detach() * scale.view(-1, *(1,) * (layer.weight.ndim - 1)), bias
@@ -267,7 +267,7 @@ class Plane(NamedTuple):
         return (item * (self.nx + 2) + ix + 1) * (self.ny + 2) + iy + 1
 
     def cell(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Batch item of a place, and its indices along x and y."""
+        """Batch item and indices (x, y) of a place."""
         row = place // (self.ny + 2)
         return row // (self.nx + 2), row % (self.nx + 2) - 1, place % (self.ny + 2) - 1
 

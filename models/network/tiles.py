@@ -93,7 +93,7 @@ class PlacedClouds(NamedTuple):
         return PointsByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
 
     def batch(self, rows: Int64[Tensor, " n"], item: Int64[Tensor, " n"], items: int, config: VoxelNetConfig) -> Voxels:
-        """Return the voxels of a batch of points, given the item of each."""
+        """Voxels of a batch of points and their items."""
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
         occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
@@ -137,7 +137,7 @@ class Entries(NamedTuple):
             yield first, self.tile[first : first + AT_ONCE], self.union[first : first + AT_ONCE]
 
     def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> Float32[Tensor, "n t t K"]:
-        """Collect the values of all entries, by a function of tiles and unions."""
+        """Collect all entries' values by a function of tiles and unions."""
         bank = torch.empty(0)
         for first, tiles, union in self.parts():
             part = values(tiles, union)
@@ -170,7 +170,7 @@ class UnionPlan(NamedTuple):
         return self._replace(unions=self.unions[some], thinning=self.thinning[some])
 
     def entries(self, layer: int) -> Entries:
-        """Find the values that unions share in each tile of a layer."""
+        """Find the values that unions share in a layer's tiles."""
         seen, unions = self.seen[layer], self.unions
         tiles, count = len(seen), len(unions)
         code = np.repeat(np.arange(tiles), count)

@@ -54,7 +54,7 @@ class VoxelNet(nn.Module):
 
 
 def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n 6"]:
-    """Coordinates of each point, and its offset from its voxel's mean, m."""
+    """Coordinates of points and offsets from voxels' means, m."""
     points, voxel = voxels.points, voxels.voxel
     total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(0, voxel, points.double())
     mean = (total / torch.bincount(voxel, minlength=len(total))[:, None]).float()
@@ -92,7 +92,7 @@ class VoxelFeatures(nn.Module):
 
 
 def maximum(x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "rows C"]:
-    """Maximum over the entries of each row. Values must not be negative."""
+    """Maximum of each row's entries, which are not negative."""
     return x.new_zeros(rows, x.shape[1]).scatter_reduce(0, row[:, None].expand_as(x), x, "amax")
 
 
@@ -110,7 +110,7 @@ class PointLayer(nn.Module):
 
 
 class MiddleLayers(nn.Module):
-    """Three 3D convolutions over the dense grid. The remaining height becomes channels."""
+    """Three 3D convolutions over the dense grid; height becomes channels."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
@@ -168,7 +168,7 @@ def fold_columns(
     weight: Float[Tensor, "D C K"],
     start: Float[Tensor, "n K"],
 ) -> Float[Tensor, "n K"]:
-    """Add voxels, each times the weights of its level, to the columns of `start`."""
+    """Add voxels, times their level's weights, to columns."""
     if bool((level[1:] < level[:-1]).any()):  # several clouds; the voxels of one come level by level
         by_level = torch.argsort(level, stable=True)
         features, column = features[by_level], column[by_level]
@@ -218,7 +218,7 @@ class RegionProposal(nn.Module):
 
 
 class Head(nn.Module):
-    """1x1 convolutions for each anchor of a cell, after an optional 3x3 one."""
+    """1x1 convolutions per anchor, after an optional 3x3 one."""
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Voxelisation: points of a cloud by voxel, at most T in each."""
+"""Voxelisation: points by voxel, at most T in each."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def voxelise(
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
-    """Join clouds into one batch. Item i of the result is batch[i]."""
+    """Join clouds into one batch, in their order."""
     voxel, cells, item, row = [], [], 0, 0
     for voxels in batch:
         voxel.append(voxels.voxel + row)
@@ -73,7 +73,7 @@ def collate(batch: Sequence[Voxels]) -> Voxels:
 def grid_cells(
     cloud: Float32[Tensor, "n 3"], config: VoxelNetConfig
 ) -> tuple[Float32[Tensor, "m 3"], Int64[Tensor, "m 3"]]:
-    """Points of a cloud inside the grid, and their voxel indices along x, y and z."""
+    """Points inside the grid, and their voxel indices (x, y, z)."""
     xmin, ymin, xmax, ymax = config.area
     bounds = ((xmin, xmax), (ymin, ymax), config.height)
     x, y, z = ((axis > low) & (axis < high) for axis, (low, high) in zip(cloud.unbind(1), bounds, strict=True))

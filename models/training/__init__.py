@@ -1,1 +1,1 @@
-"""Training of the networks. Packed recordings, examples, losses, the loop and the second stage."""
+"""Training: packed recordings, examples, losses, loop and second stage."""

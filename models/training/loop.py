@@ -129,7 +129,7 @@ def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) 
 
 
 def cut_log(path: Path, step: int) -> None:
-    """Drop log rows after `step`, the last checkpoint: those steps are done again."""
+    """Drop log rows after `step`, the last checkpoint."""
     if path.exists():
         split = [row.split(",") for row in _rows(path)]
         kept = [",".join(row) for row in split if len(row) == 4 and row[0].isdigit() and int(row[0]) <= step]
@@ -137,7 +137,7 @@ def cut_log(path: Path, step: int) -> None:
 
 
 def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
-    """Read epochs and values of each figure, in order of first appearance."""
+    """Read epochs and values of each figure in order."""
     found: dict[str, tuple[list[float], list[float]]] = {}
     with path.open(newline="") as file:
         for row in csv.DictReader(file):

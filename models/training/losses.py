@@ -112,7 +112,7 @@ def sample(assignment: Assignment, rng: np.random.Generator, *, size: int = 256,
 
 
 def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, slice]:
-    """Rows and columns of the grid within `reach` (m) of the circle round a box."""
+    """Rows and columns within `reach` (m) of a box's circle."""
     reach += np.hypot(box[3], box[4]) / 2
     rows = np.searchsorted(anchors[:, 0, 0, 0], [box[0] - reach, box[0] + reach])
     columns = np.searchsorted(anchors[0, :, 0, 1], [box[1] - reach, box[1] + reach])
@@ -120,7 +120,7 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
 
 
 def _snap_size(boxes: np.ndarray) -> np.ndarray:
-    """Extent along x and y, with the yaw snapped to a multiple of 90°."""
+    """Extent along x and y, yaw snapped to 90°."""
     across = np.abs(np.sin(boxes[..., 6:])) > np.abs(np.cos(boxes[..., 6:]))
     return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 

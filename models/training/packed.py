@@ -108,7 +108,7 @@ class PackedFrames:
         return self.rigs[self._rig_of_frame[k]]
 
     def objects(self, k: int) -> Objects:
-        """Ground truth of frame k inside the area and around it, on its slope."""
+        """Ground truth of frame k, on the site's slope."""
         rows = slice(*self._box_ends[k : k + 2])
         return Objects(self._boxes[rows], self._labels[rows])
 
@@ -118,11 +118,11 @@ class PackedFrames:
         return objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
 
     def is_recorded(self, k: int) -> bool:
-        """True for frames of recorded clouds, which have neither an empty site nor drawn errors."""
+        """True for frames of recorded clouds, without an empty site."""
         return k in self._places
 
     def changes(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Pixels of frame k that differ from the empty site, and their steps, per sensor."""
+        """Changed pixels of frame k and their steps, per sensor."""
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
 
@@ -164,7 +164,7 @@ class Rig:
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
     ) -> Rig:
-        """Build a rig from images (rows, columns) of the empty site."""
+        """Build a rig from images of the empty site."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
         pixels, depth = [], []
@@ -196,7 +196,7 @@ class Rig:
         return points[kept], pixels[kept], depth[kept]
 
     def world(self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]) -> _Points:
-        """Positions in the site's frame, measured by pixels of sensor s."""
+        """Positions (site's frame) that pixels of sensor s measure."""
         sensor = self.sensors[s]
         rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[:3, :3].T.astype(np.float32)
         rays *= depth[:, None]

@@ -81,7 +81,7 @@ def sample_recordings(samples: Iterable[LevelSample], height: float = 4.0) -> It
 
 
 def read_recordings(path: Path) -> list[PackedRecording]:
-    """Read a packed file, ready to be written again. Raises what `PackedFrames` raises."""
+    """Read a packed file to write it again."""
     packed = PackedFrames(path)
     frames_of: list[list[Change]] = [[] for _ in packed.rigs]
     for k in range(len(packed)):
@@ -193,13 +193,13 @@ def _write(
 
 
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack rows of ends, padded with empty parts where a rig has fewer sensors."""
+    """Stack rows of ends, padded with empty parts."""
     most = max(map(len, ends))
     return np.stack([np.pad(each, (0, most - len(each)), mode="edge") for each in ends])
 
 
 class _Column:
-    """Growing array of a file, written a few chunks at a time."""
+    """Growing array of a file, written by chunks."""
 
     def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
         options = {"chunks": (_CHUNK,), "compression": "gzip", "compression_opts": 1, "shuffle": True}

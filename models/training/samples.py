@@ -96,7 +96,7 @@ def with_errors(
 
 
 def thin(points: _Points, rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
-    """Keep a random share of the points, from a tenth to all of them."""
+    """Keep a tenth to all of the points at random."""
     return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
 
 
@@ -141,7 +141,7 @@ class SampleRecipe:
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
-    """Samples (epoch, k) of a packed file, reproducible and different in every epoch."""
+    """Samples (epoch, k) of a packed file, reproducible."""
 
     def __init__(self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int) -> None:
         self.frames, self.config, self.recipe, self.seed = frames, config, recipe, seed
@@ -252,7 +252,7 @@ def jitter_objects(
 def turn_scene(
     points: _Points, boxes: _Boxes, centre: Float[np.ndarray, "2"], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the scene about `centre` by any angle, every second one mirrored."""
+    """Turn the scene about `centre`, every second one mirrored."""
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
     matrix = _rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
     points, boxes = points.copy(), boxes.copy()

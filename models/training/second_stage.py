@@ -126,7 +126,7 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
 
 
 def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
-    """Return the same weights with a changed configuration. New parts start at random."""
+    """Same weights, other configuration; new parts start at random."""
     other = VoxelNet(replace(network.config, **changes))
     state = other.state_dict()
     state |= {name: tensor for name, tensor in network.state_dict().items() if name in state}
@@ -135,7 +135,7 @@ def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
 
 
 def _channels(config: VoxelNetConfig, label: str, each: int) -> list[int]:
-    """Channels of a class's anchors in a map of `each` per anchor."""
+    """Channels of a class's anchors, `each` per anchor."""
     anchors = [anchor for anchor, row in enumerate(config.anchor_labels) if config.labels[row] == label]
     return [anchor * each + channel for anchor in anchors for channel in range(each)]
 
@@ -252,7 +252,7 @@ OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # sta
 
 
 class FaceExamples(NamedTuple):
-    """Training rows by sort of face: features, and offsets outwards (m)."""
+    """Features and offsets outwards (m) by sort of face."""
 
     features: dict[str, Float32[np.ndarray, "n F"]]
     offsets: dict[str, Float32[np.ndarray, " n"]]
@@ -299,7 +299,7 @@ def face_examples(
 def train_faces(
     network: VoxelNet, frames: PackedFrames, labels: Sequence[str], *, count: int = 1000, seed: int = 0
 ) -> VoxelNet:
-    """Return the network with a second stage trained for the boxes of these labels."""
+    """Return the network with faces trained for these labels."""
     bare, staged = rebuild(network, faces=()), rebuild(network, faces=tuple(labels))
     assert staged.faces is not None
     fit_faces(staged.faces, face_examples(frames, bare, labels, count=count, seed=seed), seed=seed)

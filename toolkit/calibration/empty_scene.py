@@ -88,7 +88,7 @@ class EmptyScene:
 
     @staticmethod
     def of(sensor: Sensor, image: _Image) -> EmptyScene:
-        """Return the scene known from a render without noise, with the sensor model's spread."""
+        """Scene of a noise-free render, with the model's spread."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
         always, never = np.ones_like(first), np.zeros_like(first)
@@ -187,7 +187,7 @@ def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int |
 
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
-    """Write empty scenes as one .npz file with a checksum, whole or not at all."""
+    """Write empty scenes as one .npz file with a checksum."""
     said = [{"name": each.name, "model": _describe_model(each.model), "frames": each.frames} for each in scenes]
     arrays = {f"{k}_{image}": getattr(scene, image) for k, scene in enumerate(scenes) for image in _IMAGES}
     write_arrays(path, {"scenes": np.array(json.dumps(said)), **arrays})
@@ -327,7 +327,7 @@ def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel)
     enough, number = size >= min(n, max(2, int(np.ceil(LEAST_SHARE * n)))), np.arange(len(starts))
 
     def pick(rank: np.ndarray, eligible: np.ndarray) -> np.ndarray:
-        """Pick each pixel's eligible cluster of highest rank, any other for none."""
+        """Pick each pixel's eligible cluster of highest rank."""
         order = np.lexsort((number, rank, eligible, pixel))
         return order[np.searchsorted(pixel[order], np.arange(len(values)), side="right") - 1]
 
@@ -349,7 +349,7 @@ def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel)
 def _measure_mode(
     values: np.ndarray, starts: np.ndarray, ends: np.ndarray, chosen: np.ndarray, n: int, model: SensorModel
 ) -> _Mode:
-    """Measure one chosen cluster (-1: none) of every pixel, its values sorted."""
+    """Measure one chosen cluster (-1: none) of every pixel."""
     first, last = starts[chosen], ends[chosen]
     size = last - first
     median = (values[first + (size - 1) // 2] + values[first + size // 2]) / 2

@@ -265,13 +265,13 @@ class Ground:
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height (m) of the ground at places, in the frame it was found in."""
+        """Height (m) of the ground at places, own frame."""
         xy = np.asarray(xy, np.float64)
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
 
     def points(self, points: _Points) -> _Points:
-        """Return points with z as their height above the ground, in their dtype."""
+        """Return points with z as height above the ground."""
         level = transform(self.level_SE3_frame, np.asarray(points, np.float64))
         level[:, 2] -= self._deviation(level[:, :2])
         return level.astype(points.dtype)
@@ -283,7 +283,7 @@ class Ground:
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
     def boxes(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Return boxes in the level frame: centres change like `points`, headings turn with the plane."""
+        """Return boxes in the level frame, turned with the plane."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6])])
         ahead = np.column_stack([ahead, ahead @ self.plane[:2]]) @ self.level_SE3_frame[:3, :3].T
@@ -358,7 +358,7 @@ def level_warning(cloud: PointCloud | _Points, *, height: float = 4.0, seed: int
 
 
 def _plain_points(cloud: PointCloud | _Points) -> _Points:
-    """Return the points (n, 3) of an array or Open3D cloud."""
+    """Points (n, 3) of an array or Open3D cloud."""
     held = getattr(cloud, "point", None)
     points = np.asarray(cloud) if held is None else held.positions.cpu().numpy()
     if points.ndim != 2 or points.shape[1] != 3:

@@ -61,7 +61,7 @@ class Pairs:
 
     @property
     def system_rows(self) -> tuple[Float64[np.ndarray, "n 12"], Int64[np.ndarray, "12"]]:
-        """Rows of both sensors, and their columns in the system of all."""
+        """Rows of both sensors, and their columns in the system."""
         where = np.concatenate([6 * self.one + np.arange(6), 6 * self.other + np.arange(6)])
         return np.concatenate([self.one_row, self.other_row], axis=1), where
 
@@ -87,7 +87,7 @@ class Alignment:
     scatter: Float64[np.ndarray, " n"]
 
     def hidden_motions(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
-        """Unit motions of one sensor that nothing determines, turns times `LEVER`."""
+        """Unit motions of one sensor that nothing determines."""
         own = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
         _, size, motions = np.linalg.svd(own, full_matrices=False)
         return motions[size > 0.3]
@@ -146,7 +146,7 @@ def align(
 
 
 def face_sensor(surface: Surface) -> Surface:
-    """Turn the normals of a surface towards the sensor that measured it, in its frame."""
+    """Turn a surface's normals towards its sensor, the origin."""
     away = (surface.points * surface.normals).sum(axis=1) > 0
     return Surface(surface.points, np.where(away[:, None], -surface.normals, surface.normals), surface.roughness)
 
@@ -161,7 +161,7 @@ class _Joint:
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information, and a mask of the observed ones."""
+        """Eigenvalues and eigenvectors (columns), and mask of observed ones."""
         information = np.zeros((len(self.free), len(self.free)))
         for pair in self.pairs:
             rows, where = pair.system_rows
@@ -252,14 +252,14 @@ _NO_MATCH = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 @dataclass(frozen=True, eq=False)
 class SeenBoxes:
-    """Objects that one sensor saw in one frame, in its own axes."""
+    """Objects of one sensor and frame, in its axes."""
 
     centres: Float64[np.ndarray, "n 3"]
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
     def of(cls, boxes: Float64[np.ndarray, "n 7"], believed: Pose) -> SeenBoxes:
-        """Return boxes of the world, placed by the believed pose, in the sensor's axes."""
+        """Return boxes of the world in the sensor's axes."""
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
 

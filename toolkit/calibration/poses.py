@@ -73,7 +73,7 @@ class FoundPose:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviation of turn (rad) and distance (m), infinite without a registration."""
+        """Standard deviations of turn (rad) and distance (m)."""
         if self.registration is None:
             return np.inf, np.inf
         turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
@@ -241,7 +241,7 @@ def align_clouds(
 
 @dataclass(frozen=True, eq=False)
 class Corrected(RecordingView):
-    """A recording with its sensors, but not its labels, at their found poses."""
+    """Recording with its sensors at their found poses."""
 
     corrections: Mapping[str, Pose]  # believed_SE3_found by name: each believed pose is multiplied by it
 
@@ -303,7 +303,7 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
 
 
 def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
-    """Warn of each sensor that clearly drifted or has no pose."""
+    """Warn of sensors that clearly drifted or have no pose."""
     findings = []
     for each in found:
         where, (turn, move) = f"sensor {each.sensor.name}", each.deviation

@@ -66,7 +66,7 @@ _CORRELATED = 9.0  # points that weigh as much as one alone, since errors of nei
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Standing surfaces: points (m) and unit normals, either way, in one frame."""
+    """Standing surfaces: points (m) and unit normals (either way)."""
 
     points: Points
     normals: Points
@@ -81,7 +81,7 @@ class Surface:
 
     @cached_property
     def thin(self) -> Surface:
-        """Surface for coarse steps: one point in each cube of 0.4 m."""
+        """Surface for coarse steps, thinned to 0.4 m."""
         some = thin_rows(self.points, 0.4)
         return Surface(self.points[some], self.normals[some], self.roughness[some])
 
@@ -176,7 +176,7 @@ class Registration:
 
     @property
     def deviations(self) -> Float64[np.ndarray, "6"]:
-        """Standard deviation of each of the six numbers, infinite where not observed."""
+        """Standard deviations of the six numbers, infinite where unobserved."""
         hidden = (np.abs(self.unobserved) > 0.3).any(axis=0) if len(self.unobserved) else np.zeros(6, bool)
         return np.where(hidden, np.inf, np.sqrt(np.diag(self.covariance)))
 
@@ -257,7 +257,7 @@ def apply_motion(pose: Pose, motion: Float64[np.ndarray, "6"]) -> Pose:
 
 
 def motion_between(before: Pose, after: Pose) -> Float64[np.ndarray, "6"]:
-    """Motion for `apply_motion` from one pose to another, turns times `LEVER`."""
+    """Motion for `apply_motion` from one pose to another."""
     turn = after[:3, :3] @ before[:3, :3].T
     sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     length = float(np.linalg.norm(sine))
@@ -302,7 +302,7 @@ class _System:
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information, and a mask of the observed ones."""
+        """Eigenvalues and eigenvectors (columns), and mask of observed ones."""
         values, vectors = np.linalg.eigh(self.rows.T @ (self.rows * self.weight[:, None]))
         along = (self.rows @ vectors) ** 2
         sound = self.weight > 0
@@ -316,7 +316,7 @@ class _System:
         return vectors[:, ~observed].T
 
     def step(self) -> Float64[np.ndarray, "6"]:
-        """Motion that brings the points onto their planes, as far as they determine it."""
+        """Motion, if determined, that brings points onto planes."""
         values, vectors, observed = self._modes
         gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))
         return vectors @ np.where(observed, -gradient / np.where(observed, values, 1.0), 0.0)

@@ -53,7 +53,7 @@ class Scenes:
     used: bool = field(default=False, init=False)
 
     def __call__(self, sensor: int) -> EmptyScene:
-        """Empty scene of the sensor with this number in the first frame."""
+        """Empty scene of a sensor by number."""
         return self[self._names[sensor]].scene
 
     def __getitem__(self, name: str) -> LearntScene:
@@ -75,7 +75,7 @@ class Scenes:
 
     @property
     def digests(self) -> list[str]:
-        """Digests of all scenes, for results; empty if none was used."""
+        """Digests of all scenes, none if unused."""
         return [learnt.scene.digest for learnt in self.every.values()] if self.used else []
 
     @cached_property
@@ -124,7 +124,7 @@ def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> di
 
 
 class _Learner:
-    """Learner of one sensor's scene, which counts what its images do not show."""
+    """Learner of the scene of a sensor of clouds."""
 
     def __init__(self, name: str, grid: LidarGrid, sample: int) -> None:
         self.grid, self.points, self.left_out = grid, 0, Counter[str]()

@@ -1,1 +1,1 @@
-"""Commands about sites and recordings: what is there, and what sensors measured of it."""
+"""Commands about sites and recordings."""

@@ -1,4 +1,4 @@
-"""`coview survey`, `doctor` and `calibrate`: what a recording holds, and whether it is sound."""
+"""`coview survey`, `doctor` and `calibrate`: checks of a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`coview convert`, `fuse` and `pack`: files made from recordings and clouds."""
+"""`coview convert`, `fuse` and `pack`: files of recordings."""
 
 from __future__ import annotations
 
