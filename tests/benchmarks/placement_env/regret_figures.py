@@ -114,8 +114,8 @@ def _correlations(rows: Sequence[Row], scheme: str) -> list[str]:
     scored: list[tuple[float, str]] = []
     names: list[tuple[str, Callable[[Row], float]]] = [
         ("surrogate, searched", lambda row: row["predicted"]),
-        *((name, _of(name)) for name in FAST),
-        ("surrogate@0.9", _of("surrogate@0.9")),
+        *((name, lambda row, name=name: row["same"][name]) for name in FAST),
+        ("surrogate@0.9", lambda row: row["same"]["surrogate@0.9"]),
     ]
     for name, score in names:
         found = [_within(rows, score, by, at) for by, at in WAYS]
@@ -124,10 +124,6 @@ def _correlations(rows: Sequence[Row], scheme: str) -> list[str]:
         said = "" if name in FAST[2:] else f"{error:8.3f}"
         scored.append((found[0][0], f"{name:22s} {' '.join(map(_written, found))} {said}"))
     return [*lines, *(line for _, line in sorted(scored, reverse=True))]
-
-
-def _of(name: str) -> Callable[[Row], float]:
-    return lambda row: row["same"][name]
 
 
 def _within(
@@ -143,8 +139,7 @@ def _within(
         whole[key] = float(spearman(fast, np.array([row["ap"][at] for row in group])))
         draws = np.array([row["draws"][at // 2] for row in group]).T
         drawn[key] = spearman(np.broadcast_to(fast, draws.shape), draws)
-    keys, rng = list(chosen), np.random.default_rng(0)
-    means = []
+    keys, rng, means = list(chosen), np.random.default_rng(0), []
     for _ in range(BOOTSTRAPS):
         some = rng.integers(len(keys), size=len(keys))
         means.append(np.mean([drawn[keys[i]][rng.integers(len(drawn[keys[i]]))] for i in some]))

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from written_mistakes import LATE, MISTAKES, Mistake, make, terms_of
+from written_mistakes import LATE, MISTAKES, TERMS, Mistake, make
 
 from toolkit.calibration.ground import Ground, level
 from toolkit.datasets.doctor import diagnose_file
@@ -41,7 +41,7 @@ SEEDS = {"tjunction": 7, "roundabout": 7, "3": 7}  # of traffic, by the site or 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recordings", nargs="*", type=Path)
-    parser.add_argument("--layouts", nargs="*", default=[*(name for name in LAYOUTS if terms_of(name)), IMAGES])
+    parser.add_argument("--layouts", nargs="*", default=[*(name for name in LAYOUTS if TERMS.get(name)), IMAGES])
     parser.add_argument("--samples", type=int, default=10)
     parser.add_argument("--recorded-as", default="hdf5", help="the layout of the recordings, such as argoverse")
     given = parser.parse_args()
@@ -121,12 +121,12 @@ def write_layout(samples: Sequence[Frame], path: Path, layout: str) -> None:
 
 def verdicts(layout: str, recording: Path, samples: Sequence[Frame], path: Path) -> Iterator[str]:
     """What is said of a layout's files untouched, then with each mistake."""
-    terms = terms_of(layout.split(",")[0])
+    terms = TERMS.get(layout.split(",")[0])
     assert terms is not None, layout
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
     where = path
-    if terms is terms_of("hdf5"):
+    if terms is TERMS.get("hdf5"):
         where = Path(shutil.copy(recording, path / "recording.hdf5"))
     else:
         write_layout(samples, path, layout)

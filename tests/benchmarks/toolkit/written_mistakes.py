@@ -84,10 +84,6 @@ def _changed(mistake: Mistake, numbers: np.ndarray, terms: Terms) -> np.ndarray:
     return made
 
 
-def terms_of(layout: str) -> Terms | None:
-    return TERMS.get(layout)
-
-
 def _row(numbers: Sequence[Any], record: Any) -> Row:
     return Row(np.array([float(number) for number in numbers]), record)
 

@@ -17,7 +17,7 @@ from toolkit.sites.site import Relief, Site
 AREA = (-12.8, -12.8, 12.8, 12.8)
 
 
-def test_points_and_objects_are_those_of_the_recording(frames, packed):
+def test_points_are_those_of_the_recording_with_fresh_noise(frames, packed):
     assert len(packed) == len(frames)
     for k, frame in enumerate(frames):
         ours, theirs = packed.points(k, None), frame_points(frame, area=AREA)
@@ -35,13 +35,6 @@ def test_points_and_objects_are_those_of_the_recording(frames, packed):
             count_points(np.concatenate(frame_points(frame, area=AREA)), widened(frame.objects.boxes)),
             atol=2,
         )
-
-
-def widened(boxes):
-    return boxes + np.array([0, 0, 0, 0.02, 0.02, 0.02, 0])
-
-
-def test_noise_is_fresh_and_has_the_sensors_spread(frames, packed):
     first, again, other = (packed.points(0, np.random.default_rng(seed))[0] for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert len(first) != len(other) or not np.array_equal(first, other)
@@ -54,6 +47,10 @@ def test_noise_is_fresh_and_has_the_sensors_spread(frames, packed):
     spread = (noisy - exact) @ camera.pose[:3, 2]
     assert abs(spread.mean()) < 0.1 * camera.model.sigma
     assert abs(spread.std() / camera.model.sigma - 1) < 0.05
+
+
+def widened(boxes):
+    return boxes + np.array([0, 0, 0, 0.02, 0.02, 0.02, 0])
 
 
 def test_chosen_sensors_are_those_of_all(packed):

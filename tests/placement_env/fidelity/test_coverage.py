@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from placement_env.fidelity.coverage import Coverage
+from placement_env.fidelity.perception_entropy import PerceptionEntropy
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import Fidelity
 from toolkit.detection.codec import PAPER
@@ -73,3 +74,14 @@ def test_one_view_is_monotone_and_submodular(seed):
     assert before <= after
     assert before <= wide
     assert after - before >= wider - wide - 1e-12
+
+
+def test_entropy_falls_with_the_points_on_a_vehicle(made_visibility):
+    """More points on every vehicle are never worse, none at all are worth nothing."""
+    seen = made_visibility(6, 40)
+    sets = np.eye(6, dtype=bool)
+    richer = Visibility(seen.points * 3, seen.distance, seen.frame, seen.boxes, seen.sent, seen.far)
+    blind = Visibility(seen.points * 0, seen.distance, seen.frame, seen.boxes, seen.sent, seen.far)
+    assert (PerceptionEntropy(richer)(sets).ap >= PerceptionEntropy(seen)(sets).ap).all()
+    assert (PerceptionEntropy(richer)(sets).ap > PerceptionEntropy(seen)(sets).ap).any()
+    assert not PerceptionEntropy(blind)(sets).ap.any()

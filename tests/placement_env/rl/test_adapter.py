@@ -64,7 +64,7 @@ def features_of(observations: Any) -> np.ndarray:
     return observations[:, : -len(GLOBAL)].reshape(64, -1, 15)
 
 
-def test_a_turned_junction_keeps_its_distances_and_headings(make):
+def test_junctions_turn_and_foreign_environments_are_played(make):
     objective = make(5, 3)
     env = SensorSelectEnv(objective=objective, budget=2)
     plain, turned = vectorize(env, lambda: env, 64), vectorize(env, lambda: env, 64, augment=True)
@@ -83,8 +83,6 @@ def test_a_turned_junction_keeps_its_distances_and_headings(make):
     with pytest.raises(ValueError, match="only junctions of our own"):
         vectorize(gym.make("CartPole-v1"), lambda: env, 2, augment=True)
 
-
-def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
     class Halved(SensorSelectEnv):
         def step(self, action):
             observation, reward, *rest = super().step(action)

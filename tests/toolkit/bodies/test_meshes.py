@@ -77,17 +77,27 @@ def test_meshes_are_turned_upright_and_stray_vertices_left_out(tmp_path):
     assert np.allclose(meshes.load_mesh(write(tmp_path / "sedan.ply", stray)).size, SEDAN.size, atol=1e-4)
 
 
-def test_folders_and_names_give_the_class_and_the_rest_follows_from_the_size(tmp_path):
+def test_folders_and_names_give_the_class_and_how_it_was_taken(tmp_path):
     bodies = {body.name: body for body in catalogue()}
     write(tmp_path / "vehicle" / "a.ply")
     write(tmp_path / "b" / "heavy_van.ply", bodies["high_roof_van"])
-    write(tmp_path / "c.ply", bodies["man_standing"])
-    write(tmp_path / "d.ply", bodies["city_bicycle"])
-    write(tmp_path / "e.ply", bodies["city_bus"])
+    for letter, name in zip("cde", ("man_standing", "city_bicycle", "city_bus"), strict=True):
+        write(tmp_path / f"{letter}.ply", bodies[name])
     (tmp_path / "README.txt").write_text("not a mesh")
     loaded = {body.name: body.label for body in meshes.load_meshes(tmp_path)}
     assert loaded == {"vehicle/a": VEHICLE, "b/heavy_van": HEAVY, "c": PEDESTRIAN, "d": CYCLIST, "e": HEAVY}
     assert [body.name for body in catalogue(tmp_path)][-5:] == sorted(loaded)
+    how = tmp_path / "how"
+    write(how / "vehicle" / "a.ply", OURS["compact_suv"])
+    write(how / "b.ply", OURS["classic_sedan"])
+    write(how / "c.glb", OURS["city_bicycle"], turn=Y_UP_Z_FORWARD)
+    assert [f"{taken.file}: {taken.how}" for taken in meshes.take_meshes(how)] == [
+        "b.ply: vehicle (by its shape), 4.55 x 1.69 x 1.41 m, z up, x forward (its profile agrees), "
+        "mirrors left out of its box",
+        "c.glb: cyclist (by its shape), 1.72 x 0.62 x 1.83 m, y up, z forward (front assumed)",
+        "vehicle/a.ply: vehicle (by its folder or name), 4.18 x 1.79 x 1.59 m, z up, x forward (its profile agrees), "
+        "mirrors left out of its box",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -226,19 +236,6 @@ def test_tables_turn_scale_name_and_overrule_sizes(tmp_path):
             turn = meshes.MeshEntry(up=up, forward=forward).turn
             assert np.linalg.det(turn) == pytest.approx(1)
             assert np.array_equal(turn @ turn.T, np.eye(3))
-
-
-def test_how_each_was_taken_is_said(tmp_path):
-    write(tmp_path / "vehicle" / "a.ply", OURS["compact_suv"])
-    write(tmp_path / "b.ply", OURS["classic_sedan"])
-    write(tmp_path / "c.glb", OURS["city_bicycle"], turn=Y_UP_Z_FORWARD)
-    assert [f"{taken.file}: {taken.how}" for taken in meshes.take_meshes(tmp_path)] == [
-        "b.ply: vehicle (by its shape), 4.55 x 1.69 x 1.41 m, z up, x forward (its profile agrees), "
-        "mirrors left out of its box",
-        "c.glb: cyclist (by its shape), 1.72 x 0.62 x 1.83 m, y up, z forward (front assumed)",
-        "vehicle/a.ply: vehicle (by its folder or name), 4.18 x 1.79 x 1.59 m, z up, x forward (its profile agrees), "
-        "mirrors left out of its box",
-    ]
 
 
 def test_fleets_of_meshes_leave_mirrors_out_of_their_boxes_and_draw_what_the_folder_has_none_of(tmp_path):

@@ -59,7 +59,7 @@ def test_only_the_poses_of_the_named_sensors_change(recording, tmp_path):
         assert sorted(plan["calibrated"]) == ["spun", "two"]
 
 
-def test_a_reader_of_the_published_layout_sees_the_new_extrinsic(recording, tmp_path):
+def test_readers_see_new_extrinsics_and_poses_are_checked(recording, tmp_path):
     out = tmp_path / "corrected.hdf5"
     copy_corrected(recording, MOVED, out)
     with h5py.File(out, "r+") as file:
@@ -71,9 +71,6 @@ def test_a_reader_of_the_published_layout_sees_the_new_extrinsic(recording, tmp_
         assert {(9.1, 0.0, 5.0), (-9.0, 0.0, 5.0), (0.0, 3.0, 4.2)} == poses
     with h5py.File(out) as file:
         assert "calibration" not in file.attrs
-
-
-def test_corrected_recordings_are_their_own_and_poses_are_checked(recording, tmp_path):
     out = tmp_path / "corrected.hdf5"
     copy_corrected(recording, MOVED, out)
     with pytest.raises(FileExistsError, match="calibrated"):

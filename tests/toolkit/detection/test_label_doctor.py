@@ -357,7 +357,7 @@ def load(path):
 
 mistakes = load(BENCHES / "written_mistakes.py")
 bench = load(BENCHES / "bench_doctor.py")
-LABELLED = [name for name in LAYOUTS if mistakes.terms_of(name) and name != "hdf5"]
+LABELLED = [name for name in LAYOUTS if mistakes.TERMS.get(name) and name != "hdf5"]
 ALL = list(mistakes.MISTAKES)
 SOME = [(layout, ALL[k % len(ALL)]) for k, layout in enumerate(LABELLED)]  # one of each layout, such that all are there
 
@@ -403,7 +403,7 @@ def said_of(path, layout):
 
 
 def check(written, layout, mistake):
-    path, terms = written(layout), mistakes.terms_of(layout)
+    path, terms = written(layout), mistakes.TERMS.get(layout)
     untouched = terms.read(path)
     try:
         mistakes.make(mistake, path, terms)
@@ -415,7 +415,7 @@ def check(written, layout, mistake):
 
 @pytest.mark.parametrize("layout", LABELLED)
 def test_nothing_is_suspected_of_untouched_files(written, layout):
-    path, terms = written(layout), mistakes.terms_of(layout)
+    path, terms = written(layout), mistakes.TERMS.get(layout)
     terms.write(path, terms.read(path))  # and the bench reads and writes what is there
     assert said_of(path, layout) == []
 

@@ -28,16 +28,13 @@ def test_networks_are_repeatable_and_keep_their_coordinates(union):
     assert all(shapely.Polygon(p).is_valid for p in (*lanes, *footways))
 
 
-def test_what_netconvert_refuses_is_told_in_one_line(monkeypatch):
+def test_what_netconvert_refuses_and_missing_sumo_are_told(monkeypatch):
     pytest.importorskip("sumo")
     with pytest.raises(ValueError, match=r"^netconvert: .*nowhere") as refusal:
         build_network([{"id": "a", "x": 0, "y": 0}], [{"id": "ab", "from": "a", "to": "nowhere", "lanes": street(1)}])
     assert "\n" not in str(refusal.value)
     with pytest.raises(ValueError, match="netconvert"):
         convert(["--opendrive-files=/no/such/file.xodr"])
-
-
-def test_without_sumo_the_extra_is_named(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.delenv("SUMO_HOME", raising=False)

@@ -11,14 +11,18 @@ from hypothesis import strategies as st
 from placement_env.fidelity.hit_model import HitModel
 from placement_env.search.exact.programme import (
     GAINS,
+    LINK,
     Levels,
     Poles,
     Prices,
     Programme,
     SolverLimits,
+    cp_model,
     levels_of_hits,
     solve,
 )
+from placement_env.search.progress import Progress
+from placement_env.search.verification import best_of_equals
 
 pytest.importorskip("ortools")
 
@@ -142,3 +146,62 @@ def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
             assert np.abs(steps - p).mean() < 0.12
     nothing = levels_of_hits(np.zeros((2, 3)), model, above=True)
     assert nothing.worth([0, 1]) == 0
+
+
+def test_changes_keep_the_count_and_raise_the_reward_of_what_may_be_built(make):
+    objective = make(8, 1, seed=2)
+    value = objective.scores(np.eye(8, dtype=bool)).reward
+    even = np.arange(8) % 2 == 0  # what is counted: even candidates
+
+    def count(sets):
+        return (sets & even).sum(axis=1)
+
+    worst = int(np.flatnonzero(even)[value[even].argmin()])
+    assert best_of_equals(Progress(objective, 1, None, None), [worst], count) == [
+        int(np.flatnonzero(even)[value[even].argmax()])
+    ]
+    assert best_of_equals(Progress(objective, 1, None, None), [], count) == []
+    stopped = Progress(objective, 1, None, 1)
+    assert best_of_equals(stopped, [worst], count) == [worst]
+    objective = make(4, 2, seed=3)
+    chosen = best_of_equals(Progress(objective, 2, None, None), [0, 2], lambda sets: sets.sum(axis=1))
+    row = objective.row(chosen)
+    assert objective.feasible(row[None])[0]
+    assert objective.score(chosen).reward >= objective.score([0, 2]).reward
+
+
+def test_limits_and_seed_are_those_asked_for():
+    parameters = SolverLimits(2.5, 7, 0.5).build_solver().parameters
+    assert (parameters.max_time_in_seconds, parameters.num_workers, parameters.random_seed) == (2.5, 1, 7)
+    assert parameters.max_deterministic_time == 0.5
+    assert SolverLimits(1.0).build_solver().parameters.max_deterministic_time > 1e6
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "ortools.sat.python", None)
+    with pytest.raises(ImportError, match="pip install coview"):
+        cp_model()
+
+
+PRICES = Prices(np.array([5, 7, 20]), np.array([10, 10, 0]), np.array([0, 0, 1]), 40)
+POLES = Poles(np.array([0, 0, 0, 1]), np.array([2, 2, 2, 1]), np.array([LINK // 2, LINK // 2, LINK // 2 + 1, 0]))
+
+
+def test_shared_poles_are_paid_once(make):
+    assert PRICES.total([0, 1, 2]) == 42
+    assert PRICES.total([1]) == 17
+    assert PRICES.total([]) == 0
+    some = PRICES.select(np.array([1, 2]))
+    assert (some.total([0]), some.most, some.total([0, 1])) == (17, 40, 37)
+    objective = make(3, 2)
+    assert Prices.of(objective) is None
+    price = objective.candidates.prices
+    exact = objective.weighed(objective.weights, most_price=float(price[0] + price[2]))
+    prices = Prices.of(exact)
+    assert prices is not None
+    assert prices.total([0, 2]) <= prices.most < prices.total([0, 2]) + 2**20
+    assert prices.shared.tolist() == [0] * 6
+
+
+def test_places_of_a_pole_are_apart_for_bounds():
+    assert POLES.apart.tolist() == [2, 3, 4, 1]
