@@ -1,4 +1,4 @@
-"""Checks of single arguments, made before any work. Errors use the words of the command line."""
+"""Checks of single arguments, in the words of the command line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def check_least(option: str, value: float | None, least: float, remedy: str = ""
 
 
 def check_positive(option: str, value: float | None) -> None:
-    """Raise ValueError for a number that is not above 0; None passes."""
+    """Raise ValueError for a number not above 0."""
     if value is not None and not 0 < value < float("inf"):
         raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
 
@@ -30,7 +30,7 @@ def refuse_given(options: dict[str, bool], why: str) -> None:
 
 
 def check_share(option: str, value: float) -> None:
-    """Raise ValueError for a number that does not lie between 0 and 1."""
+    """Raise ValueError for a number outside 0 to 1."""
     if not 0 < value < 1:
         raise ValueError(f"{option} must lie between 0 and 1, got {value:g}")
 
@@ -43,7 +43,7 @@ def check_ious(values: Iterable[float]) -> None:
 
 
 def check_schemes(names: Iterable[str]) -> None:
-    """Raise ValueError, which lists the known ones, for an unknown fusion scheme."""
+    """Raise ValueError for an unknown fusion scheme."""
     from toolkit.detection.schemes import SCHEMES
 
     for name in names:
@@ -52,7 +52,7 @@ def check_schemes(names: Iterable[str]) -> None:
 
 
 def check_errors(name: str) -> None:
-    """Raise ValueError, which lists the known ones, for an unknown error profile."""
+    """Raise ValueError for an unknown error profile."""
     from toolkit.sensors.error_profiles import find_profile
 
     find_profile(name)

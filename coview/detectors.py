@@ -105,7 +105,7 @@ def split_background(name: str) -> tuple[str, bool]:
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:
-    """Raise ValueError for a detector that does not say what its kept detections depend on."""
+    """Raise ValueError for a detector without a digest."""
     if not hasattr(detector, "digest"):
         raise ValueError(
             f"detector {name} needs an attribute digest, a text that changes with all it depends on{remedy}"

@@ -1,4 +1,4 @@
-"""Command line: find a command and call it. Its result or error becomes an exit code."""
+"""Command line: find a command, call it, return its code."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ worker died, 70 a fault of coview, 130 stopped, 141 nobody reads the output.
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command line and exit. By default it is the process's own."""
+    """Run a command line, the process's own by default, and exit."""
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 
@@ -101,7 +101,7 @@ def overview() -> str:
 
 
 def _call(arguments: Sequence[str]) -> int:
-    """Return the exit code of the command, or of the parser after --help and unknown arguments."""
+    """Return the exit code of a command."""
     import io
     import warnings
     from contextlib import redirect_stderr
@@ -137,7 +137,7 @@ def _call(arguments: Sequence[str]) -> int:
 
 
 def _find_refusal(stopped: SystemExit) -> ValueError | None:
-    """Find the error of one of our dataclasses behind the parser's exit."""
+    """Find our dataclass's error behind the parser's exit."""
     from traceback import walk_tb
 
     from coview.outputs import OURS

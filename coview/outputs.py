@@ -55,7 +55,7 @@ def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrit
 
 
 def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a folder to fill is empty, new, or to be overwritten."""
+    """Check that a folder is empty, new or to be overwritten."""
     check_output(out, inputs=inputs, overwrite=overwrite)
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")
@@ -63,7 +63,7 @@ def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool 
 
 
 def check_writable(folder: Path, out: Path) -> None:
-    """Raise OSError if the folder of `out` cannot be made or written."""
+    """Raise OSError if the folder of `out` cannot be written."""
     there = next(each for each in (folder, *folder.parents) if each.exists())
     if not there.is_dir():
         raise NotADirectoryError(f"cannot write {out}: {there} is no folder; give another path")

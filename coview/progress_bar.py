@@ -34,7 +34,7 @@ class Bar:
         self.to(done)
 
     def stage(self, name: str, done: int, total: int | None) -> None:
-        """Show the progress of a stage. At a new stage the bar begins anew."""
+        """Show the progress of a stage; a new one restarts the bar."""
         if name != self._stage:
             self._stage, self._done, self._first, self._began = name, 0, 0, time.monotonic()
             self._bar.reset(total)

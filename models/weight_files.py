@@ -117,7 +117,7 @@ def _reason(error: Exception) -> str:
 
 
 def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path) -> None:
-    """Raise ValueError, naming the first difference, unless names and shapes agree."""
+    """Raise ValueError unless names and shapes agree."""
     missing, unknown = expected.keys() - tensors.keys(), tensors.keys() - expected.keys()
     if missing or unknown:
         what = f"lacks {min(missing)}" if missing else f"has {min(unknown)} besides"

@@ -1,4 +1,4 @@
-"""Floor 3: candidates, objective, environments and searches. Nothing heavy loads until it is used."""
+"""Floor 3: candidates, objective, environments and searches, loaded lazily."""
 
 from lazy_loader import attach_stub
 

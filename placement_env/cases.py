@@ -189,7 +189,7 @@ class Cases:
         return np.array(rows, np.bool_).reshape(len(rows), sets.shape[1]), np.array(owners, np.int64)
 
     def over_levels(self, figures: Float64[np.ndarray, "levels *rest"]) -> Float64[np.ndarray, "*rest"]:
-        """Figures of the levels as one; NaN, nothing to find, only where all are."""
+        """Figures of the levels as one; NaN where all are."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of levels that are all NaN
             return np.asarray(np.nanmin(figures, axis=0) if self.levels_by == "worst" else np.nanmean(figures, axis=0))

@@ -18,7 +18,7 @@ def whole(value: object) -> TypeGuard[int]:
 
 
 def check_whole(name: str, value: object, *, least: int) -> None:
-    """Raise ValueError unless a number is whole and at least `least`."""
+    """Raise ValueError unless a number is whole and large enough."""
     if not whole(value) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
 

@@ -151,7 +151,7 @@ class Objective:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Origin of its scores. It names site, candidates, traffic, fidelity, detector, scheme, codec and version."""
+        """Origin of its scores."""
         made, cases, detector = self.preparation, self.setting.cases, getattr(self.scored_by, "detector", None)
         known: dict[str, Any] = {}
         if self.site is not None:
@@ -188,7 +188,7 @@ class Objective:
 
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that fit their mount's link. Boxes alone always fit."""
+        """Mask of candidates that fit their mount's link."""
         boxes = not self.scheme.sends_points
         return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
 
@@ -246,7 +246,7 @@ class Objective:
         return np.asarray(built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Mask of prices within `most_price`. Rounding errors in a sum are ignored."""
+        """Mask of prices within `most_price`, up to rounding."""
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:

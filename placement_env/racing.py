@@ -259,7 +259,7 @@ def verify(fast: SetFunction, accurate: SetFunction, sets: Bool[np.ndarray, "n C
 
 
 def _best_first(scores: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Rows by descending score, undefined ones last. Equal rows keep their order."""
+    """Rows by descending score, undefined ones last."""
     return np.argsort(-scores, kind="stable")
 
 

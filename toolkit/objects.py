@@ -1,4 +1,4 @@
-"""True objects (`Objects`) and detected ones (`Detections`), one of each per frame."""
+"""Objects and detections of one frame."""
 
 from __future__ import annotations
 

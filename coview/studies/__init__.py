@@ -1,1 +1,1 @@
-"""Studies that people start and nobody imports. The paper's experiments, and fusion schemes under stress."""
+"""Studies: the paper's experiments, and schemes under stress."""

@@ -38,7 +38,7 @@ _EXTRAS = 2 + 3 + len(LABELS)  # numbers of points, size of the box, its class
 
 
 class FaceFeatures(NamedTuple):
-    """Inputs of the networks for n boxes. counted: points about the face or the opposite one."""
+    """Inputs of the networks for n boxes."""
 
     end: Float32[np.ndarray, "2*n F"]  # the fronts of all boxes, then their rears
     side: Float32[np.ndarray, "2*n F"]  # the left sides, then the right ones
@@ -136,7 +136,7 @@ def face_offsets(
 def face_features(
     points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
 ) -> FaceFeatures:
-    """Count points about each face of each box. Points that are not finite are ignored."""
+    """Count points about each face of each box."""
     count, reach = len(boxes), NEAREST + STEP * BINS  # of the counts, beyond a face
     found = rows_in_boxes(points, boxes + np.array([0, 0, reach / 2, 2 * reach, 2 * reach, reach, 0]))
     row = np.repeat(np.arange(count), [len(each) for each in found])

@@ -210,7 +210,7 @@ class TiledVoxelNet:
         self._raised = [_cell_by_cell(layer) for layer in raised]
 
     def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> UnionPlan:
-        """Plan the work for unions of clouds. Points are in the frame of the grid, m."""
+        """Plan the work for unions of clouds (m)."""
         placed, most = PlacedClouds.of(clouds, self.config), self.config.max_points
         nx, ny, _ = self.config.grid_shape
         reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)

@@ -187,7 +187,7 @@ def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor
 
 
 class RegionProposal(nn.Module):
-    """Three blocks, each at half the previous resolution. They meet at the resolution of the first."""
+    """Three blocks, each at half the previous resolution."""
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()

@@ -176,7 +176,7 @@ class TrainingState:
     recent: list[dict[str, float]] = field(default_factory=list)  # losses since the last row of the log
 
     def state(self) -> dict[str, object]:
-        """Return plain tensors and numbers, with torch's generator, though the loop draws nothing from it."""
+        """Return plain tensors and numbers."""
         parts = {name: getattr(self, name).state_dict() for name in ("network", "optimiser", "scheduler")}
         return {**parts, "step": self.step, "rng": torch.get_rng_state(), "recent": self.recent}
 

@@ -103,7 +103,7 @@ def assign_by_kind(
 
 
 def sample(assignment: Assignment, rng: np.random.Generator, *, size: int = 256, positives: int = 128) -> Assignment:
-    """Keep `size` random anchors, at most `positives` of them positive, as in the published training."""
+    """Keep `size` random anchors, as in the published training."""
     flat, labels = assignment.labels.ravel(), np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
     for kind, most in ((POSITIVE, positives), (NEGATIVE, size)):
         rows, room = np.flatnonzero(flat == kind), min(most, size - int((labels == POSITIVE).sum()))

@@ -31,7 +31,7 @@ _CHUNK = 1 << 18
 
 @dataclass(frozen=True)
 class Change:
-    """Changes of one frame: differences from the empty site per sensor, or recorded clouds (m)."""
+    """Changes of one frame from the empty site."""
 
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     steps: tuple[Shaped[np.ndarray, " _"], ...]

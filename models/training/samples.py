@@ -49,7 +49,7 @@ BEYOND = 150.0  # m, assumed distance of surfaces outside the crop, which a pack
 
 
 def random_errors(rng: np.random.Generator) -> ErrorProfile:
-    """Draw sensor errors, each from none to a little more than in the profile `poor`."""
+    """Draw sensor errors, from none to beyond `poor`."""
 
     def strength(chance: float, most: float) -> float:
         return float(rng.uniform(0, most)) if rng.random() < chance else 0.0

@@ -37,7 +37,7 @@ OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicl
 def detector_by_area(
     network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float = 0.05
 ) -> Callable[[Area], Detector]:
-    """Return a function that makes the network's detector of an area; the last few are kept."""
+    """Return a function that makes the detector of an area."""
 
     @lru_cache(maxsize=AREAS_KEPT)  # each has its anchors on the whole area, and a packed file may show thousands
     def at_work(area: Area) -> Detector:
@@ -307,7 +307,7 @@ def train_faces(
 
 
 def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> Float[np.ndarray, "n 7"]:
-    """Displace boxes in place, size and yaw, a tenth by a half turn. Their floors stay."""
+    """Displace boxes in place, size and yaw."""
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2
     small = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # less for pedestrians

@@ -40,7 +40,7 @@ class Approaches:
 
 
 def find_approaches(site: Site) -> Approaches:
-    """Find the approaches of a site's network. Without a network there is the junction alone."""
+    """Find the approaches of a site's network."""
     root = ElementTree.fromstring(site.network or "<net/>")
     edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _lines(edge)}
     ring = {name for each in root.findall("roundabout") for name in each.get("edges", "").split()}

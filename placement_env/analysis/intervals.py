@@ -30,7 +30,7 @@ Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws e
 
 
 class Interval(NamedTuple):
-    """Lower and upper end. Both are NaN if the figure is undefined in every draw."""
+    """Lower and upper end; NaN if undefined in some draw."""
 
     low: float
     high: float
@@ -137,7 +137,7 @@ class Tally:
 
     @property
     def recall(self) -> float:
-        """Share of truths that were hit; NaN without anything to find."""
+        """Share of truths that were hit; NaN without truths."""
         to_find = int(self.truths.sum())
         return float(self.hit.sum() / to_find) if to_find else float("nan")
 

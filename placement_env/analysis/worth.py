@@ -125,12 +125,12 @@ def estimate_worth(
     together += together.swapaxes(1, 2)
 
     scale = _student(confidence, rounds - 1) / np.sqrt(rounds)
-    margins = (scale * each.std(axis=0, ddof=1) for each in (gains, together))
-    return Worth(gains.mean(axis=0), together.mean(axis=0), *margins, len(packed))
+    alone, pairs = (scale * each.std(axis=0, ddof=1) for each in (gains, together))
+    return Worth(gains.mean(axis=0), together.mean(axis=0), alone, pairs, len(packed))
 
 
 def format_worth(worth: Worth, names: Sequence[str]) -> str:
-    """Return a line per sensor, highest first, with value, margin, and synergy with each other sensor."""
+    """Return a line per sensor, highest value first."""
     order = np.argsort(-worth.shapley, kind="stable").tolist()
     table = [["sensor", "Shapley", "±", *(f"with {names[j]}" for j in order)]]
     for i in order:
@@ -162,7 +162,7 @@ class Failures:
 
     @property
     def most_missed(self) -> tuple[int, ...]:
-        """The sensors whose failure leaves the least; the first of equal combinations."""
+        """The sensors whose failure leaves the least."""
         return tuple(self.lost[self.left.argmin()].tolist())
 
 

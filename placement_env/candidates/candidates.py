@@ -128,7 +128,7 @@ class Candidates:
     def at(
         self, mount: ArrayLike, height: ArrayLike, heading: ArrayLike, tilt: ArrayLike, model: ArrayLike
     ) -> np.int64 | Int64[np.ndarray, "..."]:
-        """Return the candidate with these factors, -1 for none. Arrays of indices give an array."""
+        """Return the candidate with these factors, -1 for none."""
         factors = np.broadcast_arrays(mount, height, heading, tilt, model)
         inside = np.logical_and.reduce([(f >= 0) & (f < n) for f, n in zip(factors, self.shape, strict=True)])
         if not len(self):
@@ -179,7 +179,7 @@ def aims(sensors: Sequence[Sensor]) -> tuple[Float64[np.ndarray, " n"], Float64[
 
 
 def aim_sensor(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: float, tilt: float) -> Sensor:
-    """Return the sensor at another position and aim, without roll. Angles are as in `aims`."""
+    """Return the sensor at another position and aim."""
     x, y, z = position.tolist()
     return replace(sensor, pose=pose(x, y, z, yaw=heading, pitch=tilt) @ sensor.model.body_SE3_sensor)
 
@@ -201,7 +201,7 @@ def fit_together(
 def room_beside(
     candidates: Candidates, row: Bool[np.ndarray, " C"], sent: Float64[np.ndarray, " C"] | None = None
 ) -> Bool[np.ndarray, " C"]:
-    """Tell which candidates have room beside a set. sent: as of `fit_together`."""
+    """Tell which candidates have room beside a set."""
     count = np.bincount(candidates.mount[row], minlength=len(candidates.mounts))
     room = np.asarray((count < candidates.places)[candidates.mount] & ~row)
     if sent is None or not candidates.several:

@@ -214,7 +214,7 @@ def _sees_area(
 
 
 def _names(mounts: Sequence[Mount], mounted: np.ndarray, axes: Axes, factors: np.ndarray) -> list[str]:
-    """Names such as post07_6.0m_h90_t15_camera: mount, height, heading and tilt (degrees), model."""
+    """Names such as post07_6.0m_h90_t15_camera."""
     heights, place = np.unique(mounted[factors[:, 0], factors[:, 1]], return_inverse=True)
     height, heading, tilt = _format(heights, 1), *(_format(np.rad2deg(x), 0) for x in (axes.headings, axes.tilts))
     kinds = [model.kind for model in axes.models]

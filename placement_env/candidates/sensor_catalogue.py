@@ -46,7 +46,7 @@ class SensorCatalogue:
     digest: str = ""
 
     def get_name(self, model: SensorModel) -> str:
-        """Return the catalogue's name of a model. Raises ValueError for an unknown model."""
+        """Return a model's catalogue name. Raises ValueError if unknown."""
         for each in self.models:
             if each.model == model:
                 return each.name

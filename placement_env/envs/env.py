@@ -80,7 +80,7 @@ class Task:
         raise NotImplementedError
 
     def running(self) -> Task:
-        """Return the task. Raises ResetNeeded where an episode has not started."""
+        """Return the task. Raises ResetNeeded before the first `reset`."""
         if not self.state.ready:
             raise ResetNeeded("no episode has started: call reset() first")
         return self
@@ -197,7 +197,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, _batch_info(info, mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
-        """Take an action in every episode. One that has ended starts anew and ignores its action."""
+        """Take an action in every episode."""
         rewards, terminated, truncated = self.task.step(~self._ended, self.task.read_actions(actions))
         rewards = rewards.copy()
         if self._ended.any():
@@ -234,7 +234,7 @@ def _first_info(info: Info) -> Info:
 
 
 def _batch_info(info: Info, rows: np.ndarray) -> Info:
-    """Info as in Gymnasium's vector environments. Beside each key stand the episodes that it is for."""
+    """Info as in Gymnasium's vector environments."""
     whole: Info = {}
     for key, value in info.items():
         whole[key] = _batch_info(value, rows) if isinstance(value, dict) else value

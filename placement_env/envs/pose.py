@@ -62,7 +62,7 @@ class Rig:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _PoseEpisode(Episode):
-    """Start of an episode, and sensors that move at a site in its traffic."""
+    """Episode of sensors that move at a site."""
 
     preparation: Preparation
     rig: Rig

@@ -1,4 +1,4 @@
-"""Pictures of a set of sensors, and a summary in text."""
+"""Pictures and text summaries of a set of sensors."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _draw_strips(figure: Figure, scale: float) -> Axes:
 
 
 def summary(objective: Objective, members: list[int]) -> str:
-    """Describe site, scheme, chosen sensors and their score in a few lines."""
+    """Describe site, scheme, chosen sensors and their score."""
     score = objective.score(members)
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
     return (

@@ -149,7 +149,7 @@ class Sites:
         return self._known[index]
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Return the number of a site, drawn for None. A new site joins the others."""
+        """Return the number of a site."""
         if site is None:
             return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
         for index, (given, known) in enumerate(zip(self._given, self._known, strict=True)):

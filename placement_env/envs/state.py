@@ -51,7 +51,7 @@ class State:
         self.illegal, self.repeated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
 
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
-        """Start new episodes in some rows. Sensors that stand from the start are scored."""
+        """Start new episodes in some rows."""
         self.budget[rows] = [episode.budget for episode in episodes]
         self.max_steps[rows] = STEPS * self.budget[rows] if self._max_steps is None else self._max_steps
         self.chosen[rows] = self.illegal[rows] = self.repeated[rows] = False
@@ -127,7 +127,7 @@ class State:
         return whole
 
     def info(self) -> Info:
-        """Return the info, an array (n, ...) for each key. `reward_terms` is a dictionary of these."""
+        """Return the info, an array (n, ...) for each key."""
         scores, (comm, price) = self.scores, self._weights
         terms = {"ap": scores.ap.copy(), "comm": 0 - comm * scores.kbit_per_sensor, "price": 0 - price * scores.price}
         info: Info = {

@@ -62,7 +62,7 @@ class Measured(Protocol):
         """Digest of everything behind the measurements except the sensors."""
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of candidate c in frame k, with noise. They lie inside the crop."""
+        """Noisy points of candidate c in frame k, inside the crop."""
 
     def objects(self, k: int) -> Objects:
         """All objects present in frame k."""
@@ -204,7 +204,7 @@ class Detected:
         frames: Sequence[int],
         progress: Callable[[int], None] | None = None,
     ) -> dict[tuple[int, ...], list[Outcome]]:
-        """Outcome of each set (ascending indices) in each frame, from the memo, or computed and kept."""
+        """Outcome of each set in each frame, computed once."""
         kept: dict[tuple[int, ...], list[Outcome | None]] = {}
         for chosen in sets:
             found = self.memo.get([self._outcome_key(chosen, k) for k in frames])
@@ -220,7 +220,7 @@ class Detected:
         return {chosen: [outcome for outcome in row if outcome is not None] for chosen, row in kept.items()}
 
     def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
-        """Detections of a set (ascending indices) in frame k, in the order of its `Outcome`."""
+        """Detections of a set in frame k, as in `Outcome`."""
         frame = _FrameDetections(self, k)
         found = frame.fused(chosen).detections
         self.memo.put(frame.new)
@@ -279,7 +279,7 @@ class Detected:
 
 @dataclass(frozen=True)
 class _Scoring:
-    """Outcomes of some sets in one frame, and the detections that were not kept yet."""
+    """Outcomes and new detections of some sets in one frame."""
 
     rules: Detected
 

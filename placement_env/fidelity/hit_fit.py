@@ -133,7 +133,7 @@ class _Fitting:
 
 
 def _draw(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weights]:
-    """Sites drawn with replacement. In each of them blocks of frames and sets are drawn too."""
+    """Sites drawn with replacement, with their blocks and sets."""
 
     def draw(total: int, count: int) -> np.ndarray:
         return rng.multinomial(total, np.full(count, 1 / count)) if count else np.zeros(0, np.int64)

@@ -63,7 +63,7 @@ def look_at(
 
 
 class _Scene:
-    """Sensors of a block at the empty site. It has buffers for one frame."""
+    """Sensors of a block at the empty site."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self._site, self._crop = site, Crop.of(site)

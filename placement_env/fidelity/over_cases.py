@@ -18,7 +18,7 @@ _Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
 
 @dataclass(frozen=True)
 class ProfileFidelities:
-    """Fidelities at one error profile, of all traffic, and of each level and IoU threshold."""
+    """Fidelities at one error profile."""
 
     whole: Fidelity
     levels: tuple[tuple[Fidelity, ...], ...]
@@ -66,7 +66,7 @@ class CasesFidelity:
         return Estimate(*self._over_profiles(found, [each.ap for each in found]))
 
     def _over_profiles(self, found: list[_Estimated], ap: list[np.ndarray]) -> list[np.ndarray]:
-        """Figures over the error profiles, each set's by its share of each profile."""
+        """Figures over the error profiles, weighed by set."""
         shares = self.cases.shares(np.stack(ap))  # (profile, set)
         figures = [np.stack(each) for each in zip(*found, strict=True)]
         return [(shares.reshape(*shares.shape, *[1] * (each.ndim - 2)) * each).sum(axis=0) for each in figures]
@@ -101,7 +101,7 @@ class CasesByFrames(CasesFidelity):
 
 
 def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
-    """Fidelity over the cases. A single case keeps its own fidelity."""
+    """Fidelity over the cases."""
     if cases.plain and len(profiles) == 1:
         return profiles[0].whole
     every = [each for profile in profiles for level in profile.levels for each in level]

@@ -36,7 +36,7 @@ UNSEEN_SPREAD = 1 / LOWEST - 1
 
 
 class PerceptionEntropy:
-    """Perception entropy by Ma, Liu and Li. It measures how well each vehicle is seen."""
+    """Perception entropy (Ma, Liu and Li): how well vehicles are seen."""
 
     name = "perception entropy"
 

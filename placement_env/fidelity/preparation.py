@@ -66,7 +66,7 @@ class Preparation:
 
     @cached_property
     def levels(self) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level that the setting requests. Empty where traffic is undivided."""
+        """Frames of each requested level; empty without levels."""
         count = self.setting.cases.levels
         return self.split(count) if count > 1 else ()
 
@@ -95,7 +95,7 @@ class Preparation:
 
     @cached_property
     def network(self) -> str:
-        """Name of the network that scores the candidates. It is the shipped network or its surrogate."""
+        """Name of the network that scores the candidates."""
         return find_network(self.setting.place, self.setting.pool.sensors)
 
     @cached_property
@@ -108,7 +108,7 @@ class Preparation:
         return {}
 
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
-        """Same traffic and network for other candidates, whose visibility is known, so that scores are comparable."""
+        """Same traffic and network for other candidates."""
         there = replace(self, setting=replace(self.setting, candidates=candidates))
         shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
         vars(there).update(shared, visibility=visibility)
@@ -158,7 +158,7 @@ class Preparation:
         return tuple(made)
 
     def detected(self, errors: ErrorProfile) -> Detected:
-        """Fidelity of the detector at one error profile. It uses the first IoU threshold."""
+        """Detector's fidelity at one error profile and IoU threshold."""
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 

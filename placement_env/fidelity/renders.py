@@ -75,7 +75,7 @@ class Renders:
         return make_key(*parts, *_beyond_noise(self.errors)).hex()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of candidate c in frame k. They are inside the crop, in the world frame."""
+        """Points of candidate c in frame k, world frame."""
         return frame_points(self._reading(k, c), area=self.site)[0] if self._whole else self._measure(k, c)[0]
 
     def captured(self, k: int, c: int) -> Captured:
@@ -131,7 +131,7 @@ class Renders:
         return packed
 
     def _kept(self, c: int) -> _Packed:
-        """Kept render of a candidate. A missing or damaged one is rendered."""
+        """Kept render of a candidate, rendered anew if damaged."""
         if self._cache is None:
             return self._render(c)
         sensor, kind = self.sensors[c], "whole render" if self._whole else "render"
@@ -170,7 +170,7 @@ class Renders:
 
 
 class Recorded:
-    """Measurements of a recording. They are the same points, to the bit, as `toolkit.detection.evaluation` gets."""
+    """Measurements of a recording."""
 
     def __init__(
         self, recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS
@@ -194,7 +194,7 @@ class Recorded:
         return sha.hexdigest()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Points of sensor c in frame k. They are inside the crop, in the world frame."""
+        """Points of sensor c in frame k, world frame."""
         return frame_points(self._frame(k), [c], area=self.site)[0]
 
     def captured(self, k: int, c: int) -> Captured:
@@ -241,7 +241,7 @@ def _find_changes(still: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _beyond_noise(errors: ErrorProfile) -> list[str]:
-    """Part of a key that errors add. Empty where only the sensors' own noise applies."""
+    """Part of a key that errors add."""
     return [] if only_own_noise(errors) else [errors.digest, code_digest(*errors.modules)]
 
 

@@ -71,11 +71,11 @@ class Surrogate:
         self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Expected AP and recall of each set. Several classes are combined; 0 without an object."""
+        """Expected AP and recall of each set."""
         return self.by_class(subsets).combined(self.classes).without_nan()
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
-        """Expected AP and recall of each class. NaN where the class has no objects."""
+        """Expected AP and recall of each class; NaN without objects."""
         ap, recall = np.stack([part.expected(subsets) for part in self._parts], axis=2)
         return ClassEstimates(ap, recall, self._sent.kbit(subsets))
 

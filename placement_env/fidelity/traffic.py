@@ -1,4 +1,4 @@
-"""`Traffic`: the frames that judge every sensor set. They are the same for all sensors."""
+"""`Traffic`: the frames that judge every sensor set."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FRAMES = 200
 
 @dataclass(frozen=True, eq=False)
 class Traffic:
-    """Frames of traffic on a site. snapshots: the frames; bodies: used by the counts in `Snapshot.bodies`."""
+    """Frames of traffic on a site."""
 
     site: Site
     bodies: tuple[Body, ...]
@@ -74,7 +74,7 @@ def simulate_traffic(
 
 @lru_cache(maxsize=2)
 def build_renderer(traffic: Traffic) -> Renderer:
-    """Renderer of the traffic's site and bodies, without sensors, built once: assembling is slow."""
+    """Renderer of the traffic's site and bodies, built once."""
     from toolkit.rendering.renderer import Renderer
 
     return Renderer(traffic.site, traffic.bodies, (), threads=1)

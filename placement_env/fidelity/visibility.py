@@ -63,7 +63,7 @@ class Visibility:
 
     @staticmethod
     def unseen(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int]) -> Visibility:
-        """Objects of some classes (numbers) in traffic, before anything is seen of them."""
+        """Objects of some classes in traffic, all unseen."""
         objects = [each.objects[scored(each.objects, traffic.site, labels)] for each in traffic.snapshots]
         nothing = np.zeros((2, len(sensors), len(objects)), np.float32)
         return _join(sensors, objects, [np.zeros((len(sensors), len(each))) for each in objects], *nothing)

@@ -135,7 +135,7 @@ def unused_mounts(candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor
 def _sensors(
     candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor]
 ) -> tuple[tuple[Sensor, ...], tuple[Mount, ...]]:
-    """Sensors of the set, with their names in files, and their mounts."""
+    """Sensors of the set, their file names and mounts."""
     members = np.asarray(chosen, np.int64)
     if len(moved) not in (0, len(members)):
         raise ValueError(f"moved must hold the {len(members)} chosen sensors, got {len(moved)}: pass one for each")

@@ -75,13 +75,13 @@ def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
 
 
 def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
-    """AP left when sensors fail (hatched), beside the AP of the whole set."""
+    """AP left when sensors fail, beside the whole set's."""
     rows = [("all work", intact), *((f"without {set_label(each.failed)}", each.judged) for each in failures)]
     return interval_bars(rows, "What is left when sensors fail", alt="AP left when sensors fail", hatched=True)
 
 
 def link_chart(links: Sequence[LinkLoad]) -> str:
-    """Mbit/s of each link against its capacity, in the average and the largest frame."""
+    """Mbit/s of each link against its capacity."""
     with house_style():
         text = f"{RATE:g} frames a second; bar: mean, line: largest frame, upright: capacity of the link"
         figure, axes = row_axes("Load of the links", text, [each.pole for each in links], right=2.3)
@@ -202,7 +202,7 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
 
 
 def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) -> None:
-    """Draw the interactions as cells with their figures. Below 0 is blue, above orange."""
+    """Draw the interactions as cells with their figures."""
     if not worth:
         return
     pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth])

@@ -84,7 +84,7 @@ class BreakdownRow:
 
 @dataclass(frozen=True)
 class ClassSeen:
-    """Coverage of one class: share of its road users with at least `least_points` points."""
+    """Coverage of one class."""
 
     label: str
     objects: int
@@ -104,7 +104,7 @@ class ClassAP:
 
 @dataclass(frozen=True)
 class SchemeFigures:
-    """The chosen set under one fusion scheme, at one IoU or averaged over several."""
+    """The chosen set under one fusion scheme."""
 
     scheme: str
     iou: IoUs

@@ -182,7 +182,7 @@ class HalvedViews:
         self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Return the mean of each set as AP and recall. kbit are 0."""
+        """Return the mean of each set as AP and recall."""
         worth = np.zeros(len(subsets))
         for block, views in self._sums.blocks(subsets):
             worth[block] = (1 - 0.5 ** views.astype(np.float64)).mean(axis=1)

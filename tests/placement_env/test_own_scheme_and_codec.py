@@ -183,7 +183,7 @@ def test_evaluation_takes_both_and_what_arrives_is_let_through(recording, detect
     assert 0 < rows[0].recall <= rows[1].recall
     assert 0 < rows[0].kbit_per_sensor < rows[1].kbit_per_sensor < plain[0].kbit_per_sensor
     assert rows.provenance["codec"] == codec.digest
-    assert rows.provenance["schemes"]["thinned"] == Thinned().digest
+    assert dict(rows.provenance["schemes"])["thinned"] == Thinned().digest
     with pytest.raises(ValueError, match="two schemes are called 'hybrid'"):
         evaluate_recording(recording, detector, Comparison(schemes=["hybrid", Hybrid(radius=9.0)]))
     assert survey(recording, codec=codec).kbit_per_sensor.mean() == pytest.approx(rows[1].kbit_per_sensor)

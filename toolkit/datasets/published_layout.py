@@ -203,13 +203,13 @@ def measured(
 
 
 def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """Round a measurement to `DEPTH_STEP`; NaN and infinity, which mean no return, become 0."""
+    """Round a measurement to `DEPTH_STEP`; no return becomes 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
 
 
 def moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Transform points (n, 3) by a 4×4 matrix, which may mirror them."""
+    """Transform points (n, 3) by a 4×4 matrix."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 

@@ -131,7 +131,7 @@ class _Job:
     fleet: Fleet | None
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
-        """Return the function that makes a recording. There is nothing to prepare."""
+        """Return the function that makes a recording."""
 
         def make(number: int) -> Iterator[bytes]:
             try:

@@ -38,7 +38,7 @@ class Reads:
         return total
 
     def profile(self) -> ErrorProfile:
-        """Return the error profile. Raises ValueError for an unknown one, and for errors without a seed."""
+        """Return the error profile. Raises ValueError."""
         errors = get_profile(self.errors)
         check_drawn(errors, self.noise_seed)
         return errors

@@ -234,14 +234,14 @@ def labelled(
 
 
 def move_boxes(target_SE3_source: Float64[np.ndarray, "4 4"], boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
-    """Boxes of the source frame in the target frame, upright. Invalid numbers give no warnings."""
+    """Boxes of the source frame in the target frame."""
     with np.errstate(all="ignore"):
         centres = transform(target_SE3_source, boxes[:, :3])
         return np.column_stack([centres, boxes[:, 3:6], heading(target_SE3_source, boxes[:, 6])])
 
 
 def list_rows(objects: Objects, names: Mapping[str, str]) -> list[tuple[list[float], str, int]]:
-    """Box, name and track of each object, to be written. names: by class."""
+    """Box, name and track of each object to write."""
     rows = zip(objects.boxes.tolist(), objects.labels.tolist(), objects.ids.tolist(), strict=True)
     return [(box, names[LABELS[label]], track) for box, label, track in rows]
 
@@ -252,7 +252,7 @@ def no_labels() -> Labelled:
 
 
 def add_problem(problems: Problems, kind: str, number: int) -> None:
-    """Add to the count of a kind of problem. Adding zero changes nothing."""
+    """Add to the count of a kind of problem."""
     if number:
         problems[kind] = problems.get(kind, 0) + number
 

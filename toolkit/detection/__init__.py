@@ -1,1 +1,1 @@
-"""Detection by several sensors. Fusion schemes, the clustering detector, metrics and evaluation."""
+"""Detection by several sensors."""

@@ -1,4 +1,4 @@
-"""Provenance of figures, for every result file. Data, detector, settings and version."""
+"""Provenance of figures: data, detector, settings and version."""
 
 from __future__ import annotations
 

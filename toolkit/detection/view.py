@@ -163,7 +163,7 @@ class View:
         return self._clouds[sensor, ()]
 
     def part(self, cloud: Cloud, name: str, keep: Keep) -> Cloud:
-        """Keep the points of a cloud that `keep` selects. name: says all that this depends on."""
+        """Keep the points of a cloud that `keep` selects."""
         key = cloud.sensor, (*cloud.history, name)
         if key not in self._clouds:
             start = perf_counter()

@@ -165,7 +165,7 @@ def north(site: Site) -> Float64[np.ndarray, "2"]:
 
 
 def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left and upper right corner of the area and the places, with a margin."""
+    """Corners of the area and the places, with a margin."""
     low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
     if holds is not None and len(holds):
         low, high = np.minimum(low, holds.min(axis=0) - AROUND / 2), np.maximum(high, holds.max(axis=0) + AROUND / 2)

@@ -74,7 +74,7 @@ def house_style() -> Iterator[None]:
 
 
 def blank_figure(width: float, height: float, *, constrained: bool = False) -> Figure:
-    """Figure of this size (inches) without a window. constrained: its axes make room for their texts."""
+    """Figure of this size (inches) without a window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -132,7 +132,7 @@ def svg_text(figure: Figure, title: str = "") -> str:
 
 
 def draw_heading(figure: Figure, title: str, subtitle: str) -> None:
-    """Write a chart's title at the top left, and its subtitle below."""
+    """Write a chart's title and subtitle at the top left."""
     _, height = figure.get_size_inches()
     figure.text(0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center")
     figure.text(0.015, 1 - 0.47 / height, plain(subtitle), fontsize=8.5, va="center")
@@ -149,7 +149,7 @@ def pad_limits(values: Sequence[float]) -> tuple[float, float]:
 
 
 def plain(text: str) -> str:
-    """Replace characters that cannot be printed, such as line ends, by spaces."""
+    """Replace unprintable characters by spaces."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 

@@ -23,7 +23,7 @@ FEW = 100.0  # points on an object; the axis is linear up to here
 def draw_pr_curves(
     curves: Mapping[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]], out: Path | str, *, title: str = ""
 ) -> None:
-    """Draw precision over recall. curves: maps a legend entry to (recall, precision)."""
+    """Draw precision over recall."""
     axes: PlotStyle = {"xlabel": "recall", "ylabel": "precision", "xlim": (0, 1.01), "ylim": (0, 1.01)}
     _draw_curves(curves, out, title or "Precision over recall", axes)
 
@@ -93,7 +93,7 @@ def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
 
 
 def name_curves(axes: Axes, names: Sequence[str]) -> None:
-    """Name the lines of the axes in a legend below, where it covers none of them."""
+    """Name the lines of the axes in a legend below."""
     if names:
         shown, lines = [shorten(name, 80) for name in names], axes.get_lines()[: len(names)]
         add_legend(axes.figure, lines, shown, loc="outside lower left", handlelength=3.4)

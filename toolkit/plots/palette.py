@@ -38,7 +38,7 @@ Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]
 
 
 class LineStyle(NamedTuple):
-    """Outline style and mark of one outcome. order: matplotlib's z order."""
+    """Outline style and mark of one outcome."""
 
     colour: str
     line: Dashes
@@ -64,7 +64,7 @@ VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 
 
 
 def sensor_colour(index: int) -> str:
-    """Colour of a sensor's points in every picture. Sensors `len(SENSORS)` apart share one."""
+    """Colour of a sensor's points in every picture."""
     return SENSORS[index % len(SENSORS)]
 
 

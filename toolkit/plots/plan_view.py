@@ -120,7 +120,7 @@ def draw_frame(
 
 
 def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
-    """Legend entries of sensors whose discs carry numbers. Discs with names need none."""
+    """Legend entries of sensors drawn as numbered discs."""
     from matplotlib.lines import Line2D
 
     names, entries = [sensor.name for sensor in sensors], list[Entry]()
@@ -133,7 +133,7 @@ def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
 
 
 def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
-    """Legend entries of poles, with their numbers. used, unused: number of poles with and without sensors."""
+    """Legend entries of poles, with their numbers."""
     from matplotlib.lines import Line2D
 
     kinds = ((used, True, "pole with a sensor"), (unused, False, "pole without a sensor" if used else "pole"))
@@ -141,7 +141,7 @@ def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
 
 
 def ground_entries(site: Site) -> list[Entry]:
-    """Legend entries of the ground and the area's outline. Each kind of ground has one."""
+    """Legend entries of the ground and the area's outline."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

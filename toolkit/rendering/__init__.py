@@ -1,1 +1,1 @@
-"""Ray casting: the static scene, moving bodies, silhouettes. The only ray caster of the house."""
+"""Ray casting: static scene, moving bodies, silhouettes."""

@@ -177,13 +177,13 @@ class Renderer:
         return Renderer, self._arguments
 
     def looking(self, sensors: Sequence[Sensor]) -> Renderer:
-        """Renderer of other sensors at the same site; the scenes are shared."""
+        """Renderer of other sensors at the same site."""
         other = self._with(sensors=tuple(sensors))
         other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
         return other
 
     def of(self, bodies: Sequence[Body]) -> Renderer:
-        """Renderer of other bodies; the static scene is not cast again."""
+        """Renderer of other bodies at the same site."""
         other = self._with(bodies=tuple(bodies), _scenes=OrderedDict())
         other._measure_bodies()
         return other
@@ -308,6 +308,6 @@ class Renderer:
 
 @lru_cache(maxsize=64)
 def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4"]:
-    """Rays with a one appended: one product gives start and direction."""
+    """Rays with a one appended."""
     rays = model.rays()
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)

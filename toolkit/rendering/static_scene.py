@@ -64,7 +64,7 @@ def ground(site: Site) -> Mesh:
 
 
 def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
-    """Squares in and about the area, growing with the distance from it, as shapely boxes."""
+    """Squares in and about the area, as shapely boxes."""
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
     outside = FINE + steps[steps < FAR]
 
@@ -90,7 +90,7 @@ def _building(solid: Solid, rng: np.random.Generator) -> Mesh:
 
 
 def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
-    """Wall from start to end, seen from the right, with windows that fit."""
+    """Wall from start to end with windows that fit."""
     length = float(np.hypot(*(end - start)))
     bays, storeys = int(length // _BAY), max(int((top - base - 0.3) // _STOREY), 0)
     middles = (np.arange(bays) + 0.5) * length / max(bays, 1)
@@ -139,7 +139,7 @@ def _bush(solid: Solid, rng: np.random.Generator) -> Mesh:
 
 
 def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
-    """Sprays of leaves, most near the outline, so that some rays pass."""
+    """Sprays of leaves, most near the outline."""
     polygon = shapely.Polygon(solid.footprint)
     height = solid.top - solid.base
     count = max(12, round(LEAVES * (polygon.length * height + polygon.area)))

@@ -136,7 +136,7 @@ def concatenate_strips(parts: list[Strips]) -> Strips:
 
 
 def find_sectors(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], fine: Bool[np.ndarray, " n"]) -> Sectors:
-    """Sector of each object, viewpoint after viewpoint. fine: objects seen at `STRIP_WIDTH`, the others at `COARSE`."""
+    """Sector of each object, viewpoint after viewpoint."""
     if not len(ground.low) or not len(viewpoints):
         whole, real = np.zeros(0, np.int64), np.zeros(0)
         return Sectors(whole, whole, real, real, whole, real)
@@ -300,7 +300,7 @@ def may_hide(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], sectors
 
 
 def find_touching(ground: Footprints) -> Bool[np.ndarray, " n"]:
-    """Mask of objects whose footprint's rectangle meets another one (the separating axis theorem)."""
+    """Mask of objects whose footprint's rectangle meets another one."""
     half, cos, sin = ground.rectangles[:, 2:4], ground.rectangles[:, 4], ground.rectangles[:, 5]
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
     offset = ground.rectangles[None, :, :2] - ground.rectangles[:, None, :2]

@@ -20,7 +20,7 @@ _Import = tuple[str, str]  # a module, and a name asked of it or ""
 
 @cache
 def code_digest(*modules: str) -> str:
-    """SHA-256, computed once, over all source that `modules`, also a user's own, run, and library versions."""
+    """SHA-256 over the source that `modules` run."""
     return digest_of_source(modules)
 
 
@@ -68,7 +68,7 @@ def _is_ours(module: str) -> bool:
 
 
 def _file(module: str, top: Path) -> Path | None:
-    """Source file of a module, below `top` or where it was loaded from."""
+    """Source file of a module."""
     if not _is_ours(module):
         loaded = getattr(sys.modules.get(module), "__file__", None)
         return Path(loaded) if loaded and loaded.endswith(".py") else None
@@ -104,7 +104,7 @@ def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Impo
 
 @cache
 def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
-    """Modules from which a face, or its stub, imports `name`, or all for a star."""
+    """Modules from which a face imports `name`."""
     offered: dict[str, _Import] = {}
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):

@@ -28,7 +28,7 @@ DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write a whole file, replacing an old one. Raises OSError on failure."""
+    """Write a whole file. Raises OSError on failure."""
     with writing(path) as unfinished:
         unfinished.write_bytes(content)
 

@@ -95,7 +95,7 @@ def _work_on_ray(shared: list[Value], x: Value) -> Value:
 
 
 def _connect(address: str) -> Value:
-    """Ray, connected until this process ends or needs another cluster. The caller's own connection stays."""
+    """Ray, connected until this process ends or changes cluster."""
     global _address
     try:
         ray: Value = import_module("ray")
@@ -268,7 +268,7 @@ class _Pool:
         return self._executor.submit(_work, x)
 
     def end(self, at_once: bool = False) -> None:
-        """End the processes, in the middle of their work if `at_once`."""
+        """End the processes, in mid-work if `at_once`."""
         if self.idle:
             self.idle.cancel()
         if at_once:

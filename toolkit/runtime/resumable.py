@@ -54,7 +54,7 @@ class ShardFolder:
     plan: Plan
 
     def open(self, overwrite: bool) -> None:
-        """Make the folder, or continue in it. Raises FileExistsError for shards of another plan."""
+        """Make the folder, or continue in it. Raises FileExistsError."""
         note, found = self.path / "plan.json", None
         with suppress(FileNotFoundError, ValueError):
             found = json.loads(note.read_text())
@@ -111,7 +111,7 @@ class ShardFolder:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Keep a second run out; the lock ends with the process."""
+        """Keep a second run out until this process ends."""
         self.path.mkdir(parents=True, exist_ok=True)
         with (self.path / "lock").open("w") as lock:
             if fcntl is not None:
@@ -175,7 +175,7 @@ def describe_differences(found: Plan, asked: Plan) -> str:
 
 @dataclass
 class _ShardJob(Generic[_Item]):
-    """Job of making a block's shard; it prepares once per process."""
+    """Job of making a block's shard."""
 
     work: Work[_Item]
     folder: ShardFolder | None  # None on a Ray cluster, whose machines need not see it

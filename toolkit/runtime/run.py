@@ -90,7 +90,7 @@ class Run(Processes):
 
     @cached_property
     def memo(self) -> Cache | None:
-        """The one file of the cache's folder, opened once; None without a folder."""
+        """The cache's one file; None without a folder."""
         from toolkit.runtime.cache import Cache
 
         return None if self.cache is None else Cache(self.cache / "cache.sqlite")

@@ -1,1 +1,1 @@
-"""Sensors: models behind the `SensorModel` protocol, and errors of real ones."""
+"""Sensors: models, and errors of real ones."""

@@ -269,7 +269,7 @@ def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"
 
 @dataclass(frozen=True)
 class OwnNoise(_Term):
-    """Noise of the sensor's model: 1.5 cm for the paper's cameras. Drawn as by `toolkit.datasets.dataset.noisy`."""
+    """Noise of the sensor's model, as in a dataset."""
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
         """Add the model's noise."""
@@ -291,7 +291,7 @@ class RangeNoise(_Term):
             raise ValueError(f"measures must be depth, range or None for all sensors, got {self.measures!r}")
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Add noise; measurements at or behind the sensor are no return."""
+        """Add noise; nothing returns from at or behind the sensor."""
         if self.measures not in (None, reading.truth.sensor.model.measures):
             return reading
         if not (self.constant or self.proportional or self.quadratic):
@@ -391,7 +391,7 @@ class Paint(_Term):
 
 
 def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """Distance (m) from pixels on objects to where their rays leave the box."""
+    """Distance (m) that each ray travels through its box."""
     boxes = truth.objects.boxes[truth.owners.ravel()[pixels]]
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -422,7 +422,7 @@ class Weather(_Term):
             raise ValueError("share of Weather must be below 1, got 1: nothing else would ever be seen")
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Lose returns on their way, and add returns from the air."""
+        """Lose returns on their way; add returns from air."""
         if not (self.extinction or self.share):
             return reading
         rng, truth = draws.of_frame(), reading.truth

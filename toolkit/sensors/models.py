@@ -99,7 +99,7 @@ class DepthCamera(_Noisy):
         return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
 
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
-        """Ray per measured pixel: ((u - cu) / f, (v - cv) / f, 1)."""
+        """Ray per pixel: ((u - cu) / f, (v - cv) / f, 1)."""
         return _camera_rays(self)
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
@@ -111,7 +111,7 @@ class DepthCamera(_Noisy):
         return in_columns & in_rows & (z > 0) & (z < self.max_range)
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Rectangles around the part of each box in front of the camera."""
+        """Rectangles around the visible part of each box."""
         start, end = sensor_corners[:, _PAIRS[:, 0]], sensor_corners[:, _PAIRS[:, 1]]
         rise = end[..., 2:] - start[..., 2:]
         share = (NEAR - start[..., 2:]) / np.where(rise == 0, np.inf, rise)
@@ -160,7 +160,7 @@ def unit_rays(
 
 
 def in_grid(grid: AngleGrid, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-    """Mask of points between first and last row and column, in range."""
+    """Mask of points inside the grid and in range."""
     x, y, z = np.moveaxis(points, -1, 0)
     across = np.hypot(x, y)
     elevation = np.arctan2(z, across)
@@ -188,12 +188,12 @@ def grid_windows(grid: AngleGrid, sensor_corners: Float64[np.ndarray, "n 8 3"]) 
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Half the apparent angle of a sphere; a full turn from inside."""
+    """Half the apparent angle of a sphere."""
     return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
 
 
 class _Lidar(_Noisy):
-    """Rays of a lidar on a grid of angles about `heading`, and ranges with normal noise."""
+    """Rays of a lidar on a grid of angles."""
 
     measures: ClassVar[Measure] = "range"
     heading = 0.0
@@ -227,7 +227,7 @@ class _Lidar(_Noisy):
         return unit_rays(self._grid)
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Mask of points between the outermost rows and columns, in range."""
+        """Mask of points inside the rows, columns and range."""
         return in_grid(self._grid, self._ahead(points))
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
@@ -339,7 +339,7 @@ class RowLidar(_Lidar):
         return len(self.elevations), self.columns
 
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
-        """Unit ray per row and azimuth, sensor frame; columns from the right to the left."""
+        """Unit ray per row and azimuth, sensor frame."""
         return unit_rays(self._grid, self.elevations, self.heading)
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
@@ -395,7 +395,7 @@ def find_model(name: str) -> SensorModel:
 
 
 def find_model_class(name: str) -> type[Any]:
-    """Find the class of a model by name. Raises ValueError that lists all."""
+    """Find a model's class. Raises ValueError that lists all."""
     if name_in_words(str(name)) not in MODELS:
         raise ValueError(f"unknown sensor model {str(name)[:60]!r}: choose among {', '.join(class_names())}")
     return MODELS[name_in_words(str(name))]

@@ -48,7 +48,7 @@ class Draws:
         return np.random.default_rng([self.seed, _POLE, x, y, self.term])
 
     def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """Number of [0, 1) for each track id, the same everywhere."""
+        """Number in [0, 1) for each track id."""
         words = [self.seed, _OBJECT, self.term]
         drawn = [np.random.default_rng([*words, int(each) & 0xFFFFFFFFFFFFFFFF]).random() for each in ids.tolist()]
         return np.array(drawn, np.float64)
@@ -153,7 +153,7 @@ class Reading:
 
 
 def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
-    """Step from each point to its nearer neighbour along an axis, zero where neither returns."""
+    """Step from each point to its nearer neighbour."""
     step = np.diff(points, axis=axis)
     both = valid[:-1] & valid[1:] if axis == 0 else valid[:, :-1] & valid[:, 1:]
     length = np.where(both, np.linalg.norm(step, axis=2), np.inf)
@@ -175,4 +175,4 @@ class ErrorTerm(Protocol):
         """True if it depends on the speed of objects."""
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Apply the error; a term without strength returns the reading itself."""
+        """Apply the error."""

@@ -31,12 +31,12 @@ Deviation = np.ndarray | np.float32
 
 @runtime_checkable
 class SensorModel(Protocol):
-    """Rays, field of view and noise of a sensor, wherever it hangs."""
+    """Rays, field of view and noise of a sensor."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def __hash__(self) -> int:
-        """Hash by value: the rays of equal models are made once."""
+        """Hash by value, so that equal models share rays."""
 
     @property
     def kind(self) -> str:
@@ -78,7 +78,7 @@ class SensorModel(Protocol):
         """Add noise; no return stays none. See `with_noise`."""
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Mask of points of its frame in its field of view and range."""
+        """Mask of points in its field of view and range."""
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Rectangles of pixels (row, top, bottom, left, right) around boxes, given by corners in the sensor frame.
@@ -98,7 +98,7 @@ def is_return(measurement: Float[np.ndarray, "*shape"], max_range: float = np.in
 
 
 def with_noise(measurement: np.ndarray, model: SensorModel, rng: np.random.Generator) -> np.ndarray:
-    """Add normal noise of the model's deviation; no return stays none."""
+    """Add normal noise; no return stays none."""
     clean = np.asarray(measurement, np.float32)
     valid = is_return(clean, model.max_range)
     noise = rng.standard_normal(clean.shape, dtype=np.float32) * model.deviation(np.where(valid, clean, np.float32(0)))
@@ -106,7 +106,7 @@ def with_noise(measurement: np.ndarray, model: SensorModel, rng: np.random.Gener
 
 
 def nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Float64[np.ndarray, " n"]:
-    """Lower bound of the measurement (m) of any point of each box."""
+    """Lower bound of the measurement (m) of each box."""
     if model.measures == "depth":
         return (sensor_corners @ model.body_SE3_sensor[0, :3]).min(axis=1) - 1e-3
     _, radius, distance = bounding_spheres(sensor_corners)
@@ -147,7 +147,7 @@ def freeze(rays: np.ndarray) -> np.ndarray:
 
 
 def angle(default: float | tuple[float, ...]) -> Any:
-    """Declare a field that is an angle, or several. Radians here, degrees in a site's GeoJSON."""
+    """Declare angle fields: radians here, degrees in files."""
     return field(default=default, metadata={"unit": "rad"})
 
 

@@ -1,3 +1,3 @@
-"""Junctions: built-in, random and imported from maps. The built-in ones are `tjunction` and `roundabout`."""
+"""Junctions: built-in, random and imported from maps."""
 
 BUILT_IN = ("roundabout", "tjunction")

@@ -83,7 +83,7 @@ def document(site: Site) -> Json:
 
 
 def format_site(site: Site, *, without: Collection[str] = ()) -> str:
-    """Text of `document(site)`, one feature or network line a line. without: members to leave out."""
+    """Text of `document(site)`, a feature or network line each."""
     members = []
     for key, value in document(site).items():
         if key in ("features", "network") and value:
@@ -95,7 +95,7 @@ def format_site(site: Site, *, without: Collection[str] = ()) -> str:
 
 
 class _Node:
-    """JSON object and its path in the document, which errors name."""
+    """JSON object and its path in the document."""
 
     def __init__(self, value: JsonValue, path: str = "") -> None:
         if not isinstance(value, dict):

@@ -71,7 +71,7 @@ def plant(
 
 
 def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: np.random.Generator) -> list[Solid]:
-    """Draw a crown of 3 to 8 overlapping clumps within `radius` (m) and `levels` (m)."""
+    """Draw a crown of 3 to 8 overlapping clumps."""
     low, high = levels
     number = int(rng.integers(3, 9))
     around = rng.uniform(0, 2 * np.pi) + np.arange(number) * 2 * np.pi / number + rng.normal(0.0, 0.3, number)
@@ -120,7 +120,7 @@ def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: np.random.Generator) -> None:
-    """Place hedges or bushes in a ring with gaps. out: distance (m) from the middle."""
+    """Place hedges or bushes in a ring with gaps."""
     length, width, height = (float(rng.uniform(*between)) for between in ((1.0, 5.0), (0.6, 2.2), (0.5, 1.8)))
     step = (length + rng.uniform(0.1, 4.0)) / out
     turn, kept = rng.uniform(0, 2 * np.pi), rng.uniform(0.4, 1.0)
@@ -196,7 +196,7 @@ def _put_works(
 
 
 def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
-    """Barrier of two boards on feet, one above the other, along x."""
+    """Barrier of two boards on feet, along x."""
     top = float(rng.uniform(0.9, 1.2))
     levels = [round(top - below, 2) for below in (0.2, 0.6)]
     feet = [Solid(f.block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier") for k in (-1, 1)]
@@ -273,7 +273,7 @@ def furnish(
 
 
 def _bulky(plot: Plot, rng: np.random.Generator) -> None:
-    """Place up to 30 car-sized things behind or on the footway."""
+    """Place up to 30 car-sized things beside the footway."""
     behind = along(plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary.intersection(plot.window), 0.5)
     kerb = along(plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary.intersection(plot.window), 0.5)
     green = rng.uniform(0.2, 0.8)
@@ -286,7 +286,7 @@ def _bulky(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _houses(plot: Plot, rng: np.random.Generator) -> None:
-    """Place rows of houses along every leg, from the corner on."""
+    """Place rows of houses along every leg."""
     density, usual_height = rng.uniform(0.3, 0.95), rng.uniform(4.5, 16.0)
     for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
         line = shapely.LineString(path)

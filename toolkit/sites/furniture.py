@@ -42,7 +42,7 @@ def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
 def block(
     size: tuple[float, float], middle: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0
 ) -> Float64[np.ndarray, "4 2"]:
-    """Rectangle of a length and width (m) about `middle`. yaw: direction of its length."""
+    """Rectangle (m) about `middle`; yaw: direction of its length."""
     ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
     start, end = ((float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1))
     return bar(start, end, size[1])
@@ -246,7 +246,7 @@ def _column(rng: np.random.Generator) -> list[Solid]:
 
 
 def digger(rng: np.random.Generator) -> list[Solid]:
-    """Digger: tracks, a house with a cab, an arm. The arm is in front."""
+    """Digger: tracks, a house with a cab, an arm."""
     length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
     track, deck = round(0.2 * height, 2), round(0.55 * height, 2)
     sides = [Solid(block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine") for k in (-1, 1)]

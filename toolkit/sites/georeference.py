@@ -189,7 +189,7 @@ def mount_feature(site: Site, mount: Mount, **more: object) -> _Json:
 
 
 def feature_collection(features: Iterable[_Json], **members: object) -> str:
-    """Text of a FeatureCollection with a bbox, one feature a line."""
+    """Text of a FeatureCollection with a bbox."""
     kept = list(features)
     lines = ",\n".join(json.dumps(each, allow_nan=False, ensure_ascii=False) for each in kept)
     corners = np.array([shapely.bounds(shapely.geometry.shape(each["geometry"])) for each in kept]).reshape(-1, 4)

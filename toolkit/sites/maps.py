@@ -188,7 +188,7 @@ def free_bays(
     solids: Sequence[Solid],
     tracks: shapely.Geometry,
 ) -> Float64[np.ndarray, "n 3"]:
-    """Bays (x, y, yaw) in `window` that are free of solids and traffic."""
+    """Bays (x, y, yaw) in `window` without solids and traffic."""
     standing = unite(s.footprint for s in solids if s.kind not in ("island", "kerb"))
     tracks = tracks.buffer(-0.3)
     ground = [(bay, outline(bay, MAP_BAY)) for bay in bays]
@@ -198,14 +198,14 @@ def free_bays(
 
 
 def bays_along(middle: Float[np.ndarray, "k 2"], every: float = 6.4) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw in line along a parking lane's middle."""
+    """Bays x, y, yaw along a parking lane's middle."""
     line = shapely.LineString(middle)
     rows = place_along(line, np.arange(every / 2, line.length - every / 2, every), 0.5)
     return [(float(x), float(y), float(a)) for x, y, a in rows]
 
 
 def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
-    """Solids that neither touch `ours` nor belong to one that does."""
+    """Solids that do not touch `ours`, even through others."""
     shapes = [shapely.Polygon(s.footprint) for s in solids]
     groups = [shape for shape, s in zip(shapes, solids, strict=True) if s.kind != "island"]
     hit = shapely.union_all([g for g in shapely.get_parts(shapely.union_all(groups)) if g.intersects(ours)])

@@ -39,7 +39,7 @@ Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]
 def street(
     lanes: int = 1, *, width: float = 3.5, footway: float = 2.0, shoulder: float = 0.0, speed: float = 13.9
 ) -> list[XmlAttributes]:
-    """Lanes of one direction, from the kerb inwards: footway, shoulder without traffic, lanes. Widths in m."""
+    """Lanes of one direction, from the kerb inwards."""
     rows: list[XmlAttributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
     rows += [{"width": shoulder, "disallow": "all", "speed": speed}] if shoulder else []
     return rows + [{"width": width, "allow": MOTOR, "speed": speed} for _ in range(lanes)]

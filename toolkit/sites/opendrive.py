@@ -183,7 +183,7 @@ class MapLane:
 
 
 def roads_near(root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float) -> list[MapRoad]:
-    """Roads that reach into `window` near the height `level`. storey: largest difference of heights (m)."""
+    """Roads in `window` near the height `level` (m)."""
     found = []
     for road in map(read_road, root.iter("road")):
         s = np.linspace(0.0, road.length, int(road.length / 5.0) + 2)
@@ -310,7 +310,7 @@ class Standing:
 
 
 def read_standing(roads: Sequence[MapRoad]) -> Standing:
-    """Objects and signals of `roads`. Raises ValueError for a damaged number."""
+    """Objects and signals of `roads`. Raises ValueError if damaged."""
     found = Standing()
     for road in roads:
         for element in road.element.findall("objects/object"):
@@ -322,7 +322,7 @@ def read_standing(roads: Sequence[MapRoad]) -> Standing:
 
 
 def _signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """Post with a sign, or with a signal head if the signal is dynamic."""
+    """Post with a sign, or a signal head if dynamic."""
     x, y, heading = _place(road, number(element, "s"), number(element, "t"), number(element, "hOffset", 0.0))
     facing = heading + (np.pi if element.get("orientation", "+") == "+" else 0.0)
     is_head = element.get("dynamic") == "yes"
@@ -370,7 +370,7 @@ def _solids(road: MapRoad, element: ElementTree.Element, kind: str, usual: float
 
 
 def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float, float, float, float]]:
-    """Places of an object and its repeats: x, y, direction and height over the road."""
+    """Places of an object and its repeats."""
     turn = number(element, "hdg", 0.0) + (np.pi if element.get("orientation") == "-" else 0.0)
     repeats = element.findall("repeat")
     if not repeats:

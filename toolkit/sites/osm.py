@@ -271,14 +271,14 @@ def _above(tags: Tags) -> bool:
 
 
 def _crosses(bridge: Way, road: Way) -> bool:
-    """True if a bridge crosses a road. Crossings at a common node do not count."""
+    """True if a bridge crosses a road."""
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]
     return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
 
 
 def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
-    """Cut a way to its pieces within `window`, which get new nodes at its edge."""
+    """Cut a way to its pieces within `window`."""
     tags = _road_tags(way.tags, lefthand)
     step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
     line, nodes = way.line[::step], way.nodes[::step]
@@ -416,7 +416,7 @@ def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
 
 
 def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[tuple[float, float, float]]:
-    """Parking spaces of a car's size (x, y, yaw; amenity=parking_space) within `window`, off `road`."""
+    """Parking spaces (x, y, yaw) within `window`, off `road`."""
     found = []
     for shape, tags in extract.areas:
         if tags.get("amenity") != "parking_space" or not window.contains(shape) or road.intersects(shape):

@@ -111,7 +111,7 @@ def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
 
 
 def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
-    """Options of netconvert for the plain network in `folder` with strips."""
+    """Options of netconvert for a network with strips."""
     edges, connections = (ElementTree.parse(folder / f"plain.{kind}.xml") for kind in ("edg", "con"))
     first = {str(edge.get("id")): _widen(edge, found.get(str(edge.get("id")), Sides())) for edge in edges.iter("edge")}
     for connection in connections.iter("connection"):
@@ -127,7 +127,7 @@ def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
 
 
 def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw on a network's parking strips, as the map says."""
+    """Bays x, y, yaw on a network's parking strips."""
     found: list[tuple[float, float, float]] = []
     for street in _streets(network):
         inside = False
@@ -178,7 +178,7 @@ def _direction(line: shapely.LineString, at: float) -> Float64[np.ndarray, "2"]:
 
 
 def _angle(tags: Tags, side: str) -> Angle:
-    """Parking angle on one side of a road, left or right."""
+    """Parking angle on one side of a road."""
 
     def said(key: str, rest: str = "") -> str:
         return (tags.get(f"{key}:{side}{rest}") or tags.get(f"{key}:both{rest}") or "").strip().lower()

@@ -191,7 +191,7 @@ def _directions(rng: np.random.Generator, count: int) -> Float64[np.ndarray, " n
 
 
 def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
-    """Draw legs along `directions`, gently bent. At most one of them is one-way."""
+    """Draw legs along `directions`, gently bent."""
     lane, footway = rng.uniform(3.0, 3.75), rng.uniform(1.5, 4.0)
     one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
     usual = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))

@@ -1,1 +1,1 @@
-"""Traffic: SUMO, the spawner, parked vehicles, and snapshots of all of them."""
+"""Traffic: SUMO, the spawner, parked vehicles, snapshots."""

@@ -118,7 +118,7 @@ class Lane:
     following: tuple[str, ...]
 
     def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
-        """Points of the middle line, `offset` (m, in SUMO's length of the lane) from its start."""
+        """Points of the middle line, `offset` (m) from its start."""
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.shape, axis=0).T))])
         stretched = offset * along[-1] / self.length
         return np.stack([np.interp(stretched, along, self.shape[:, axis]) for axis in (0, 1)], axis=-1)
@@ -318,14 +318,14 @@ class Spawner:
                 self.domains[spawned.walks].remove(str(name))
 
     def count_frame(self, ids: Int64[np.ndarray, " n"]) -> None:
-        """Count a frame for objects that were seen; remove those at their last."""
+        """Count a frame; remove objects at their last."""
         seen = [name for name in ids.tolist() if name in self.spawned]
         for name in seen:
             self.spawned[name].frames += 1
         self.remove(np.array([name for name in seen if self.spawned[name].frames >= LIFE], np.int64))
 
     def _spawn(self) -> None:
-        """Fill up to `most`. Objects without a place keep their turn, so that the shares hold."""
+        """Fill up to `most`."""
         reserved = _RESERVED if self.supply.once else 0
         missing = self.most - reserved - len(self.spawned) - len(self.due)
         if missing > 0:
@@ -388,7 +388,7 @@ class Spawner:
         self.sumo.person.appendWalkingStage(name, walk, float(arrival))
 
     def _add_companions(self, leader: int, room: int) -> None:
-        """Add companions beside a pedestrian, as far as there is room."""
+        """Add companions beside a pedestrian, room permitting."""
         first, beside = self.spawned[leader], 0.0
         for _ in range(min(int(self.rng.choice(len(_COMPANIONS), p=_COMPANIONS)), room)):
             body = self.supply.offer(self.choices[PEDESTRIAN], self.rng)

@@ -69,7 +69,7 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
 
 @contextmanager
 def _stderr_into(file: Path) -> Iterator[None]:
-    """Redirect stderr to a file. SUMO's error log stays empty from the second simulation on."""
+    """Redirect stderr to a file."""
     sys.stderr.flush()
     kept = os.dup(2)
     try:

@@ -26,7 +26,7 @@ BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
 
 def sort_outcomes(each: Detected) -> dict[Marked, BoxesByKind]:
-    """Boxes of each outcome and class, world frame. Empty if nothing is labelled."""
+    """Boxes of each outcome and class, world frame."""
     made: dict[Marked, BoxesByKind] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
@@ -144,7 +144,7 @@ class Drawing:
     def draw_all(
         self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
     ) -> list[DrawnSample]:
-        """Draw frames from the origin of the first. progress: called with the number of frames done."""
+        """Draw frames from the origin of the first."""
         drawn: list[DrawnSample] = []
         origin: np.ndarray | None = None
         for sample in samples:
@@ -159,7 +159,7 @@ def _by_kind(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
 
 
 def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
-    """Thin a cloud to at most `most` points, evenly, with their times and intensities."""
+    """Thin a cloud evenly to at most `most` points."""
     if len(cloud.points) <= most:
         return cloud
     rows = np.linspace(0, len(cloud.points), most, endpoint=False).astype(np.int64)
@@ -221,7 +221,7 @@ def find_newest(sample: DrawnSample) -> float:
 
 
 def _values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarray | None:
-    """Coloured attribute of each point, None where it is not known."""
+    """Coloured attribute of each point, None if unknown."""
     if colouring == "age":
         return None if cloud.time is None else newest - cloud.time
     return cloud.points[:, 2] if colouring == "height" else cloud.intensity

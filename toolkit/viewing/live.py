@@ -74,7 +74,7 @@ class LiveView:
         self.show(0)
 
     def show(self, number: int) -> None:
-        """Show the frame of this number. If it cannot be read, show nothing and say why."""
+        """Show the frame of this number, or say why not."""
         self._wanted = number
         with self._lock:
             if number != self._wanted:  # the slider has gone on meanwhile
@@ -98,7 +98,7 @@ class LiveView:
             self._redraw()
 
     def _redraw(self) -> None:
-        """Replace the frame that is shown. For speed, its points are drawn in one colouring alone."""
+        """Replace the frame that is shown."""
         for handle in self.shown:
             handle.remove()
         self.shown = []

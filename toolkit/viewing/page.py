@@ -31,7 +31,7 @@ PAGE_POINTS = 600_000  # of all clouds of all frames together
 
 @dataclass(frozen=True)
 class Switch:
-    """A part that a reader can hide. nodes: separated by spaces."""
+    """A part that a reader can hide."""
 
     name: str
     nodes: str

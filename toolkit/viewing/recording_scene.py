@@ -68,12 +68,12 @@ class SceneStyle:
 
 
 def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
-    """Names of all sensors of some frames, in order of appearance."""
+    """Names of all sensors of some frames."""
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
 
 def add_groups(api: SceneApi, style: SceneStyle) -> list[Handle]:
-    """Add the nodes above all others; return their handles. The first colouring is visible."""
+    """Add the nodes above all others; return their handles."""
     names = ["/sensors", *(f"/{group}" for group in _LINES)]
     names += [f"/{group}/{kind}" for group in _LINES for kind in BOX_KINDS]
     made = [api.add_frame(name, show_axes=False) for name in names]

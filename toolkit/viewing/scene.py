@@ -108,7 +108,7 @@ def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: floa
 def add_lines(
     api: SceneApi, name: str, segments: Float64[np.ndarray, "n 2 3"], colour: str, *, width: float, visible: bool
 ) -> LineSegmentsHandle | None:
-    """Add lines of one colour, if there are any. width: in pixels."""
+    """Add lines of one colour, if there are any."""
     if not len(segments):
         return None
     return api.add_line_segments(
@@ -126,7 +126,7 @@ def add_points(
     visible: bool,
     precision: Literal["float16", "float32"] = "float16",
 ) -> PointCloudHandle:
-    """Add points as squares of one colour, or one each. size: of their sides (m)."""
+    """Add square points of one colour, or one each."""
     return api.add_point_cloud(
         name, points, colour, point_size=size, point_shading="flat", precision=precision, visible=visible
     )
@@ -155,12 +155,12 @@ def headings(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
 
 
 def roof_crosses(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """Both diagonals of each box's roof. They mark a missed vehicle."""
+    """Both diagonals of each box's roof: a missed vehicle."""
     return corners(boxes)[:, [[4, 6], [5, 7]]].reshape(-1, 2, 3)
 
 
 def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """Upright line with a cross bar above each box. It marks a false alarm."""
+    """Upright with a cross bar per box: a false alarm."""
     top = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2)
     tip, bar = (top + np.array([0.0, 0, height]) for height in (SPIKE, 0.7 * SPIKE))
     upright = np.stack([top, tip], 1)

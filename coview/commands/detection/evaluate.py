@@ -1,4 +1,4 @@
-"""`coview evaluate`: score fusion schemes and sensor sets on a recording."""
+"""`coview evaluate`: score schemes and sensor sets on a recording."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def evaluate(
 
 
 def _compare(rules: Rules, *, known: bool) -> Comparison:
-    """Return the comparison that the options ask for; known: at a known site."""
+    """Return the comparison that the options ask for."""
     from toolkit.detection.evaluation import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps

@@ -1,4 +1,4 @@
-"""`coview plan`: a deployment plan, judged on traffic that its search never saw, with a report."""
+"""`coview plan`: a deployment plan with a report."""
 
 from __future__ import annotations
 

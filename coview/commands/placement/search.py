@@ -118,7 +118,7 @@ def search(
 
 
 def _check(query: SearchOptions, setting: SettingOptions) -> str:
-    """Method to use. Raises ValueError where options do not fit each other."""
+    """Method to use. Raises ValueError where options conflict."""
     from placement_env.search.methods import usual_method
 
     check_schemes([setting.scheme])

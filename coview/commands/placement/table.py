@@ -1,4 +1,4 @@
-"""`coview table`: the AP of every set of a recording's sensors."""
+"""`coview table`: the AP of every sensor set of a recording."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ class StoredDetections:
         return sum(self.to_find)
 
     def points(self, sensors: tuple[int, ...]) -> Int64[np.ndarray, " vehicles"]:
-        """Points on each vehicle in the fused cloud of a sensor set, frame after frame."""
+        """Points on each vehicle in a set's fused cloud."""
         counts = [truth.points[:, list(sensors)].sum(axis=1) for truth in self.truths]
         return np.concatenate([np.zeros(0, np.int64), *counts])
 
@@ -288,7 +288,7 @@ def kbit_per_sensor(stored: StoredDetections, run: SchemeRun) -> float:
 
 
 def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
-    """Median time from measurement to fused boxes, with sensors in parallel."""
+    """Median time from measurement to fused boxes, sensors in parallel."""
     return float(np.median([f.ms[0] for f in stored.runs[run]]))
 
 

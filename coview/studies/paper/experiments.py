@@ -164,7 +164,7 @@ def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
 
 
 def places_of_best(table: Table, listed: Listed, scheme: str) -> dict[int, int]:
-    """Rank of the paper's best set of each size among all our sets of that size."""
+    """Rank of the paper's best set of each size."""
     ours = best_sets(table, scheme, top=1 << len(table.origin.sensors))
     return {len(each): [mine.sensors for mine in ours[len(each)]].index(each) + 1 for each in listed.best[scheme]}
 
@@ -175,7 +175,7 @@ def region_runs(site: str) -> list[SchemeRun]:
 
 
 def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 3: gain from spatial diversity where two sensors share their field of view."""
+    """Compare table 3: gain from spatial diversity."""
     rows, ap = [], {}
     for row in REGION_TABLE[site]:
         labels = (f"in view of {set_name(row.region)}, {{}} vehicles", set_name(row.sensors))
@@ -242,7 +242,7 @@ def curve_runs(site: str) -> list[SchemeRun]:
 
 
 def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare PR curves at IoU 0.7. Early fusion with the best set of each size."""
+    """Compare PR curves of early fusion at IoU 0.7."""
     curves = {run.sensors: score_run(stored, run).curve for run in curve_runs(site)}
     paper = {row.sensors: row.early for row in sensor_sets(site).rows}
     rows = [
@@ -296,7 +296,7 @@ def steps(curve: Curve) -> Bool[np.ndarray, " k"]:
 
 
 def density_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare point densities of the best sensor sets. Points on a vehicle, as cumulative shares."""
+    """Compare point densities of the best sensor sets."""
     sets = sensor_sets(site).best["early"]
     paper: dict[tuple[str, SensorSet], Statement] = {(says.of, says.sensors): says for says in DENSITY_STATEMENTS[site]}
     rows = []
@@ -328,7 +328,7 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
 
 
 class BinnedIou(NamedTuple):
-    """Bins with vehicles: mean density, mean IoU and number of the vehicles in each."""
+    """Bins with vehicles: mean density, mean IoU and vehicle count."""
 
     density: Float64[np.ndarray, " bins"]
     iou: Float64[np.ndarray, " bins"]
@@ -336,7 +336,7 @@ class BinnedIou(NamedTuple):
 
 
 class LogFit(NamedTuple):
-    """Fit of IoU = intercept + slope · ln(points). NaN with fewer than two bins."""
+    """Fit of IoU = intercept + slope · ln(points)."""
 
     intercept: float
     slope: float
@@ -396,7 +396,7 @@ def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experimen
 def densities_and_ious(
     stored: StoredDetections, site: str
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Point density and IoU of every vehicle with each of the best sets."""
+    """Point density and IoU of every vehicle per best set."""
     density, iou = [np.zeros(0)], [np.zeros(0)]
     for run in curve_runs(site):
         density.append(stored.points(run.sensors).astype(np.float64))

@@ -148,7 +148,7 @@ def draw_log_fit(
 
 @contextmanager
 def _chart(out: Path, width: float, height: float) -> Iterator[Axes]:
-    """Axes to draw on, written at the end. The same figures give the same bytes."""
+    """Axes to draw on, written at the end."""
     from matplotlib import rc_context
 
     with rc_context({"svg.hashsalt": "coview", "hatch.linewidth": 0.6}):

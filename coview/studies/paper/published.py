@@ -31,7 +31,7 @@ class SchemeRow(NamedTuple):
 
 
 class SetRow(NamedTuple):
-    """Sensor set of table 2: AP with early and late fusion."""
+    """Sensor set of table 2: early and late AP."""
 
     sensors: SensorSet
     early: float
@@ -47,7 +47,7 @@ class RegionRow(NamedTuple):
 
 
 class Statement(NamedTuple):
-    """Figure that the paper's text gives or bounds. value: a share of vehicles or a precision."""
+    """Figure that the paper's text gives or bounds."""
 
     of: Literal["no points", "below 300 points", "greatest recall", "precision at recall 0.95"]
     sensors: SensorSet
@@ -153,7 +153,7 @@ BENCHMARK_PAIR: dict[str, SensorSet] = {"tjunction": (1, 5), "roundabout": (1, 7
 
 @dataclass(frozen=True)
 class Listed:
-    """Table 2 of one site. Its rows are in the paper's order."""
+    """Table 2 of one site, rows in the paper's order."""
 
     rows: tuple[SetRow, ...]
 

@@ -60,12 +60,12 @@ class Reproduction:
 
     @property
     def large(self) -> tuple[tuple[str, Compared], ...]:
-        """AP values that differ much from the paper's, with the names of their experiments."""
+        """AP values far from the paper's, by experiment."""
         return tuple((each.name, row) for each in self.experiments for row in each.rows if row.large)
 
     @property
     def summary(self) -> str:
-        """Table of how far the AP of each experiment is from the paper's, for terminals."""
+        """Table of AP differences from the paper's."""
         table = [["experiment", "AP compared", f"beyond {LARGE:g}", "mean difference", "greatest"]]
         for each in self.experiments:
             differences = [row.difference for row in each.rows if row.unit == "AP" and row.difference is not None]
@@ -158,7 +158,7 @@ def open_test_recording(site: str, out: Path, frames: int, processes: Processes)
 def all_experiments(
     stored: StoredDetections, seen: StoredDetections, table: Table, site: str
 ) -> tuple[Experiment, ...]:
-    """Run every experiment, in the paper's order. seen: the frames of the table, without runs."""
+    """Run every experiment, in the paper's order."""
     basis = f"{stored.frames} frames, {stored.vehicles} vehicles"
     return (
         scheme_experiment(stored, site, basis),

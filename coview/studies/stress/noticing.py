@@ -38,7 +38,7 @@ SENT_AS = ("whole images", "foreground")
 
 @dataclass(frozen=True)
 class Noticed:
-    """Seconds until a fault was noticed, over all cases. Infinite if it was not within `TIME_ALLOWED`."""
+    """Seconds until a fault was noticed; infinite if never."""
 
     fault: str
     sent_as: str
@@ -50,7 +50,7 @@ class Noticed:
 
 @dataclass(frozen=True)
 class FalseAlarms:
-    """Alarms about working sensors over one kind of link, in the sensor-minutes watched."""
+    """Alarms about working sensors, and sensor-minutes watched."""
 
     link: str
     sent_as: str

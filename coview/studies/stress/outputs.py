@@ -55,7 +55,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class BestScheme:
-    """Scheme with the highest AP between two levels. Each level was tried or is a crossing."""
+    """Scheme with the highest AP between two levels."""
 
     kind: str
     iou: float
@@ -65,7 +65,7 @@ class BestScheme:
 
 
 def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ...]:
-    """Find every pair of schemes that change places. Per kind and IoU, lowest level first."""
+    """Find every pair of schemes that change places."""
     found: list[Crossing] = []
     for (kind, iou), levels, schemes in _group_by_scheme(rows):
         if any(row.tally is None for each in schemes.values() for row in each):

@@ -89,7 +89,7 @@ class StressRow:
 
 
 def is_sequence(recording: SiteRecording) -> bool:
-    """Return whether frames lie close enough together to show what is late or lost."""
+    """Return whether frames lie close enough together in time."""
     return 0 < _frame_spacing(recording) <= MOST_APART
 
 
@@ -134,7 +134,7 @@ class KeptDetections:
 
     @staticmethod
     def of(detector: Detector, cache: Cache | None = None) -> KeptDetections:
-        """Return a detector that keeps its detections, the detector itself if it does so already."""
+        """Return a detector that keeps its detections."""
         return detector if isinstance(detector, KeptDetections) else KeptDetections(detector, cache)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
@@ -184,7 +184,7 @@ def run_stress(
 
 @dataclass(frozen=True, eq=False)
 class _ConditionJob:
-    """Work on all systems under one of several conditions. report: called with the frames done."""
+    """Work on all systems under one of several conditions."""
 
     recording: SiteRecording
     detector: KeptDetections
@@ -262,7 +262,7 @@ class Trial:
         self._tracks, self._last = Tracks(), -np.inf
 
     def track(self, detections: Detections, now: float, age: float, *, begins: bool) -> Detections:
-        """Move detections of old measurements to their present places. age: of the measurements."""
+        """Move detections of old measurements to their present places."""
         if begins:
             self._tracks, self._last = Tracks(), -np.inf
         if age != age:

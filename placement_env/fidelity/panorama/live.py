@@ -46,7 +46,7 @@ class LiveView:
         self._kept: OrderedDict[Place, Surround] = OrderedDict()  # least recently used first
 
     def see(self, candidates: Candidates) -> Visibility:
-        """View of candidates. The first request for a mount makes its panoramas."""
+        """View of candidates; the first from a mount makes panoramas."""
         sensors = candidates.sensors
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
         shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]
@@ -63,7 +63,7 @@ class LiveView:
         return replace(self._unseen, distance=distances(sensors, self._unseen.boxes), **seen)
 
     def _prepare(self, wanted: list[tuple[Place, Mount]], models: set[SensorModel]) -> None:
-        """Load or make panoramas of places. Those above and below on their mounts are included."""
+        """Load or make panoramas of places."""
 
         def lacks(place: Place) -> bool:
             return place not in self._kept or not models <= self._kept[place].stills.keys()
@@ -99,7 +99,7 @@ class LiveView:
 
 
 def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Place, float]]:
-    """Panorama places below and above a position, with shares. The position is on a mount."""
+    """Panorama places below and above a position on a mount."""
     x, y, z = position.tolist()
     foot = float(mount.position[2])
     steps = round((z - foot) / HEIGHT_STEP, 6)

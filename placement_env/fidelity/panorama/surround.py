@@ -131,7 +131,7 @@ def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> S
 def find_place_strips(
     successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int
 ) -> list[Strips]:
-    """Strips of each place in some frames. Items are numbered through these frames."""
+    """Strips of each place in some frames."""
     parts, first = [], 0
     for k in frames:
         fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)

@@ -55,7 +55,7 @@ class Column:
         return self.digits is not None
 
     def cell(self, value: Cell | str | float | None) -> Cell:
-        """Cell of this column. A dash stands for an undefined number."""
+        """Cell of this column; a dash for undefined numbers."""
         if isinstance(value, Cell | str):
             return value if isinstance(value, Cell) else Cell(value)
         return Cell(
@@ -110,7 +110,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class SceneView:
-    """Place of the junction in 3D on the page. On paper `instead` stands there."""
+    """Place of the 3D scene on the page."""
 
     caption: str
     instead: str
@@ -159,7 +159,7 @@ def table(
 
 
 def to_html(document: Document, scene: Scene | None) -> str:
-    """Return the page. A missing scene is replaced by a note."""
+    """Return the page."""
     return render_page(
         _FOLDER / "report.html.j2",
         {"html": scene.html, "frames": scene.frames} if scene else None,

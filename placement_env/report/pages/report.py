@@ -168,7 +168,7 @@ def _when_compared(plan: Plan, chosen: PlanOption) -> PlanOption:
 
 
 def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
-    """Explain why the chosen set has another AP here than in the rest of the report."""
+    """Explain why the set has another AP here."""
     compared, cases = _when_compared(plan, chosen).counted, _cases_text(chosen)
     if compared is None or chosen.counted is None:
         return ()

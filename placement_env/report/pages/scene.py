@@ -136,7 +136,7 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
 
 
 def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> None:
-    """Add edges of the fields of view of the planned sensors that the site has."""
+    """Add edges of the planned sensors' fields of view."""
     mounted = {sensor.name: sensor for sensor in site.sensors}
     found = [(index, mounted[each.name]) for index, each in enumerate(planned) if each.name in mounted]
     if not found:
@@ -156,7 +156,7 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
 
 
 def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> None:
-    """Add truth and detections. Colour, line and mark tell them apart."""
+    """Add truth and detections in distinct colours, lines and marks."""
     for layer in BOXES:
         api.add_frame(layer.node, show_axes=False)
     for frame, moment in enumerate(moments):

@@ -140,7 +140,7 @@ class Judge:
         return [None if np.isnan(each[0]) else _judgement(each, self.detected.classes) for each in found]
 
     def by_errors(self, chosen: tuple[int, ...]) -> dict[str, Judgement]:
-        """Judge one set at each error profile, by name. Empty if there is one profile."""
+        """Judge one set at each error profile, by name."""
         if len(self.profiles) == 1:
             return {}
         row = np.isin(np.arange(len(self.detected.renders.sensors)), chosen)[None]

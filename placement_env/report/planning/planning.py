@@ -101,7 +101,7 @@ class Scored:
     classes: Classes
 
     def tally(self, label: int, truths: Bool[np.ndarray, " t"], chosen: Bool[np.ndarray, " n"], at: int) -> Tally:
-        """Tally some truths and detections of one class at one IoU threshold."""
+        """Tally truths and detections of one class and IoU."""
         there, found = truths & (self.truth_label == label), chosen & (self.label == label)
         count = np.bincount(self.truth_frame[there], minlength=self.frames)
         return Tally(self.scores[found], self.hits[at, found] >= 0, self.frame[found], count)
@@ -149,7 +149,7 @@ def _row(name: str, judged: Judgement | None, points: Int64[np.ndarray, " t"]) -
 
 
 def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge each group. group_of: index of the group of each box."""
+    """Judge each group; group_of: group of each box."""
     of_truth, groups = group_of(scored.truths), np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
     hit = scored.hits >= 0
     groups[hit] = of_truth[scored.hits[hit]]
@@ -181,7 +181,7 @@ def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
 
 
 def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge by horizontal distance to the nearest sensor of the set."""
+    """Judge by distance to the nearest sensor."""
     places = np.array([sensor.position[:2] for sensor in sensors])
     edges = (0.0, *RANGE_ENDS)
     names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)), f"beyond {RANGE_ENDS[-1]:g} m"]
@@ -194,14 +194,14 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[Brea
 
 
 def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
-    """Judge by the lane nearest to each vehicle. Approaches without vehicles are left out."""
+    """Judge by the lane nearest to each vehicle."""
     places = find_approaches(site)
     rows = by_group(scored, places.names, places.locate, seed)
     return tuple(row for row in rows if row.judged is not None)
 
 
 def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
-    """Judge each level of traffic. No row if it is undivided."""
+    """Judge each level of traffic; empty if undivided."""
     each = zip(LEVEL_NAMES[judge.cases.levels], judge.by_level(chosen), judge.levels, strict=False)
     frame, points = scored.truth_frame, scored.points
     return tuple(_row(name, judged, points[np.isin(frame, part)]) for name, judged, part in each)
@@ -249,7 +249,7 @@ def _moment(detected: Detected, chosen: tuple[int, ...], k: int, points: int, se
 
 
 def thin(cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]) -> Float32[np.ndarray, "m 3"]:
-    """Draw at most this many points of a cloud. They keep their order."""
+    """Draw at most this many points of a cloud, in order."""
     if len(cloud) <= points:
         return cloud
     return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]
@@ -371,7 +371,7 @@ class ChosenSet:
         return self.objective.scores(self.rows(subsets)).ap
 
     def schemes(self) -> tuple[SchemeFigures, ...]:
-        """The set under every scheme at every IoU. Detections are reused."""
+        """The set under every scheme at every IoU."""
         known, intact, figures = self.judge.detected, self.judge.intact, []
         whole, ious = np.ones((1, len(self.members)), np.bool_), intact.ious
         for name in PAPER_SCHEMES:
@@ -523,7 +523,7 @@ def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates
 
 
 def _most_sensors(question: Question, candidates: Candidates) -> int:
-    """Most sensors that the budget allows. Number, money and mounts limit it."""
+    """Most sensors that number, money and mounts allow."""
     each = np.full(len(candidates.mounts), np.inf)
     np.minimum.at(each, candidates.mount, candidates.prices)
     second = np.full(len(candidates.mounts), np.inf)
@@ -555,5 +555,5 @@ def write_plan(planned: Planned, out: Path) -> list[Path]:
 
 
 def format_json(plan: Plan) -> str:
-    """Format a plan as JSON. The same plan gives the same text; non-finite numbers become null."""
+    """Format a plan as JSON, the same for the same plan."""
     return json.dumps(replace_infinite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -1,1 +1,1 @@
-"""Links from sensors to the fusion centre. Messages as bytes, their delays and load."""
+"""Links from sensors to the fusion centre."""

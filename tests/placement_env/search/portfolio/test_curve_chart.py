@@ -5,6 +5,7 @@ import pytest
 
 import placement_env.search.answer as drawing
 from placement_env.search.portfolio.curve import CurvePoint
+from toolkit.plots import canvas
 
 POINTS = [
     CurvePoint(1, (0,), 11.0, 300.0, ("greedy",), 0.6, 0.5, 0.4, 0.55, 0.97, True),
@@ -16,7 +17,7 @@ POINTS = [
 @pytest.fixture
 def axes_of(monkeypatch):
     figures = []
-    monkeypatch.setattr(drawing.canvas, "write_figure", lambda figure, out: figures.append(figure))
+    monkeypatch.setattr(canvas, "write_figure", lambda figure, out: figures.append(figure))
 
     def drawn(points):
         drawing.draw_curve(points, "curve.png", judge="surrogate", currency="EUR")
