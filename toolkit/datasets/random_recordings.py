@@ -18,7 +18,7 @@ from toolkit.arrays import Float32
 from toolkit.frame import Frame
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.resumable import ShardFolder, make_shards
-from toolkit.runtime.run import Run
+from toolkit.runtime.run import Simulation
 
 if TYPE_CHECKING:
     from toolkit.bodies.fleet import Fleet
@@ -74,7 +74,7 @@ def random_recordings_file(
     count: int,
     out: Path,
     *,
-    run: Run = Run(workers=None),
+    run: Simulation = Simulation(workers=None),
     encode: Callable[[RandomRecording], bytes],
     join: Callable[[Iterator[Path], Path], _Made],
     fleet: Fleet | None = None,

@@ -23,7 +23,7 @@ from toolkit.frame import Frame
 from toolkit.objects import LABELS, Objects
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.resumable import Plan, ShardFolder, describe_differences, make_shards
-from toolkit.runtime.run import Run
+from toolkit.runtime.run import Simulation
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -36,7 +36,7 @@ def simulate_dataset(
     site: Site | str | Path,
     out: str | Path,
     *,
-    run: Run = Run(workers=None),
+    run: Simulation = Simulation(workers=None),
     sensors: Sequence[Sensor] | None = None,
     fleet: Fleet | None = None,
     interval: float = INTERVAL,

@@ -1,8 +1,11 @@
-"""`Run`: how an answer is computed, whatever is asked. A command takes the smallest class that holds what it uses:
-`Processes` (workers, ray, progress) for work on given files, `Run` (those, seed, frames, cache) for work on simulated
-traffic, with other usual values as the parameter's default, `run: Run = Run(frames=1000)`. tyro makes options and help
-of the fields below, in a group of their own. The same seed and frames give the same answer on one machine; cache and
-processes change its time alone. Fields that do not fit raise ValueError, a cluster without Ray ImportError."""
+"""`Run`: how an answer is computed, whatever is asked.
+
+A command takes the smallest class that holds what it uses: `Processes` (workers, ray, progress) for work on given
+files, `Simulation` (those, seed, frames) where traffic is simulated, `Run` (those, cache) where results are kept. Other
+usual values are the parameter's default, `run: Run = Run(frames=1000)`. tyro makes options and help of the fields. The
+same seed and frames give the same answer on one machine; cache and processes change its time alone. Fields that do not
+fit raise ValueError, a cluster without Ray ImportError.
+"""
 
 from __future__ import annotations
 
@@ -71,29 +74,19 @@ class Processes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(Processes):
-    """Random numbers, amount of traffic, cache and processes."""
+class Simulation(Processes):
+    """Random numbers, amount of traffic and processes."""
 
     seed: int = 0
     """Seed of all random numbers."""
     frames: int | None = None
     """Number of frames; None for the usual number, or for all frames of a recording."""
-    cache: Path | None = None
-    """Folder that keeps intermediate results, so that an interrupted run resumes; None for no folder."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_whole("seed", self.seed, least=0)
-        object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
         if self.frames is not None:
             _check_whole("frames", self.frames, least=1, remedy="leave it out for the usual number")
-
-    @cached_property
-    def memo(self) -> Cache | None:
-        """The cache's one file; None without a folder."""
-        from toolkit.runtime.cache import Cache
-
-        return None if self.cache is None else Cache(self.cache / "cache.sqlite")
 
     def frames_or(self, usual: int) -> int:
         """Number of frames, the usual one where none is given.
@@ -102,6 +95,25 @@ class Run(Processes):
         (24, 200)
         """
         return usual if self.frames is None else self.frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(Simulation):
+    """Random numbers, amount of traffic, cache and processes."""
+
+    cache: Path | None = None
+    """Folder that keeps intermediate results, so that an interrupted run resumes; None for no folder."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
+
+    @cached_property
+    def memo(self) -> Cache | None:
+        """The cache's one file; None without a folder."""
+        from toolkit.runtime.cache import Cache
+
+        return None if self.cache is None else Cache(self.cache / "cache.sqlite")
 
 
 def _check_whole(name: str, value: object, *, least: int, remedy: str = "") -> None:

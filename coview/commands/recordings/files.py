@@ -15,7 +15,7 @@ from coview.outputs import OK, Writing, check_file, check_new_folder, print_resu
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
 from toolkit.detection.place import Place
-from toolkit.runtime.run import Run
+from toolkit.runtime.run import Simulation
 
 if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
@@ -169,7 +169,7 @@ def pack(
     sites: RandomSites = RandomSites(),
     opening: Opening = Opening(),
     place: Place = Place(),
-    run: Run = Run(workers=None),
+    run: Simulation = Simulation(workers=None),
     writing: Writing = Writing(),
 ) -> int:
     """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.

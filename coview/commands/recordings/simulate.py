@@ -12,7 +12,7 @@ from tyro.conf import Positional
 from coview.arguments import site_file
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
-from toolkit.runtime.run import Run
+from toolkit.runtime.run import Simulation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ def simulate(
     out: Path,
     every: float = 5.0,
     bodies: Bodies = Bodies(),
-    run: Run = Run(frames=1000, workers=None),
+    run: Simulation = Simulation(frames=1000, workers=None),
     writing: Writing = Writing(),
 ) -> int:
     """Record a site: SUMO moves the traffic, rays are cast, HDF5 in the paper's layout is written.
