@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
-SHAPES := --jaxtyping-packages=toolkit,models,placement_env,beartype.beartype
+SHAPES := --jaxtyping-packages=toolkit,models,placement_env,tests.shapes.check
 
 # Open3D's wheel leaves these to the system.
 LIBRARIES := libusb-1.0-0 libgl1 libgomp1

@@ -6,9 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands, their modules in `coview.commands`, a line for --help
-    "Start here": {
-        "demo": ("placement.demo", "record, evaluate and plan a T-junction in minutes"),
-    },
+    "Start here": {"demo": ("placement.demo", "record, evaluate and plan a T-junction in minutes")},
     "Sites and recordings": {
         "site": ("recordings.site", "import, draw, show or export a junction"),
         "simulate": ("recordings.simulate", "record a site with simulated traffic and sensors"),

@@ -222,12 +222,7 @@ def stack(batch: list[Batch]) -> Batch:
 
 
 def jitter_objects(
-    points: _Points,
-    boxes: _Boxes,
-    rng: np.random.Generator,
-    *,
-    yaw: float = np.deg2rad(18.0),
-    shift: float = 0.5,
+    points: _Points, boxes: _Boxes, rng: np.random.Generator, *, yaw: float = np.deg2rad(18.0), shift: float = 0.5
 ) -> tuple[np.ndarray, np.ndarray]:
     """Turn each object with its points by up to ±yaw (rad), and shift it by N(0, shift) (m) in the plane.
 

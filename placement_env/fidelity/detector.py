@@ -199,10 +199,7 @@ class Detected:
         return np.concatenate(masks, axis=1)
 
     def outcomes(
-        self,
-        sets: Iterable[tuple[int, ...]],
-        frames: Sequence[int],
-        progress: Callable[[int], None] | None = None,
+        self, sets: Iterable[tuple[int, ...]], frames: Sequence[int], progress: Callable[[int], None] | None = None
     ) -> dict[tuple[int, ...], list[Outcome]]:
         """Outcome of each set in each frame, computed once."""
         kept: dict[tuple[int, ...], list[Outcome | None]] = {}

@@ -14,14 +14,7 @@ import shapely
 
 from placement_env.handover.ground import Ground, visible_polygons
 from toolkit.arrays import Bool, Float64
-from toolkit.plots.base_map import (
-    draw_poles,
-    draw_sensors,
-    draw_wedges,
-    fill_polygons,
-    map_sheet,
-    name_poles,
-)
+from toolkit.plots.base_map import draw_poles, draw_sensors, draw_wedges, fill_polygons, map_sheet, name_poles
 from toolkit.plots.canvas import house_style, shorten, svg_text
 from toolkit.plots.palette import BLIND, INK, VIEW_COLOURS, point_colours, point_names, sensor_colour
 from toolkit.plots.plan_view import ground_entries, pole_entries, sensor_entries, sensor_places

@@ -236,9 +236,14 @@ def documented_detections(classes, residuals, site):
                 dx, dy, dz, dl, dw, dh, dyaw = residuals[0, 7 * a : 7 * a + 7, i, j]
                 diagonal = np.hypot(3.9, 1.56)
                 box = (
-                    x0 + (i + 0.5) * stride + dx * diagonal, 1.6 + dy * 1.6, z0 + (j + 0.5) * stride + dz * diagonal,
-                    3.9 * np.exp(dl), 1.56 * np.exp(dw), 1.6 * np.exp(dh), yaw + dyaw,
-                )  # fmt: skip
+                    x0 + (i + 0.5) * stride + dx * diagonal,
+                    1.6 + dy * 1.6,
+                    z0 + (j + 0.5) * stride + dz * diagonal,
+                    3.9 * np.exp(dl),
+                    1.56 * np.exp(dw),
+                    1.6 * np.exp(dh),
+                    yaw + dyaw,
+                )
                 found.append((*box, 1 / (1 + np.exp(background - vehicle))))
     found = sorted((f for f in found if f[7] > 0.1), key=lambda f: -f[7])[:2000]
     kept = []

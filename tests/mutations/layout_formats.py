@@ -83,8 +83,12 @@ def write(layout: str, folder: Path) -> Path:
     from toolkit.datasets.recordings import write_recording
 
     own: dict[str, Callable[[Path], Path]] = {
-        "pair": _pair, "rcooper": _rcooper, "ros1": _ros1, "ros2": _ros2, "sqlite": partial(_ros2, sqlite=True),
-    }  # fmt: skip
+        "pair": _pair,
+        "rcooper": _rcooper,
+        "ros1": _ros1,
+        "ros2": _ros2,
+        "sqlite": partial(_ros2, sqlite=True),
+    }
     if layout in own:
         return own[layout](folder)
     where = folder / "clouds.hdf5" if layout == "hdf5" else folder
@@ -162,9 +166,15 @@ def _json(path: Path, content: object) -> None:
 
 def _cars(count: int = 6) -> list[object]:
     return [
-        {"type": "Car", "track_id": str(k), "3d_dimensions": {"h": "1.5", "w": 1.8, "l": 4.5},
-         "3d_location": {"x": 4.0 * k, "y": str(-k), "z": -4.2}, "rotation": 0.1 * k} for k in range(count)
-    ]  # fmt: skip
+        {
+            "type": "Car",
+            "track_id": str(k),
+            "3d_dimensions": {"h": "1.5", "w": 1.8, "l": 4.5},
+            "3d_location": {"x": 4.0 * k, "y": str(-k), "z": -4.2},
+            "rotation": 0.1 * k,
+        }
+        for k in range(count)
+    ]
 
 
 def _motion(*place: float) -> dict[str, object]:
@@ -173,9 +183,11 @@ def _motion(*place: float) -> dict[str, object]:
 
 def _pair(folder: Path) -> Path:
     road, car = folder / "infrastructure-side", folder / "vehicle-side"
-    index = {"infrastructure_pointcloud_path": "infrastructure-side/velodyne/3.pcd",
-             "vehicle_pointcloud_path": "vehicle-side/velodyne/7.pcd",
-             "system_error_offset": {"delta_x": 0.1, "delta_y": "0"}}  # fmt: skip
+    index = {
+        "infrastructure_pointcloud_path": "infrastructure-side/velodyne/3.pcd",
+        "vehicle_pointcloud_path": "vehicle-side/velodyne/7.pcd",
+        "system_error_offset": {"delta_x": 0.1, "delta_y": "0"},
+    }
     _json(folder / "cooperative/data_info.json", [index])
     _json(folder / "cooperative/label_world/7.json", _cars())
     _cloud(road / "velodyne/3.pcd")
@@ -230,10 +242,15 @@ def _ros1(folder: Path) -> Path:
             time = types["builtin_interfaces/msg/Time"](sec=k + 1, nanosec=0)
             field = types["sensor_msgs/msg/PointField"]
             message = types[CLOUD](
-                header=types["std_msgs/msg/Header"](seq=k, stamp=time, frame_id="velodyne"), height=1, width=300,
+                header=types["std_msgs/msg/Header"](seq=k, stamp=time, frame_id="velodyne"),
+                height=1,
+                width=300,
                 fields=[field(name=axis, offset=4 * i, datatype=7, count=1) for i, axis in enumerate("xyz")],
-                is_bigendian=False, point_step=12, row_step=3600, data=np.frombuffer(table.tobytes(), np.uint8),
+                is_bigendian=False,
+                point_step=12,
+                row_step=3600,
+                data=np.frombuffer(table.tobytes(), np.uint8),
                 is_dense=True,
-            )  # fmt: skip
+            )
             writer.write(connection, (k + 1) * 10**9, store.serialize_ros1(message, CLOUD))
     return folder / "one.bag"

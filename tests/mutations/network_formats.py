@@ -14,10 +14,16 @@ def network() -> Any:
     torch.manual_seed(0)
     return VoxelNet(
         VoxelNetConfig(
-            area=(0.0, 0.0, 6.4, 6.4), vfe_widths=(4,), voxel_width=8, middle_widths=(4, 4, 4), rpn_widths=(8, 8, 8),
-            rpn_layers=((0, 1), (0, 1), (0, 1)), upsample_width=8, head3x3=8,
+            area=(0.0, 0.0, 6.4, 6.4),
+            vfe_widths=(4,),
+            voxel_width=8,
+            middle_widths=(4, 4, 4),
+            rpn_widths=(8, 8, 8),
+            rpn_layers=((0, 1), (0, 1), (0, 1)),
+            upsample_width=8,
+            head3x3=8,
         )
-    )  # fmt: skip
+    )
 
 
 def weights(path: Path) -> None:
@@ -61,9 +67,13 @@ def checkpoint(path: Path) -> None:
 
     made = network()
     state = {
-        "format": 1, "network": made.state_dict(), "config": made.config.to_dict(),
-        "preset": asdict(next(iter(PRESETS.values()))), "step": 3, "frames": 2,
-    }  # fmt: skip
+        "format": 1,
+        "network": made.state_dict(),
+        "config": made.config.to_dict(),
+        "preset": asdict(next(iter(PRESETS.values()))),
+        "step": 3,
+        "frames": 2,
+    }
     torch.save(state, path)
 
 

@@ -67,9 +67,13 @@ def examined(cases: Sequence[Case]) -> dict[Case, str]:
         names = [f"{name}:{number}" for name, number in waiting]
         with tempfile.TemporaryFile() as said:
             done = subprocess.run(
-                [sys.executable, __file__, "--worker", *names], stdout=subprocess.PIPE, stderr=said, env=environment,
-                check=False, cwd=Path(__file__).parents[2],
-            )  # fmt: skip
+                [sys.executable, __file__, "--worker", *names],
+                stdout=subprocess.PIPE,
+                stderr=said,
+                env=environment,
+                check=False,
+                cwd=Path(__file__).parents[2],
+            )
             said.seek(0)
             last_words = said.read().decode(errors="replace")[-1500:]
         lines = [line for line in done.stdout.decode(errors="replace").splitlines() if line.startswith(("ok ", "no "))]

@@ -29,9 +29,12 @@ LAYOUTS = ("in-",)  # a file of a recording in each layout
 
 def run(mutants: int, wanted: tuple[str, ...]) -> None:
     done = subprocess.run(
-        [sys.executable, HERE / "run.py", str(mutants), "--formats", *wanted], capture_output=True, text=True,
-        timeout=1800, check=False,
-    )  # fmt: skip
+        [sys.executable, HERE / "run.py", str(mutants), "--formats", *wanted],
+        capture_output=True,
+        text=True,
+        timeout=1800,
+        check=False,
+    )
     print(done.stdout)
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
 
@@ -61,9 +64,13 @@ def test_every_layout_has_damaged_files_and_the_halves_are_all_formats():
 def printed(code):
     """What some code prints beside the scripts."""
     return subprocess.run(
-        [sys.executable, "-c", code], cwd=HERE, capture_output=True, text=True, check=True,
+        [sys.executable, "-c", code],
+        cwd=HERE,
+        capture_output=True,
+        text=True,
+        check=True,
         env={"PYTHONPATH": str(HERE.parents[1])},
-    ).stdout  # fmt: skip
+    ).stdout
 
 
 def test_named_damage_is_one_line_each():

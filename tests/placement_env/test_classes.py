@@ -43,9 +43,13 @@ def test_settings_of_classes_their_digests_marks_and_words():
     assert one.weights == (0.75, 0.25)
     assert one.labels == (0, 2)
     made = [
-        VEHICLES, Classes(("heavy",)), Classes(THREE), Classes(THREE, combine="worst"), Classes(THREE, (1.0, 1.0, 2.0)),
+        VEHICLES,
+        Classes(("heavy",)),
+        Classes(THREE),
+        Classes(THREE, combine="worst"),
+        Classes(THREE, (1.0, 1.0, 2.0)),
         Classes(THREE, ious=(None, None, 0.25)),
-    ]  # fmt: skip
+    ]
     assert len({each.digest for each in made}) == len(made)
     classes = Classes(LABELS, ious=(None, None, 0.25, None))
     assert [classes.get_iou(name, 0.8) for name in LABELS] == [0.8, SMALL_IOU, 0.25, 0.8]

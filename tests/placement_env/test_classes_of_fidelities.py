@@ -347,7 +347,11 @@ def test_a_model_of_each_class_is_fitted_to_the_detector():
     seen = Visibility(points, np.full(points.shape, 20, np.float32), frame, boxes, sent, sent, labels)
     models = tuple(each.model for each in fit_detected([(seen, found, SETS[1:])], source="street"))
     assert [(one.label, one.iou) for one in models] == [
-        ("vehicle", 0.7), ("vehicle", 0.8), ("vehicle", 0.9), ("cyclist", 0.5), ("pedestrian", 0.5),
-    ]  # fmt: skip
+        ("vehicle", 0.7),
+        ("vehicle", 0.8),
+        ("vehicle", 0.9),
+        ("cyclist", 0.5),
+        ("pedestrian", 0.5),
+    ]
     guess = Surrogate(seen, "early", [models[0], *models[3:]], classes=MEAN).by_class(SETS).recall
     assert np.abs(guess - found.by_class(SETS).recall).mean(axis=0).max() < 0.12

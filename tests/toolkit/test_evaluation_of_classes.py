@@ -97,8 +97,10 @@ def test_classes_have_rows_figures_and_tables():
         mixed([])
     vehicle, cyclist, pedestrian = mixed(["vehicle", "cyclist", "pedestrian"]).classes
     assert [(c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)] == [
-        ("vehicle", 0.5, 4, 4, 4), ("cyclist", 0.5, 4, 8, 6), ("pedestrian", 0.25, 4, 3, 2),
-    ]  # fmt: skip
+        ("vehicle", 0.5, 4, 4, 4),
+        ("cyclist", 0.5, 4, 8, 6),
+        ("pedestrian", 0.25, 4, 3, 2),
+    ]
     assert (vehicle.recall, vehicle.precision, vehicle.false_alarms_per_frame) == (1, 1, 0)
     assert (cyclist.recall, cyclist.precision, cyclist.false_alarms_per_frame) == (0.75, 1, 0)
     assert (pedestrian.recall, pedestrian.precision, pedestrian.false_alarms_per_frame) == (0, 0, 0.5)
@@ -118,6 +120,11 @@ def test_files_of_curves_are_named_by_class(tmp_path):
         *evaluation.curve_files(["vehicle", "pedestrian"], [0.5]),
     }
     assert list(evaluation.curve_files(["vehicle", "cyclist"])) == [
-        "pr_0.7.png", "pr_0.8.png", "pr_0.9.png", "pr_cyclist_0.25.png", "pr_cyclist_0.5.png", "pr_cyclist_0.7.png",
-    ]  # fmt: skip
+        "pr_0.7.png",
+        "pr_0.8.png",
+        "pr_0.9.png",
+        "pr_cyclist_0.25.png",
+        "pr_cyclist_0.5.png",
+        "pr_cyclist_0.7.png",
+    ]
     assert json.loads((tmp_path / "table.json").read_text())["classes"][1]["label"] == "pedestrian"

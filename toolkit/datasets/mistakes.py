@@ -47,7 +47,7 @@ class SensorImages:
         background = np.where(seen > 0, seen, np.inf).max(axis=0)
         return (self.depth > 0) & (self.depth < 100) & (self.depth < background * 0.99 - _MOVED)
 
-    def points(self, frame: int) -> Float64[np.ndarray, "_ 3"]:
+    def points(self, frame: int) -> Float32[np.ndarray, "_ 3"]:
         """Points of one frame, site frame."""
         seen = self.depth[frame] > 0
         return transform(self.sensor.pose, self.rays[seen] * self.depth[frame, seen, None])

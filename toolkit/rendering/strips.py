@@ -86,11 +86,7 @@ class _Columns(NamedTuple):
 
 
 def cast_strips(
-    renderer: Renderer,
-    moment: Moment,
-    viewpoints: Float64[np.ndarray, "V 3"],
-    counted: Counted,
-    windows: Sectors,
+    renderer: Renderer, moment: Moment, viewpoints: Float64[np.ndarray, "V 3"], counted: Counted, windows: Sectors
 ) -> Strips:
     """Cast the strips of some sectors of a moment's objects, one after the other.
 

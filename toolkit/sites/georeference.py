@@ -99,7 +99,7 @@ def inverse_project(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float
     return guess
 
 
-def _meridian(latitude: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
+def _meridian(latitude: float | Float64[np.ndarray, "*n"]) -> float | Float64[np.ndarray, "*n"]:
     """Distance along the meridian from the equator (Snyder, equation 3-21)."""
     e2 = _ECCENTRICITY2
     return _EQUATOR * (

@@ -172,12 +172,7 @@ def all_experiments(
 
 
 def write_experiments(
-    out: Path,
-    experiments: tuple[Experiment, ...],
-    *,
-    site: str,
-    conditions: dict[str, str],
-    causes: dict[str, str],
+    out: Path, experiments: tuple[Experiment, ...], *, site: str, conditions: dict[str, str], causes: dict[str, str]
 ) -> None:
     """Write the page, all figures as JSON, and CSV and SVG of each experiment."""
     with writing_together(out) as folder:

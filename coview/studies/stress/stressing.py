@@ -14,14 +14,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from coview.studies.stress.conditions import (
-    IN_SEQUENCE,
-    KINDS,
-    Condition,
-    System,
-    make_conditions,
-    make_systems,
-)
+from coview.studies.stress.conditions import IN_SEQUENCE, KINDS, Condition, System, make_conditions, make_systems
 from placement_env.analysis.intervals import BLOCK_FRAMES, Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32

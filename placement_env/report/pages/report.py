@@ -338,7 +338,7 @@ def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Content:
     """Visible ground, density of points and blind spots."""
     if plan.ground is None or ground is None:
         return say(
-            f"The visible ground was not computed{'' if plan.chosen else ', because no set of sensors was chosen'}.",
+            f"The visible ground was not computed{'' if plan.chosen else ', because no set of sensors was chosen'}."
         )
     shares, twice = plan.ground, percent(plan.ground.seen_by[1])
     conclusion = (

@@ -170,9 +170,14 @@ def run(judging: Judging, k: int, rows: Rows) -> None:
             found = search()
             predicted = judging.objective.score(found.best.subset).ap
             rows.add(
-                kind="search", method=name, **at, subset=list(found.best.subset), predicted=predicted,
-                seconds=round(found.seconds, 2), evaluations=found.evaluations,
-            )  # fmt: skip
+                kind="search",
+                method=name,
+                **at,
+                subset=list(found.best.subset),
+                predicted=predicted,
+                seconds=round(found.seconds, 2),
+                evaluations=found.evaluations,
+            )
     if not rows.find(kind="portfolio", **at):
         rows.add(kind="portfolio", **at, **_portfolio(judging, k))
     answers = [tuple(row["subset"]) for kind in ("portfolio", "search") for row in rows.find(kind=kind, **at)]

@@ -57,9 +57,10 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         memo = Cache(Path(folder) / "memo")
         for how, detector, kept in (
-            ("at once", AtOnce(weights), memo), ("kept", AtOnce(weights), memo),
+            ("at once", AtOnce(weights), memo),
+            ("kept", AtOnce(weights), memo),
             ("one by one", OneByOne(weights), Cache()),
-        ):  # fmt: skip
+        ):
             seconds = sum(_scored(how, dataset, detector, scheme, kept, frames) for scheme in PAPER_SCHEMES)
             print(f"{how:10} all sets, three schemes, 200 frames: {seconds * 200 / 3600:.2f} processor hours")
 

@@ -38,8 +38,10 @@ def best_of_paper(table: Table, scheme: str, column: int) -> None:
         theirs = max((row for row in rows if len(row[0]) == size), key=lambda row: row[column])[0]
         place = [each.sensors for each in sets].index(theirs) + 1
         agree += place == 1
-        print(f"  best of {size}: paper {set_name(theirs):16} ours {set_name(sets[0].sensors):16} "
-              f"the paper's is number {place} of {len(sets)} here")  # fmt: skip
+        print(
+            f"  best of {size}: paper {set_name(theirs):16} ours {set_name(sets[0].sensors):16} "
+            f"the paper's is number {place} of {len(sets)} here"
+        )
     print(f"  {agree} of {len(best)} best sets agree")
 
 

@@ -58,8 +58,10 @@ def make(mistake: Mistake, path: Path, terms: Terms) -> None:
     if mistake == "late":
         made = [[samples[k - LATE] if k >= LATE else [] for k in range(len(samples))] for samples in agents]
     else:
-        made = [[[replace(row, numbers=_changed(mistake, row.numbers, terms)) for row in rows] for rows in samples]
-                for samples in agents]  # fmt: skip
+        made = [
+            [[replace(row, numbers=_changed(mistake, row.numbers, terms)) for row in rows] for rows in samples]
+            for samples in agents
+        ]
     terms.write(path, made)
 
 
@@ -111,8 +113,9 @@ def _of_files(
             yield [file for file in files if file.parent == folder]
 
     def read(path: Path) -> list[Tables]:
-        return [[[_row(numbers(each), each) for each in records(_json(file))] for file in files]
-                for files in agents(path)]  # fmt: skip
+        return [
+            [[_row(numbers(each), each) for each in records(_json(file))] for file in files] for files in agents(path)
+        ]
 
     def write(path: Path, tables: list[Tables]) -> None:
         for files, samples in zip(agents(path), tables, strict=True):
@@ -218,17 +221,24 @@ def _opv2v() -> Terms:
 
     def read(path: Path) -> list[Tables]:
         loaded = [[yaml.safe_load(file.read_text())["vehicles"].items() for file in files] for files in agents(path)]
-        return [[[_row([*v["location"], *v["extent"], v["angle"][1]], (track, v)) for track, v in each]
-                 for each in samples] for samples in loaded]  # fmt: skip
+        return [
+            [[_row([*v["location"], *v["extent"], v["angle"][1]], (track, v)) for track, v in each] for each in samples]
+            for samples in loaded
+        ]
 
     def write(path: Path, tables: list[Tables]) -> None:
         for files, samples in zip(agents(path), tables, strict=True):
             for file, rows in zip(files, samples, strict=True):
                 content = yaml.safe_load(file.read_text())
                 content["vehicles"] = {
-                    row.record[0]: row.record[1] | {"location": row.numbers[:3].tolist(), "extent":
-                    row.numbers[3:6].tolist(), "angle": [0.0, float(row.numbers[YAW]), 0.0]} for row in rows
-                }  # fmt: skip
+                    row.record[0]: row.record[1]
+                    | {
+                        "location": row.numbers[:3].tolist(),
+                        "extent": row.numbers[3:6].tolist(),
+                        "angle": [0.0, float(row.numbers[YAW]), 0.0],
+                    }
+                    for row in rows
+                }
                 file.write_text(yaml.safe_dump(content))
 
     return Terms(read, write, degrees=True, halves=True)
@@ -249,11 +259,16 @@ def _nuscenes() -> Terms:
         for token, rows in zip(tokens(path), tables[0], strict=True):
             for row in rows:
                 half = row.numbers[YAW] / 2
-                made.append(row.record | {
-                    "token": f"{token}_{len(made)}", "sample_token": token, "translation": row.numbers[:3].tolist(),
-                    "size": row.numbers[[WIDTH, LENGTH, HEIGHT]].tolist(),
-                    "rotation": [float(np.cos(half)), 0.0, 0.0, float(np.sin(half))],
-                })  # fmt: skip
+                made.append(
+                    row.record
+                    | {
+                        "token": f"{token}_{len(made)}",
+                        "sample_token": token,
+                        "translation": row.numbers[:3].tolist(),
+                        "size": row.numbers[[WIDTH, LENGTH, HEIGHT]].tolist(),
+                        "rotation": [float(np.cos(half)), 0.0, 0.0, float(np.sin(half))],
+                    }
+                )
         (path / "v1.0-coview/sample_annotation.json").write_text(json.dumps(made))
 
     return Terms(read, write)

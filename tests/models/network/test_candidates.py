@@ -87,9 +87,11 @@ def class_prediction(boxes, labels, sure):
 def test_every_class_has_its_boxes_and_its_rivals_count_once():
     """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of four."""
     boxes = [
-        [1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3], [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0],
-        [-3.0, -4.0, 0.9, 4.9, 1.9, 2.0, 0.2], [-3.0, -4.0, 1.2, 5.5, 2.1, 2.5, 0.2],
-    ]  # fmt: skip
+        [1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3],
+        [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0],
+        [-3.0, -4.0, 0.9, 4.9, 1.9, 2.0, 0.2],
+        [-3.0, -4.0, 1.2, 5.5, 2.1, 2.5, 0.2],
+    ]
     labels = [CYCLIST, PEDESTRIAN, VEHICLE, HEAVY]
     prediction = class_prediction(boxes, labels, [3.0, 2.0, 1.0, 0.5])
     found = suppress(*candidates(prediction, anchors(CLASSES), CLASSES, LEAST)[0], CLASSES, 0.1)

@@ -32,23 +32,30 @@ def turned(points, boxes, yaw, shift=(7.0, 3.0, 0.2)):
 
 @pytest.mark.parametrize("yaw", [0.0, 1.1, np.pi, -2.5])
 def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
-    points = np.array([
-        [5.09, -2.0, 0.3],  # 9 cm before the front, low
-        [5.09, -2.0, 0.7],  # in the middle
-        [0.71, -2.5, 1.3],  # 29 cm behind the rear, high
-        [3.0, -0.85, 0.5],  # 15 cm left of the left side, low
-        [4.0, -3.09, 1.2],  # 9 cm right of the right side, high and ahead
-        [2.0, -3.17, 1.2],  # 17 cm right of it, high and behind
-        [2.1, -2.0, 1.71],  # 11 cm above the top, behind
-    ])  # fmt: skip
+    points = np.array(
+        [
+            [5.09, -2.0, 0.3],  # 9 cm before the front, low
+            [5.09, -2.0, 0.7],  # in the middle
+            [0.71, -2.5, 1.3],  # 29 cm behind the rear, high
+            [3.0, -0.85, 0.5],  # 15 cm left of the left side, low
+            [4.0, -3.09, 1.2],  # 9 cm right of the right side, high and ahead
+            [2.0, -3.17, 1.2],  # 17 cm right of it, high and behind
+            [2.1, -2.0, 1.71],  # 11 cm above the top, behind
+        ]
+    )
     points, boxes = turned(points, BOX, yaw)
     seen = faces.face_features(points, boxes, CAR)
     front, rear = seen.end
     left, right = seen.side
     for row, zone, distance in (
-        (front, 0, 0.09), (front, 1, 0.09), (rear, 2, 0.29), (left, 0, 0.15), (right, 2, 0.09), (right, 1, 0.17),
+        (front, 0, 0.09),
+        (front, 1, 0.09),
+        (rear, 2, 0.29),
+        (left, 0, 0.15),
+        (right, 2, 0.09),
+        (right, 1, 0.17),
         (seen.top[0], 0, 0.11),
-    ):  # fmt: skip
+    ):
         step = int(np.floor((distance - faces.NEAREST) / faces.STEP))
         assert counts(row, zone)[step] == 1, (zone, distance)
     np.testing.assert_array_equal(front[OWN : 2 * OWN], rear[:OWN])  # each sees the one opposite

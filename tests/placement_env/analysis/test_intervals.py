@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.analysis.intervals import (
-    Interval,
-    Tally,
-    block_draws,
-    percentiles,
-    ratio_interval,
-)
+from placement_env.analysis.intervals import Interval, Tally, block_draws, percentiles, ratio_interval
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Outcome
 from toolkit.detection.metrics import average_precision, precision_recall
 

@@ -113,7 +113,7 @@ def test_each_pose_is_what_its_factors_say_on_mounts_outside_keep_out_areas():
     mounts = (Mount("low", np.zeros(3), 3.0, 4.0), Mount("tall", np.array([1.0, 0.0, 0.0]), 7.0, 20.0))
     candidates = pool(square(), mounts=mounts, heights=(4.5, 6.0, 9.0), headings=1, tilts=(0.0,), blind=True)
     assert [s.name for s in candidates.sensors] == [
-        *("low_4.0m_h0_t0_camera", "tall_7.0m_h0_t0_camera", "tall_9.0m_h0_t0_camera"),
+        *("low_4.0m_h0_t0_camera", "tall_7.0m_h0_t0_camera", "tall_9.0m_h0_t0_camera")
     ]
     assert candidates.factors[:, 1].tolist() == [0, 1, 2]  # 7 m is what became of 6 m, not of 4.5 m
 

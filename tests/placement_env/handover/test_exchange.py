@@ -85,8 +85,12 @@ def layers(text: str) -> dict[str, list[dict]]:
 def test_maps_have_all_layers_or_metres_and_a_note(ground):
     found = layers(plan_geojson(SITE, [NORTH, SOUTH], ground, unused=[FREE]))
     assert {layer: len(features) for layer, features in found.items()} == {
-        "area": 1, "sensor": 2, "visible": 2, "blind": 1, "mount": 1,
-    }  # fmt: skip
+        "area": 1,
+        "sensor": 2,
+        "visible": 2,
+        "blind": 1,
+        "mount": 1,
+    }
     assert [each["properties"]["m2"] for each in (*found["visible"], *found["blind"])] == [184.0, 100.0, 100.0]
     assert found["sensor"][0]["properties"] == {
         "layer": "sensor", "name": "n", "pole": "north", "model": "depth-camera", "height": 5.0, "z": 5.0,

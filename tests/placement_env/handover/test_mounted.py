@@ -87,7 +87,7 @@ def test_poles_of_a_file_become_mounts_of_the_site(candidates):
     found = pool(SITE, mounts=own)
     site = mounted.mounted_site(SITE, found, [0, int(np.flatnonzero(found.mount == 1)[0]), len(found) - 1])
     assert [(m.name, *m.position, m.price) for m in site.mounts] == [
-        *(("e/1", 20.0, 0.0, 0.0, 1.0), ("new", -15.0, 9.0, 0.0, 1.0), ("north", 9.0, 9.0, 0.0, 3.0)),
+        *(("e/1", 20.0, 0.0, 0.0, 1.0), ("new", -15.0, 9.0, 0.0, 1.0), ("north", 9.0, 9.0, 0.0, 3.0))
     ]
 
 

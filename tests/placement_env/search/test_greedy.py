@@ -10,9 +10,13 @@ from placement_env.setting import Weights
 
 @settings(max_examples=10, deadline=None)
 @given(
-    seed=st.integers(0, 1000), budget=st.integers(1, 7), poses=st.integers(1, 3), views=st.integers(1, 2),
-    comm=st.sampled_from([0.0, 1e-4]), capacity=st.sampled_from([50.0, 500.0, 2000.0]),
-)  # fmt: skip
+    seed=st.integers(0, 1000),
+    budget=st.integers(1, 7),
+    poses=st.integers(1, 3),
+    views=st.integers(1, 2),
+    comm=st.sampled_from([0.0, 1e-4]),
+    capacity=st.sampled_from([50.0, 500.0, 2000.0]),
+)
 def test_answers_are_feasible_and_never_beat_the_optimum(make, seed, budget, poses, views, comm, capacity):
     objective = make(5, poses, views=views, seed=seed, weights=Weights(comm=comm, price=comm), capacity=capacity)
     found = greedy.search(objective, budget, seed=seed)

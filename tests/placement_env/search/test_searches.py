@@ -29,9 +29,13 @@ def test_every_search_takes_the_same_arguments(module):
 
 @settings(max_examples=10, deadline=None)
 @given(
-    seed=st.integers(0, 1000), budget=st.integers(1, 6), poses=st.integers(1, 3), views=st.integers(1, 2),
-    comm=st.sampled_from([0.0, 1e-4]), capacity=st.sampled_from([50.0, 500.0, 2000.0]),
-)  # fmt: skip
+    seed=st.integers(0, 1000),
+    budget=st.integers(1, 6),
+    poses=st.integers(1, 3),
+    views=st.integers(1, 2),
+    comm=st.sampled_from([0.0, 1e-4]),
+    capacity=st.sampled_from([50.0, 500.0, 2000.0]),
+)
 def test_answers_are_feasible_and_never_beat_the_optimum(make, seed, budget, poses, views, comm, capacity):
     objective = make(4, poses, views=views, seed=seed, weights=Weights(comm=comm, price=comm), capacity=capacity)
     found = swap.search(objective, budget, seed=seed, evaluations=300)
@@ -77,8 +81,11 @@ def test_unknown_and_usual_methods():
     with pytest.raises(ValueError, match="method must be one of portfolio, exhaustive, greedy"):
         check_search("luck", "coverage", paper_candidates(SITE))
     assert [usual_method(each) for each in ("coverage", "surrogate", "detector", "table")] == [
-        "portfolio", "portfolio", "greedy", "exhaustive"
-    ]  # fmt: skip
+        "portfolio",
+        "portfolio",
+        "greedy",
+        "exhaustive",
+    ]
     assert usual_method("surrogate", verify=True) == "greedy"
     assert usual_method("table", at_least=True) == "cheapest"
 

@@ -74,8 +74,10 @@ def numbers(pose, form):
 def test_pose_files_in_json(tmp_path, form):
     one, other = (numbers(p, form) for p in POSES)
     for content, names in (
-        ({"north": one, "south": other}, ["north", "south"]), ([one, other], ["0", "1"]), (one, ["0"]),
-    ):  # fmt: skip
+        ({"north": one, "south": other}, ["north", "south"]),
+        ([one, other], ["0", "1"]),
+        (one, ["0"]),
+    ):
         (tmp_path / "poses.json").write_text(json.dumps(content))
         poses = cloud_files.read_poses(tmp_path / "poses.json")
         assert list(poses) == names

@@ -53,11 +53,12 @@ def test_images_frozen_or_blind_are_named():
     both = [frozen, views()[1]]
     assert list(failing_sensors(both, rows(CENTRES), SITE, [0, 7, 14, 21, 28, 35])) == [
         (
-            "sensor a", "it is frozen",
+            "sensor a",
+            "it is frozen",
             "2 of 6 frames that were looked at, the first is 14, show objects where nobody is any more",
             "leave these frames out, or the sensor",
         )
-    ]  # fmt: skip
+    ]
     nearby = rows([-4.0, -3.0, -1.0, 9.0, 9.0, 2.0])  # has moved, but stands still where it was
     assert not frozen_frames(frozen, nearby, SITE)[2]
     images = views()

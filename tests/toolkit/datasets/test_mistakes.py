@@ -89,9 +89,12 @@ def shifted(file, off):
 
 @pytest.mark.parametrize(
     ("off", "said"),
-    [(1, "labels lie about 1 frame behind the images"), (-1, "labels lie about 1 frame ahead of the images"),
-     (3, "labels lie about 3 frames behind the images")],
-)  # fmt: skip
+    [
+        (1, "labels lie about 1 frame behind the images"),
+        (-1, "labels lie about 1 frame ahead of the images"),
+        (3, "labels lie about 3 frames behind the images"),
+    ],
+)
 def test_objects_of_frames_before_or_after(spoil, off, said):
     found = [finding for finding in spoil(lambda file: shifted(file, off), True) if finding.severity == "error"]
     assert [finding.suspected for finding in found] == [said]

@@ -34,9 +34,14 @@ def scene(count=2, sensors=2):
     samples = []
     for k in range(count):
         boxes = np.column_stack(
-            [rng.uniform(4, 40, 5), rng.uniform(-15, 15, 5), rng.uniform(0.5, 1.5, 5), rng.uniform(0.5, 9, (5, 3)),
-             rng.uniform(-3.1, 3.1, 5)]
-        )  # fmt: skip
+            [
+                rng.uniform(4, 40, 5),
+                rng.uniform(-15, 15, 5),
+                rng.uniform(0.5, 1.5, 5),
+                rng.uniform(0.5, 9, (5, 3)),
+                rng.uniform(-3.1, 3.1, 5),
+            ]
+        )
         clouds = tuple(
             SensorCloud(
                 f"S{s}",
@@ -45,7 +50,7 @@ def scene(count=2, sensors=2):
                 intensity=rng.uniform(0, 1, 40 + s).astype(np.float32),
             )
             for s in range(sensors)
-        )  # fmt: skip
+        )
         objects = Objects(boxes, np.array([0, 1, 2, 3, 0]), np.array([11, 12, 13, 14, 15]))
         place = pose(500.0, -200.0, 3.0, yaw=1.2)
         samples.append(Frame.of_clouds(f"{k}", clouds, objects, time=1e9 + 0.1 * k, map_SE3_world=place))

@@ -50,7 +50,7 @@ def test_centres_are_matched_by_range_and_points():
     assert matched.hits.tolist() == [True, False, False]  # the surer one takes it, though the other is nearer
     assert matched.truths == 2
     assert breakdown.by_centre([found], [truths], [np.array([True, True])], 0.5, 0).hits.tolist() == [
-        *(False, True, False),
+        *(False, True, False)
     ]
     matched = breakdown.by_centre(
         [found_at([0.1, 20.1], [0.9, 0.8])], [found_at([0.0, 20.0])], [np.array([True, False])], 1.0, 0

@@ -154,8 +154,11 @@ def test_table_and_files(tmp_path):
     lines = format_table(rows).splitlines()
     assert lines[0].split() == ["scheme", "sensors", "AP@0.5", "AP@0.7", "recall@0.5", "kbit/sensor", "ms/frame"]
     assert [line.split()[:2] for line in lines[1:]] == [
-        ["early", "0,2"], ["early", "0,1,2"], ["late", "0,2"], ["late", "0,1,2"],
-    ]  # fmt: skip
+        ["early", "0,2"],
+        ["early", "0,1,2"],
+        ["late", "0,2"],
+        ["late", "0,1,2"],
+    ]
     save_evaluation(rows, tmp_path / "out")
     written = json.loads((tmp_path / "out" / "table.json").read_text())
     assert written["rows"] == json.loads(json.dumps([row.as_dict() for row in rows]))

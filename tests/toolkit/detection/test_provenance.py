@@ -11,8 +11,10 @@ def test_files_detectors_and_settings_are_named_with_digests(tmp_path):
     path.write_bytes(b"frames")
     origin = provenance.with_file_digest(provenance.dataset_origin(SimpleNamespace(path=path)))
     assert origin == {
-        "dataset": "tj.hdf5", "dataset_path": str(path), "dataset_sha256": hashlib.sha256(b"frames").hexdigest(),
-    }  # fmt: skip
+        "dataset": "tj.hdf5",
+        "dataset_path": str(path),
+        "dataset_sha256": hashlib.sha256(b"frames").hexdigest(),
+    }
     path.unlink()
     assert provenance.with_file_digest(origin)["dataset_sha256"] is None
     origin = provenance.with_file_digest(provenance.dataset_origin([]))

@@ -88,8 +88,10 @@ def test_points_are_counted_by_class_and_without_a_site():
     assert written["heavy"]["objects"] == 5
     points = found.points_on_objects("heavy", [0, 2])
     assert written["heavy"]["sets"]["0,2"] == {
-        "mean_points": points.mean(), "median_points": np.median(points), "unseen": (points == 0).mean(),
-    }  # fmt: skip
+        "mean_points": points.mean(),
+        "median_points": np.median(points),
+        "unseen": (points == 0).mean(),
+    }
     assert written["cyclist"]["sets"]["1"] == {"mean_points": None, "median_points": None, "unseen": None}
     assert np.isnan(found.unseen([0], "pedestrian"))
     assert found.unseen([0], "vehicle") == found.unseen([0])

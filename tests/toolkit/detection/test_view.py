@@ -118,8 +118,9 @@ def test_points_share_pixels_and_are_counted_from_the_middle():
     assert (captured.frame.time, captured.frame.index) == (0.0, 9)
     assert imaged.scene(0) is SCENES[0]
     assert imaged.sensors[0].model == MODEL
-    np.testing.assert_allclose(captured.points(captured.sending(captured.pixels).measurement),
-                               points[np.argsort(captured.pixels)], atol=1e-4)  # fmt: skip
+    np.testing.assert_allclose(
+        captured.points(captured.sending(captured.pixels).measurement), points[np.argsort(captured.pixels)], atol=1e-4
+    )
     made = view(Counts())
     assert made.cloud(0).points.tolist() == [[1, 0, 1]] * 30
     assert made.cloud(1).points.tolist() == [[10, 40, 1]] * 20

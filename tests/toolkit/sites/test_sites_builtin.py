@@ -108,7 +108,7 @@ def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path, union)
     net, routes = tmp_path / "net.xml", tmp_path / "trips.rou.xml"
     net.write_text(site.network)
     ends = [
-        *(("left_junction", "junction_right"), ("side_junction", "junction_left"), ("right_junction", "junction_side")),
+        *(("left_junction", "junction_right"), ("side_junction", "junction_left"), ("right_junction", "junction_side"))
     ]
     if site.name == "roundabout":
         legs = ("east", "north", "west", "south")

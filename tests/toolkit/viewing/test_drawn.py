@@ -56,9 +56,7 @@ def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
     assert by_x(outcomes)["false alarms"] == {"vehicle": [0.0]}
     # A label without points, one beyond the area, and what lies where labels are not complete.
     outcomes = sort_outcomes(detected(BOXES[[2, 4]]))
-    assert by_x(outcomes) == {
-        "hits": {}, "missed": {"vehicle": [0.0, 10.0], "pedestrian": [30.0]}, "false alarms": {},
-    }  # fmt: skip
+    assert by_x(outcomes) == {"hits": {}, "missed": {"vehicle": [0.0, 10.0], "pedestrian": [30.0]}, "false alarms": {}}
     near = sort_outcomes(detected(BOXES[[1]] + 5.0, complete=Rectangle((-5.0, -5.0, 5.0, 5.0))))
     assert by_x(near) == {"hits": {}, "missed": {"vehicle": [0.0]}, "false alarms": {}}
     assert sort_outcomes(detected(BOXES, objects=Objects.empty())) == {}

@@ -96,10 +96,7 @@ def read_transform(path: str | Path, offset: tuple[float, float] | None = None) 
 def _offset(value: records.Unchecked) -> tuple[float, float] | None:
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
-    delta = (
-        as_number(entry(value, "delta_x"), "delta_x"),
-        as_number(entry(value, "delta_y"), "delta_y"),
-    )
+    delta = (as_number(entry(value, "delta_x"), "delta_x"), as_number(entry(value, "delta_y"), "delta_y"))
     if not np.isfinite(delta).all():
         raise ValueError(f"delta_x and delta_y must be finite numbers, got {delta}")
     return delta

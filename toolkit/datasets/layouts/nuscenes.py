@@ -60,10 +60,7 @@ def nuscenes(path: Path) -> records.Listing:
         for row in tables["sample_annotation"].values():
             labels.setdefault(str(entry(row, "sample_token")), []).append(row)
     with named_damage(folder / "sample.json", "table"):
-        order = sorted(
-            lidars,
-            key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"),
-        )
+        order = sorted(lidars, key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"))
     return records.Listing(
         tuple(order), lambda token: _sample(folder, token, tables, lidars[token], labels.get(token, []))
     )

@@ -158,8 +158,10 @@ def test_classes_restrict_the_rows_and_a_network_has_all_by_default(recording, t
     code, out, _ = run(*arguments, "--classes", "pedestrian", "--json")
     assert code == 0
     assert [(row["label"], row["iou"]) for row in json.loads(out)["rows"]] == [
-        ("pedestrian", 0.25), ("pedestrian", 0.5), ("pedestrian", 0.7),
-    ]  # fmt: skip
+        ("pedestrian", 0.25),
+        ("pedestrian", 0.5),
+        ("pedestrian", 0.7),
+    ]
     code, out, _ = run(*arguments, "--overwrite", "--classes", "vehicle", "pedestrian")
     assert "vehicle, " in out
     assert "above the detector's threshold:" in out

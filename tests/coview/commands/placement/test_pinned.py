@@ -31,7 +31,7 @@ SEARCHES = {
         *(*OWN[:-4], "--frames", 2, "--cache", "None", "--method", "raced", "--fidelity", "detector", "--budget", 2),
         *("--errors", "paper", "poor"),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SEARCHES)

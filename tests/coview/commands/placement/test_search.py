@@ -190,9 +190,7 @@ def test_answers_without_sensors_and_small_links_are_one_line(run, tmp_path):
     out = tmp_path / "answer"
     arguments = (*FEW, "--cache", tmp_path / "c", "--out", out)
     code, printed, _ = run("search", "tjunction", *arguments, "--comm", 9)
-    assert (code, printed) == (
-        1, "no sensors: no sensor is worth what it costs: lower --comm and --price\n"
-    )  # fmt: skip
+    assert (code, printed) == (1, "no sensors: no sensor is worth what it costs: lower --comm and --price\n")
     assert not out.exists()
     code, printed, _ = run("search", "tjunction", *arguments, "--comm", 9, "--json")
     assert (code, json.loads(printed)["sensors"]) == (1, [])

@@ -19,8 +19,10 @@ def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
     assert code == 0, err
     models = load_models(out)
     assert [(model.label, model.scheme, model.iou) for model in models] == [
-        ("vehicle", "early", 0.7), ("vehicle", "early", 0.55), ("pedestrian", "early", 0.5),
-    ]  # fmt: skip
+        ("vehicle", "early", 0.7),
+        ("vehicle", "early", 0.55),
+        ("pedestrian", "early", 0.5),
+    ]
     assert "seed 1000, 10 sets, detector tjunction" in models[0].source
     assert models[0].domain.sites == 1
     assert len(models[0].resampled) == 2

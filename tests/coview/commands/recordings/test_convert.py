@@ -103,6 +103,7 @@ def test_sensors_with_errors(recording, tmp_path, run, refused):
     moved = [np.abs(a.world_SE3_sensor - b.world_SE3_sensor).max() for a, b in pairs]
     assert 0 < min(moved) < max(moved) < 0.1
     assert "unknown error profile 'bad'" in refused(*arguments, "--errors", "bad", "--out", tmp_path / "x")
-    says = refused("convert", tmp_path / "e", "--layout", "folder", "--to", "kitti", "--errors", "typical",
-                   "--out", tmp_path / "x")  # fmt: skip
+    says = refused(
+        "convert", tmp_path / "e", "--layout", "folder", "--to", "kitti", "--errors", "typical", "--out", tmp_path / "x"
+    )
     assert "recorded clouds have errors of their own" in says

@@ -92,9 +92,7 @@ def test_an_export_lies_where_the_map_does(run, refused, tmp_path):
     corners = np.array(area["geometry"]["coordinates"][0])
     # 35 m east and 25 m north of 8.0 49.5, where a degree is 72,437 m of longitude and 111,228 m of latitude
     assert corners.max(axis=0) == pytest.approx([8 + 35 / 72437, 49.5 + 25 / 111228], abs=1e-7)
-    assert "own.geojson exists" in refused(
-        "site", "export", tmp_path / "own.json", "--out", tmp_path / "own.geojson"
-    )  # fmt: skip
+    assert "own.geojson exists" in refused("site", "export", tmp_path / "own.json", "--out", tmp_path / "own.geojson")
     assert "is what is read" in refused("site", "export", tmp_path / "own.json", "--out", tmp_path / "own.json")
     nowhere = refused("site", "export", "tjunction", "--out", tmp_path / "t.geojson")
     assert "does not say where on earth it is" in nowhere

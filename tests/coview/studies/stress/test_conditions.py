@@ -20,9 +20,13 @@ def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
     assert set(IN_SEQUENCE) < set(KINDS)
     made = make_conditions("pose", [])
     assert [(each.amount, each.level) for each in made] == [
-        (0, "0 m, 0°"), (0.1, "0.1 m, 0.1°"), (0.2, "0.2 m, 0.2°"), (0.4, "0.4 m, 0.4°"), (0.6, "0.6 m, 0.6°"),
+        (0, "0 m, 0°"),
+        (0.1, "0.1 m, 0.1°"),
+        (0.2, "0.2 m, 0.2°"),
+        (0.4, "0.4 m, 0.4°"),
+        (0.6, "0.6 m, 0.6°"),
         (1, "1 m, 1°"),
-    ]  # fmt: skip
+    ]
     assert [each.errors.terms[-1] for each in made] == [
         Calibration(np.deg2rad(each.amount), each.amount) for each in made
     ]
@@ -35,7 +39,7 @@ def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
         make_conditions("earthquake", [])
     made = make_conditions("pairs", ["a", "b", "c"])
     assert [(each.level, each.silent) for each in made] == [
-        *(("a and b", (0, 1)), ("a and c", (0, 2)), ("b and c", (1, 2))),
+        *(("a and b", (0, 1)), ("a and c", (0, 2)), ("b and c", (1, 2)))
     ]
     for kind in ("silent", "blinded", "frozen"):
         made = make_conditions(kind, ["a", "b"])

@@ -55,8 +55,10 @@ def test_levels_where_schemes_change_places_or_never():
     assert (found.low, found.high, found.share) == (found.level, math.inf, 0)
     best = best_schemes(rows(early=(0.9, 0.6, 0.2), hybrid=(0.8, 0.7, 0.3), late=(0.6, 0.6, 0.5)))
     assert [(each.scheme, round(each.start, 3), round(each.end, 3)) for each in best] == [
-        ("early", 0, 0.1), ("hybrid", 0.1, 0.267), ("late", 0.267, 0.4)
-    ]  # fmt: skip
+        ("early", 0, 0.1),
+        ("hybrid", 0.1, 0.267),
+        ("late", 0.267, 0.4),
+    ]
     assert best_schemes([row("early", None, 0.5), row("late", None, 0.5)]) == ()
     assert find_crossings(rows(early=(1.0, 0.9, 0.5), late=(0.996, 0.9, 0.6))) == ()
     assert find_crossings(rows(early=(1.0, 0.9, 0.596), late=(0.9, 0.9, 0.6))) == ()
@@ -67,5 +69,7 @@ def test_levels_where_schemes_change_places_or_never():
     strict = [StressRow(**{**vars(each), "iou": 0.9}) for each in two]
     other = [StressRow(**{**vars(each), "kind": "mounting"}) for each in two]
     assert [(each.kind, each.iou) for each in find_crossings([*two, *strict, *other])] == [
-        ("mounting", 0.7), ("pose", 0.7), ("pose", 0.9)
-    ]  # fmt: skip
+        ("mounting", 0.7),
+        ("pose", 0.7),
+        ("pose", 0.9),
+    ]

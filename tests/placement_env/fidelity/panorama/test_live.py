@@ -50,8 +50,11 @@ def agreeing(found, exact):
 
 def test_it_agrees_with_rendering_and_panoramas_at_any_aim(traffic, view):
     rng = np.random.default_rng(0)
-    aims = [(m, rng.uniform(4.0, 4.2), (0.7, -2.4)[m] + rng.uniform(-0.4, 0.4), rng.uniform(0.1, 0.6), 0)
-            for m in (0, 1) for _ in range(6)]  # fmt: skip
+    aims = [
+        (m, rng.uniform(4.0, 4.2), (0.7, -2.4)[m] + rng.uniform(-0.4, 0.4), rng.uniform(0.1, 0.6), 0)
+        for m in (0, 1)
+        for _ in range(6)
+    ]
     some = hung(*aims)
     found, exact = view.see(some), see(traffic, some, rendering="full")
     assert exact.points.max() > 80

@@ -22,8 +22,10 @@ def hung(model, tilts, roll=0.0):
     """Sensors at each place, of three headings and these tilts."""
     return [
         Sensor(f"{p}_{h}_{t}", model, pose(*at, yaw=h * 2.1 - 2.0, pitch=tilt, roll=roll) @ model.body_SE3_sensor)
-        for p, at in enumerate(PLACES) for h in range(3) for t, tilt in enumerate(tilts)
-    ]  # fmt: skip
+        for p, at in enumerate(PLACES)
+        for h in range(3)
+        for t, tilt in enumerate(tilts)
+    ]
 
 
 def agreement(traffic, sensors, labels=(VEHICLE,)):

@@ -39,7 +39,7 @@ def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_tra
     ranges = [30.0, 50.0, 56.0, 120.0]
     lidars = [Sensor(f"{r}", SpinningLidar(max_range=r), look(AT, 0.0)) for r in ranges]
     assert choose_quick(lidars, small_traffic, "panorama").tolist() == [
-        *(False, False, True, True),
+        *(False, False, True, True)
     ]  # 42 by 30 m, and height
     first, second, *_ = small_traffic.snapshots
     traffic = replace(small_traffic, snapshots=(first, first, second, first))

@@ -102,7 +102,7 @@ def test_rays_of_cells_are_counted_once_in_numbers_wide_enough():
     )
     middle = CELL_COLUMNS // 2
     assert find_cells(np.array([0.001, -np.pi, np.pi]), np.array([-np.pi / 2, 0.0, np.pi / 2]))[0].tolist() == [
-        *(middle, 0, 0),
+        *(middle, 0, 0)
     ]
     rows = find_cells(np.zeros(3), np.array([-np.pi / 2, cell_elevations()[200], np.pi / 2]))[1]
     assert rows.tolist() == [0, 200, len(CELL_EDGES) - 2]

@@ -23,10 +23,15 @@ def empty(small_traffic):
     return Traffic(small_traffic.site, small_traffic.bodies, (nothing,))
 
 
-@pytest.mark.parametrize("sensor", [
-    Sensor("near", CAMERA, look(AT, 0.7, 0.5)), Sensor("far", CAMERA, look(AT, 0.6, 0.1)),
-    Sensor("lidar", LIDAR, pose(3.0, 9.0, 3.5, yaw=2.0)),
-], ids=lambda sensor: sensor.name)  # fmt: skip
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        Sensor("near", CAMERA, look(AT, 0.7, 0.5)),
+        Sensor("far", CAMERA, look(AT, 0.6, 0.1)),
+        Sensor("lidar", LIDAR, pose(3.0, 9.0, 3.5, yaw=2.0)),
+    ],
+    ids=lambda sensor: sensor.name,
+)
 def test_it_is_what_rays_see(empty, sensor):
     exact = look_at(empty, build_renderer(empty), [sensor])
     sent, far = Still.of(build_renderer(empty), empty.site, sensor.position, sensor.model).alone(Lookup.of(sensor))

@@ -23,7 +23,7 @@ def test_the_answer_comes_first_and_explains_its_ap(example):
     assert section.blocks[1].items == ("Links are too small.",)
     asked = section.blocks[-1]
     assert [tuple(cell.text for cell in row) for row in asked.rows][1:4] == [
-        *(("budget", "6.0"), ("min ap", "0.95"), ("max kbit", "not given")),
+        *(("budget", "6.0"), ("min ap", "0.95"), ("max kbit", "not given"))
     ]
     (said,) = [
         block.text for block in read(report.requirement_section, example.plan).blocks if block.kind == "paragraph"
@@ -119,8 +119,7 @@ def test_bills_schedules_and_links_are_listed(example):
         "The total is 6 EUR; the largest part, 4 EUR, is “pole with power and link” (4 at 1 EUR)."
     )
     bare = read(
-        report.materials_section,
-        replace(example.plan, currency="", materials=(MaterialItem("pole", 1, 1.0, 1.0),)),
+        report.materials_section, replace(example.plan, currency="", materials=(MaterialItem("pole", 1, 1.0, 1.0),))
     )
     assert bare.conclusion == "The total is 1 unit; the largest part, 1 unit, is “pole” (1 at 1 unit)."
     assert bare.blocks[0].text == "Prices are in units of one ordinary pole."

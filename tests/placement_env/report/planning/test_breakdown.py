@@ -50,8 +50,12 @@ def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
 def test_zones_ranges_approaches_and_levels(street, scored):
     rows = by_zone(scored, street.site, 0)
     assert [row.name for row in rows] == [
-        "centre (within 10 m)", "north-east", "north-west", "south-east", "south-west"
-    ]  # fmt: skip
+        "centre (within 10 m)",
+        "north-east",
+        "north-west",
+        "south-east",
+        "south-west",
+    ]
     counts = {row.name: row.judged and row.judged.vehicles for row in rows}
     assert list(counts.values()) == [8, 24 - 8, 8, None, None]
     assert rows[2].judged.precision == 1.0

@@ -61,7 +61,7 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     picked = choose_set(street.objective, found, street.judge, run=Run(progress=lambda *stage: stages.append(stage)))
     assert (picked.chosen, picked.rule) == (5, "best")
     assert [stage for stage in stages if stage[0] == "judging"] == [
-        *(("judging", 1, 3), ("judging", 2, 3), ("judging", 3, 3)),
+        *(("judging", 1, 3), ("judging", 2, 3), ("judging", 3, 3))
     ]
     judged = [o.judged and o.judged.ap for o in picked.options]
     assert judged[:4] == [0.5, 0.5, None, 0.25]  # the third sees a ghost before its one car, and is out of the race

@@ -31,9 +31,13 @@ def most(seen, mount, budget, views):
 
 @settings(max_examples=25, deadline=None)
 @given(
-    seed=st.integers(0, 10_000), mounts=st.integers(1, 5), poses=st.integers(1, 3), budget=st.integers(1, 4),
-    views=st.integers(1, 3), density=st.sampled_from([0.0, 0.1, 0.5, 1.0]),
-)  # fmt: skip
+    seed=st.integers(0, 10_000),
+    mounts=st.integers(1, 5),
+    poses=st.integers(1, 3),
+    budget=st.integers(1, 4),
+    views=st.integers(1, 3),
+    density=st.sampled_from([0.0, 0.1, 0.5, 1.0]),
+)
 def test_equals_trying_all(seed, mounts, poses, budget, views, density):
     rng = np.random.default_rng(seed)
     mount = np.repeat(np.arange(mounts), poses)
@@ -56,7 +60,7 @@ def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
     ones = np.ones((1, 5), np.int64)
     objects, weight = cpsat.merge_objects(seen, np.arange(2), 1, ones)
     assert sorted(zip(objects.T.tolist(), weight[0].tolist(), strict=True)) == [
-        *(([False, True], 1), ([True, False], 2), ([True, True], 1)),
+        *(([False, True], 1), ([True, False], 2), ([True, True], 1))
     ]
     assert cpsat.merge_objects(seen, np.zeros(2, np.int64), 2, ones)[1].size == 0
 

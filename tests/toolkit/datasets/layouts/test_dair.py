@@ -8,11 +8,15 @@ from toolkit.geometry import transform
 from toolkit.point_files import pcd_bytes
 
 CAR = {
-    "type": "Car", "occluded_state": "0", "truncated_state": "0", "alpha": "1.5",
+    "type": "Car",
+    "occluded_state": "0",
+    "truncated_state": "0",
+    "alpha": "1.5",
     "2d_box": {"xmin": "1", "ymin": "2", "xmax": "3", "ymax": "4"},
     "3d_dimensions": {"h": "1.5", "w": "1.8", "l": "4.5"},
-    "3d_location": {"x": "12.5", "y": "-3.0", "z": "-1.2"}, "rotation": "0.5",
-}  # fmt: skip
+    "3d_location": {"x": "12.5", "y": "-3.0", "z": "-1.2"},
+    "rotation": "0.5",
+}
 LEVEL = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 

@@ -71,10 +71,13 @@ AREA = Rectangle((-1.0, -2.5, 3.0, 4.0))
 def sample(name="1646667310.044", time=1646667310.0440001, complete=AREA):
     rng = np.random.default_rng(2)
     full = SensorCloud(
-        "north", rng.normal(0, 20, (500, 3)).astype(np.float32), pose(1.0, 2.0, 6.0, yaw=0.3, pitch=0.1),
-        time=rng.uniform(0, 0.1, 500), intensity=rng.uniform(0, 255, 500).astype(np.float32),
+        "north",
+        rng.normal(0, 20, (500, 3)).astype(np.float32),
+        pose(1.0, 2.0, 6.0, yaw=0.3, pitch=0.1),
+        time=rng.uniform(0, 0.1, 500),
+        intensity=rng.uniform(0, 255, 500).astype(np.float32),
         ring=rng.integers(0, 32, 500),
-    )  # fmt: skip
+    )
     plain = SensorCloud("south/2", rng.normal(0, 9, (7, 3)).astype(np.float32), pose(5.0, 0.1, 4.0), "world")
     none = SensorCloud("dark", np.zeros((0, 3), np.float32), np.eye(4))
     others = OtherObjects(BOXES[:1] + 0.5, ("Animal",), np.array([4]))
@@ -99,10 +102,14 @@ def equal(a, b):
     np.testing.assert_array_equal(a.time, b.time)
     assert [(c.name, c.frame) for c in a.clouds] == [(c.name, c.frame) for c in b.clouds]
     columns = [
-        (a.objects.boxes, b.objects.boxes), (a.objects.labels, b.objects.labels), (a.objects.ids, b.objects.ids),
-        (a.counts, b.counts), (a.others.boxes, b.others.boxes), (a.others.counts, b.others.counts),
+        (a.objects.boxes, b.objects.boxes),
+        (a.objects.labels, b.objects.labels),
+        (a.objects.ids, b.objects.ids),
+        (a.counts, b.counts),
+        (a.others.boxes, b.others.boxes),
+        (a.others.counts, b.others.counts),
         (a.map_SE3_world, b.map_SE3_world),
-    ]  # fmt: skip
+    ]
     for one, two in zip(a.clouds, b.clouds, strict=True):
         names = ("points", "world_SE3_sensor", "time", "intensity", "ring")
         columns += [(getattr(one, name), getattr(two, name)) for name in names]

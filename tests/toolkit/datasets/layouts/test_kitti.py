@@ -47,9 +47,11 @@ def test_labels_by_hand_and_what_cannot_be_is_counted(tmp_path):
     assert len(sample.objects) == 1
     assert sample.others.categories == ("Misc",)
     assert {key: n for key, n in sample.problems.items() if "points" not in key} == {
-        "doubled labels": 1, "boxes of no size": 1, "labels with NaN or infinite numbers": 1,
+        "doubled labels": 1,
+        "boxes of no size": 1,
+        "labels with NaN or infinite numbers": 1,
         "labels of other kinds than ours": 1,
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(("ry", "yaw"), [(-np.pi / 2, 0.0), (np.pi / 2, np.pi), (0.3, -np.pi / 2 - 0.3)])
@@ -83,7 +85,7 @@ def test_labels_are_complete_in_the_image_as_wide_as_it_is(tmp_path):
         (CAR, CALIB.replace("P2", "P9"), r"calib.000007.txt .*it has no P2"),
         (CAR, CALIB.replace("R0_rect: 1 0 0 0 1", "R0_rect: 1 0 0 0 5"), "must turn by a rotation"),
     ],
-)  # fmt: skip
+)
 def test_damage_is_named(tmp_path, labels, calib, names):
     with pytest.raises(ValueError, match=names):
         only(tmp_path, labels, calib)

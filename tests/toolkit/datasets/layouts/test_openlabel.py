@@ -13,8 +13,11 @@ QUARTER = [0.0, 0.0, 0.70710678, 0.70710678]
 
 
 def content(**data):
-    cuboid = {"name": "shape3D", "val": [10.0, -4.0, -6.0, *QUARTER, 4.2, 1.8, 1.5],
-              "attributes": {"num": [{"name": "num_points", "val": 37}]}}  # fmt: skip
+    cuboid = {
+        "name": "shape3D",
+        "val": [10.0, -4.0, -6.0, *QUARTER, 4.2, 1.8, 1.5],
+        "attributes": {"num": [{"name": "num_points", "val": 37}]},
+    }
     data = {"name": "CAR_1", "type": "CAR", "cuboid": cuboid, **data}
     frame = {
         "frame_properties": {"timestamp": 1646667310.044, "point_cloud_file_names": ["1646667310_044.pcd"]},
@@ -72,10 +75,12 @@ def test_sensors_stand_somewhere_and_detections_have_scores(tmp_path):
     [
         (lambda d: d["openlabel"].pop("frames"), "no entry openlabel.frames"),
         (lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"].clear(), "object_data"),
-        (lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"]["cuboid"]["val"].append(1),
-         "must be 10 numbers"),
+        (
+            lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"]["cuboid"]["val"].append(1),
+            "must be 10 numbers",
+        ),
     ],
-)  # fmt: skip
+)
 def test_damage_names_the_file(tmp_path, change, names):
     document = content()
     change(document)

@@ -12,7 +12,7 @@ AGENT: dict = {
         7: {"angle": [0.0, 90.0, 0.0], "center": [0, 0, 0.75], "extent": [2.0, 0.9, 0.75], "location": [100.0, 60, 0]},
         "9": {"angle": [0, 0, 0], "center": [0, 0, "7.5e-01"], "extent": [2.0, 0.9, 0.75], "location": [97.0, 60, 0]},
     },
-}  # fmt: skip
+}
 
 
 def agent(tmp_path, name, content, points):

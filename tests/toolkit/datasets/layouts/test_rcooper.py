@@ -11,8 +11,13 @@ LEVEL = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
 def car(x, y=0.0, kind="car"):
-    return {"type": kind, "track_id": 7, "3d_dimensions": {"h": 1.5, "w": 1.8, "l": 4.5},
-            "3d_location": {"x": x, "y": y, "z": -5.0}, "rotation": 0.0}  # fmt: skip
+    return {
+        "type": kind,
+        "track_id": 7,
+        "3d_dimensions": {"h": 1.5, "w": 1.8, "l": 4.5},
+        "3d_location": {"x": x, "y": y, "z": -5.0},
+        "rotation": 0.0,
+    }
 
 
 @pytest.fixture

@@ -10,11 +10,15 @@ from toolkit.point_files import pcd_bytes
 
 LABEL = [
     {
-        "obj_id": "3", "obj_type": "Bus",
-        "psr": {"position": {"x": 5.5, "y": -2, "z": 0.4}, "rotation": {"x": 0, "y": 0, "z": 1.25},
-                "scale": {"x": 11.0, "y": 2.5, "z": 3.0}},
-    },
-]  # fmt: skip
+        "obj_id": "3",
+        "obj_type": "Bus",
+        "psr": {
+            "position": {"x": 5.5, "y": -2, "z": 0.4},
+            "rotation": {"x": 0, "y": 0, "z": 1.25},
+            "scale": {"x": 11.0, "y": 2.5, "z": 3.0},
+        },
+    }
+]
 
 
 def scene(tmp_path, content=None):

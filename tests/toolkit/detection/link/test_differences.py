@@ -216,9 +216,13 @@ def test_references_average_few_images_under_a_checksum():
     assert known.checksum == reference_of([[100, 9]], [[1, 0]]).checksum
     assert known.checksum == zlib.crc32(struct.pack("<5q", 3, 20, 0, 1600, 1))
     others = [
-        reference_of([[101, 7]], [[1, 0]]), reference_of([[100, 100]], [[0, 1]]), replace(known, number=4),
-        replace(known, step_mm=40), replace(known, images=2 * known.images), reference_of([[100, 7]]),
-    ]  # fmt: skip
+        reference_of([[101, 7]], [[1, 0]]),
+        reference_of([[100, 100]], [[0, 1]]),
+        replace(known, number=4),
+        replace(known, step_mm=40),
+        replace(known, images=2 * known.images),
+        reference_of([[100, 7]]),
+    ]
     assert len({each.checksum for each in (known, *others)}) == 7
     reference = reference_of([[100, 100, 100]])
     fine = [[100 * 16.0], [100 * 16.0]]
@@ -380,8 +384,11 @@ def test_views_that_remember_nothing_and_parameters():
         "ForegroundDifferences(step=0.02, refers_to='previous', key_every=10, sigmas=4.0, name='differences')"
     )
     assert (scheme.codec.step, scheme.predicted_as, scheme.sends_points, scheme.sends_boxes) == (
-        0.02, "early", True, False,
-    )  # fmt: skip
+        0.02,
+        "early",
+        True,
+        False,
+    )
     for wrong, said in (({"step": 0.0}, "step must be"), ({"sigmas": 0.0}, "sigmas"), ({"key_every": 0}, "every 1")):
         with pytest.raises(ValueError, match=said):
             differences.ForegroundDifferences(**wrong)
@@ -390,9 +397,13 @@ def test_views_that_remember_nothing_and_parameters():
 @pytest.mark.parametrize(
     ("refers_to", "number", "needed"),
     [
-        ("previous", 12, [10, 11, 12]), ("previous", 10, [10]), ("previous", 0, [0]),
-        ("key", 13, [10, 13]), ("key", 11, [10, 11]), ("key", 20, [20]),
+        ("previous", 12, [10, 11, 12]),
+        ("previous", 10, [10]),
+        ("previous", 0, [0]),
+        ("key", 13, [10, 13]),
+        ("key", 11, [10, 11]),
+        ("key", 20, [20]),
     ],
-)  # fmt: skip
+)
 def test_which_messages_must_have_arrived(refers_to, number, needed):
     assert list(differences.ForegroundDifferences(refers_to=refers_to).dependencies(number)) == needed

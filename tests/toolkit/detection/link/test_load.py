@@ -28,6 +28,11 @@ def test_packets_of_sensors_at_ten_hertz():
         "late    0,2       0.200             1.50          0.500   3.33 %   2.50 %    0.20 %",
     ]
     assert each.as_dict() | {"shares": None} == {
-        "scheme": "late", "sensors": (0, 2), "rate": 10.0, "mbit_per_s": 0.2, "packets": 1.5, "one_packet": 0.5,
+        "scheme": "late",
+        "sensors": (0, 2),
+        "rate": 10.0,
+        "mbit_per_s": 0.2,
+        "packets": 1.5,
+        "one_packet": 0.5,
         "shares": None,
-    }  # fmt: skip
+    }

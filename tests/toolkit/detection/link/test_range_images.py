@@ -15,8 +15,9 @@ from toolkit.sensors.sensor import Sensor
 
 def some(n, seed=0):
     rng = np.random.default_rng(seed)
-    boxes = np.column_stack([rng.uniform(-60, 60, (n, 2)), rng.uniform(-1, 3, n), rng.uniform(0.3, 12, (n, 3)),
-                             rng.uniform(-7, 7, n)])  # fmt: skip
+    boxes = np.column_stack(
+        [rng.uniform(-60, 60, (n, 2)), rng.uniform(-1, 3, n), rng.uniform(0.3, 12, (n, 3)), rng.uniform(-7, 7, n)]
+    )
     return Detections(boxes, rng.random(n), rng.integers(0, 4, n))
 
 
