@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
-SHAPES := --jaxtyping-packages=toolkit,models,placement_env,tests.shapes.check
+SHAPES := --jaxtyping-packages=toolkit,models,placement_env,array_checks.check
 
 # Open3D's wheel leaves these to the system.
 LIBRARIES := libusb-1.0-0 libgl1 libgomp1
@@ -74,7 +74,7 @@ test-avx2: .venv/all
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 test-all: lint docs
-	$(BIN)/python -m pytest $(SHAPES)
+	PYTHONPATH=$(CURDIR)/tests/shape_checks $(BIN)/python -m pytest $(SHAPES)
 
 bench: .venv/all
 	for script in tests/benchmarks/*/bench_*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
