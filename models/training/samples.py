@@ -23,19 +23,8 @@ from toolkit.boxes import count_points, points_in_boxes
 from toolkit.geometry import level_rows
 from toolkit.objects import HEAVY, Objects, label_index
 from toolkit.points import has_centre_inside
+from toolkit.sensors import error_terms
 from toolkit.sensors.error_profiles import ErrorProfile
-from toolkit.sensors.error_terms import (
-    Calibration,
-    DeadRows,
-    DropOut,
-    Glass,
-    MixedPixels,
-    OwnNoise,
-    Paint,
-    lidar_noise,
-    rain,
-    stereo_noise,
-)
 from toolkit.sensors.readings import ErrorTerm, TrueImage
 from toolkit.sensors.sensor import Sensor
 
@@ -55,16 +44,18 @@ def random_errors(rng: np.random.Generator) -> ErrorProfile:
         return float(rng.uniform(0, most)) if rng.random() < chance else 0.0
 
     terms: tuple[ErrorTerm, ...] = (
-        Glass(share=strength(0.6, 1.0)),
-        Paint(share=strength(0.3, 0.4)),
-        DropOut(share=strength(0.8, 0.06), half_range=float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0),
-        MixedPixels(share=strength(0.7, 0.3)),
-        rain(strength(0.2, 15.0)),
-        DeadRows(share=strength(0.3, 0.04)),
-        OwnNoise(),
-        stereo_noise(baseline=1.0, focal=2000.0, disparity=strength(0.7, 0.2)),
-        lidar_noise(constant=0.0, proportional=strength(0.7, 0.001)),
-        Calibration(rotation=float(np.deg2rad(strength(0.8, 0.6))), translation=strength(0.8, 0.06)),
+        error_terms.Glass(share=strength(0.6, 1.0)),
+        error_terms.Paint(share=strength(0.3, 0.4)),
+        error_terms.DropOut(
+            share=strength(0.8, 0.06), half_range=float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0
+        ),
+        error_terms.MixedPixels(share=strength(0.7, 0.3)),
+        error_terms.rain(strength(0.2, 15.0)),
+        error_terms.DeadRows(share=strength(0.3, 0.04)),
+        error_terms.OwnNoise(),
+        error_terms.stereo_noise(baseline=1.0, focal=2000.0, disparity=strength(0.7, 0.2)),
+        error_terms.lidar_noise(constant=0.0, proportional=strength(0.7, 0.001)),
+        error_terms.Calibration(rotation=float(np.deg2rad(strength(0.8, 0.6))), translation=strength(0.8, 0.06)),
     )
     return ErrorProfile("random", terms)
 

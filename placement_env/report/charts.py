@@ -9,15 +9,7 @@ import numpy as np
 
 from placement_env.cases import iou_text
 from placement_env.handover.mounted import RATE, LinkLoad
-from placement_env.report.content import (
-    CONFIDENCE,
-    BuildStep,
-    FailureCase,
-    Judgement,
-    PlanOption,
-    SchemeFigures,
-    SensorWorth,
-)
+from placement_env.report import content
 from toolkit.plots.base_map import sensor_labels
 from toolkit.plots.canvas import CHART_INCHES, blank_figure, draw_heading, house_style, pad_limits, shorten, svg_text
 from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS, PlotStyle
@@ -28,13 +20,13 @@ if TYPE_CHECKING:
 
 ROW, HEAD, FOOT = 0.27, 0.7, 0.55  # inches of a row, and above and below the rows
 LETTERS = 44  # of a row's name
-INTERVAL = f"lines: {CONFIDENCE:.0%} intervals"
+INTERVAL = f"lines: {content.CONFIDENCE:.0%} intervals"
 FRONT_HEIGHT = 4.3  # inches
 MOST_FIGURES = 14  # sensors up to which the cells of the table of pairs hold figures
 
 
 def interval_bars(
-    rows: Sequence[tuple[str, Judgement | None]],
+    rows: Sequence[tuple[str, content.Judgement | None]],
     title: str,
     *,
     alt: str = "",
@@ -67,14 +59,14 @@ def interval_bars(
         return svg_text(figure, alt or title)
 
 
-def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
+def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:
     """AP of the fusion schemes at each IoU, and the data they send."""
     rows = [(f"{each.scheme}, IoU {iou_text(each.iou)}", each.judged) for each in schemes]
     labels = [f"{ap_label(each.judged)}; {each.kbit_per_sensor:.4g} kbit/sensor" for each in schemes]
     return interval_bars(rows, "Fusion schemes", alt="AP of the fusion schemes", labels=labels, right=2.6)
 
 
-def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
+def failure_chart(intact: content.Judgement, failures: Sequence[content.FailureCase]) -> str:
     """AP left when sensors fail, beside the whole set's."""
     rows = [("all work", intact), *((f"without {set_label(each.failed)}", each.judged) for each in failures)]
     return interval_bars(rows, "What is left when sensors fail", alt="AP left when sensors fail", hatched=True)
@@ -100,7 +92,7 @@ def link_chart(links: Sequence[LinkLoad]) -> str:
         return svg_text(figure, "Load of the links")
 
 
-def order_chart(order: Sequence[BuildStep], currency: str) -> str:
+def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
     """AP after each sensor built, over money spent."""
     with house_style():
         judged = [each.judged for each in order]
@@ -124,7 +116,7 @@ def order_chart(order: Sequence[BuildStep], currency: str) -> str:
         return svg_text(figure, "AP after each sensor built")
 
 
-def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str) -> str:
+def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOption, currency: str) -> str:
     """AP over kbit per sensor and over price.
 
     The chosen set is marked. Judged sets have intervals; for the others the predicted AP is shown hollow.
@@ -165,7 +157,7 @@ def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str
         return svg_text(figure, f"AP against kbit and price; {INTERVAL}")
 
 
-def worth_chart(worth: Sequence[SensorWorth]) -> str:
+def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
     """Shapley value of each sensor, and pair interactions.
 
     An interaction above 0 means that two sensors add more together than apart.
@@ -201,7 +193,7 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
         return svg_text(figure, "Shapley values and interactions of the sensors")
 
 
-def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) -> None:
+def _draw_pairs(axes: Axes, worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
     """Draw the interactions as cells with their figures."""
     if not worth:
         return
@@ -242,7 +234,7 @@ def _write_beside(axes: Axes, row: int, text: str) -> None:
     axes.annotate(text, (1, row), **place, va="center", fontsize=7.5, annotation_clip=False)
 
 
-def ap_label(judged: Judgement) -> str:
+def ap_label(judged: content.Judgement) -> str:
     """AP and the number of vehicles.
 
     >>> ap_label(Judgement(0.912, 0.88, 0.94, 0.95, 0.97, 120, 40))
@@ -251,7 +243,7 @@ def ap_label(judged: Judgement) -> str:
     return f"{judged.ap:.3f}, N = {judged.vehicles}"
 
 
-def describe_sample(judged: Sequence[Judgement | None]) -> str:
+def describe_sample(judged: Sequence[content.Judgement | None]) -> str:
     """Largest number of vehicles and frames behind figures."""
     some = [each for each in judged if each is not None]
     if not some:

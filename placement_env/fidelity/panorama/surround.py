@@ -11,16 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.fidelity.occlusion import worth
-from placement_env.fidelity.panorama.ray_table import (
-    AZIMUTHS,
-    CELL_COLUMNS,
-    CELL_ROWS,
-    Lookup,
-    RayTable,
-    Rectangles,
-    cell_elevations,
-    find_cells,
-)
+from placement_env.fidelity.panorama import ray_table
 from placement_env.fidelity.traffic import Traffic, build_renderer, scored
 from toolkit.arrays import Float32, Float64, Int64, UInt8
 from toolkit.points import Crop, has_centre_inside
@@ -67,7 +58,7 @@ class Surround:
     """
 
     scored: ScoredItems
-    rectangles: Rectangles
+    rectangles: ray_table.Rectangles
     item: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
     widest: float
@@ -77,12 +68,12 @@ class Surround:
     @staticmethod
     def of(strips: Strips, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
         """Surround of the strips of one place. stills: standing scene seen from there, by sensor model."""
-        rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
-        turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
+        rectangles = ray_table.Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
+        turns = np.floor(rectangles.left / ray_table.AZIMUTHS) * ray_table.AZIMUTHS
         rectangles = rectangles._replace(left=rectangles.left - turns, right=rectangles.right - turns)
         order = np.argsort(rectangles.left, kind="stable")
         rectangles, strips = (
-            Rectangles(*(each[order] for each in rectangles)),
+            ray_table.Rectangles(*(each[order] for each in rectangles)),
             Strips(*(each[order] for each in strips)),
         )
         counts, far = strips.shows >= WITHIN, strips.shows == BEYOND
@@ -96,7 +87,7 @@ class Surround:
         )
 
     def seen(
-        self, lookup: Lookup
+        self, lookup: ray_table.Lookup
     ) -> tuple[Float64[np.ndarray, " items"], Float64[np.ndarray, " frames"], Float64[np.ndarray, " frames"]]:
         """Points of a sensor on each scored object, points sent in each frame, and the far ones among them."""
         table, items, frames = lookup.table, self.scored.items + 1, self.scored.frames
@@ -104,7 +95,7 @@ class Surround:
         sent, far = (np.full(frames, each) for each in self.stills[lookup.model].alone(lookup))
         for part in self._ahead(table, float(lookup.heading)):
             held, rays = table.counts(
-                Rectangles(*(each[part] for each in self.rectangles)), lookup.heading, lookup.more
+                ray_table.Rectangles(*(each[part] for each in self.rectangles)), lookup.heading, lookup.more
             )
             points += np.bincount(self.item[part].take(held), rays, items)
             frame = self.frame[part].take(held)
@@ -112,14 +103,14 @@ class Surround:
             far += np.bincount(frame, rays * more_far[part].take(held), frames)
         return points[:-1], np.maximum(sent, 0), np.maximum(far, 0)
 
-    def _ahead(self, table: RayTable, heading: float) -> list[slice]:
+    def _ahead(self, table: ray_table.RayTable, heading: float) -> list[slice]:
         """Strips that rays of a table may fall on."""
         before = self.widest + ASIDE
         length = table.columns + before + ASIDE
-        if length >= AZIMUTHS:
+        if length >= ray_table.AZIMUTHS:
             return [slice(0, len(self.item))]
-        first = (table.first_column + heading - before) % AZIMUTHS
-        ends = [(first, first + length), (0.0, first + length - AZIMUTHS)]
+        first = (table.first_column + heading - before) % ray_table.AZIMUTHS
+        ends = [(first, first + length), (0.0, first + length - ray_table.AZIMUTHS)]
         return [slice(*np.searchsorted(self.rectangles.left, end).tolist()) for end in ends if end[1] > end[0]]
 
 
@@ -171,11 +162,11 @@ class Still:
         images[:, some] = np.rint(CHANCE_STEPS * np.array(chances))
         return Still(*images)
 
-    def alone(self, lookup: Lookup) -> tuple[float, float]:
+    def alone(self, lookup: ray_table.Lookup) -> tuple[float, float]:
         """Points that a sensor sends in a still scene, and the far ones."""
         table = lookup.table
-        columns = round(float(lookup.heading) * CELL_COLUMNS / AZIMUTHS) % CELL_COLUMNS
-        cell = table.cells + columns * CELL_ROWS
+        columns = round(float(lookup.heading) * ray_table.CELL_COLUMNS / ray_table.AZIMUTHS) % ray_table.CELL_COLUMNS
+        cell = table.cells + columns * ray_table.CELL_ROWS
         sent, far = (
             float(table.cell_rays @ image.take(cell, mode="wrap")) / float(CHANCE_STEPS)
             for image in (self.sent, self.far)
@@ -186,8 +177,8 @@ class Still:
         self, azimuth: Float32[np.ndarray, " n"], elevation: Float32[np.ndarray, " n"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Chances of the scene in some directions (rad)."""
-        column, row = find_cells(azimuth, elevation)
-        cell = column * CELL_ROWS + row
+        column, row = ray_table.find_cells(azimuth, elevation)
+        cell = column * ray_table.CELL_ROWS + row
         return self.sent.take(cell) / CHANCE_STEPS, self.far.take(cell) / CHANCE_STEPS
 
 
@@ -200,8 +191,8 @@ def _mean_length(model: SensorModel) -> np.floating:
 @lru_cache(maxsize=1)
 def _directions() -> Float32[np.ndarray, "cells 3"]:
     """Directions through the middle of each cell."""
-    azimuth = (np.arange(CELL_COLUMNS) + 0.5)[:, None] * (2 * np.pi / CELL_COLUMNS) - np.pi
-    elevation = cell_elevations()
+    azimuth = (np.arange(ray_table.CELL_COLUMNS) + 0.5)[:, None] * (2 * np.pi / ray_table.CELL_COLUMNS) - np.pi
+    elevation = ray_table.cell_elevations()
     flat = np.cos(elevation)
     axes = (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth)
     return np.stack(axes, axis=-1).reshape(-1, 3).astype(np.float32)

@@ -10,15 +10,7 @@ import numpy as np
 from placement_env.cases import iou_text
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
-from placement_env.report.charts import (
-    failure_chart,
-    front_chart,
-    interval_bars,
-    link_chart,
-    order_chart,
-    scheme_chart,
-    worth_chart,
-)
+from placement_env.report import charts
 from placement_env.report.content import (
     CONFIDENCE,
     BreakdownRow,
@@ -134,7 +126,7 @@ def front_section(plan: Plan, chosen: PlanOption) -> Content:
         highest = f"the highest AP, {ap_figure(ap)}, costs {price_text(best.price, plan.currency)}"
         prices = f"prices start at {cheapest}, and {highest}"
     drawing = Drawing(
-        front_chart(plan.front, _when_compared(plan, chosen), plan.currency),
+        charts.front_chart(plan.front, _when_compared(plan, chosen), plan.currency),
         f"The chosen set costs {price_text(chosen.price, plan.currency)} and sends "
         f"{number(chosen.kbit_per_sensor, 0)} kbit per sensor and frame.",
         "AP over kbit per sensor and over price for every set that no other beats in all three",
@@ -228,7 +220,7 @@ def links_section(plan: Plan) -> Content:
     ]
     each = "; ".join(f"{e.pole}: {number(e.mbit_s, 2)} of {number(e.capacity_mbit_s, 2)}" for e in plan.links)
     drawing = Drawing(
-        link_chart(plan.links),
+        charts.link_chart(plan.links),
         f"All links together carry {number(total, 2)} Mbit/s to the fusion centre.",
         f"Mbit/s of each link against its capacity: {each}",
     )
@@ -412,7 +404,7 @@ def _breakdown(name: str, rows: Sequence[BreakdownRow]) -> tuple[ReportBlock, ..
         if len(judged) > 1
         else f"By {name}, only “{worst}” had vehicles: {ap_text(low)}."
     )
-    chart = interval_bars(judged, f"AP by {name}")
+    chart = charts.interval_bars(judged, f"AP by {name}")
     columns = (*text_columns(name.capitalize()), *JUDGED_COLUMNS, Column("points per vehicle", digits=0))
     cells = [(row.name, *judged_cells(row.judged), row.mean_points) for row in rows]
     found = table(f"AP and share of vehicles found, by {name}", columns, cells)
@@ -466,7 +458,7 @@ def schemes_section(plan: Plan) -> Content:
     return say(
         _compare_schemes(plan, [each for each in plan.schemes if each.iou == plan.iou] or plan.schemes),
         Paragraph(SCHEMES_EXPLAINED),
-        Drawing(scheme_chart(plan.schemes), caption, f"AP with intervals of the fusion schemes: {aps}"),
+        Drawing(charts.scheme_chart(plan.schemes), caption, f"AP with intervals of the fusion schemes: {aps}"),
         *table("The chosen sensors with each fusion scheme", columns, rows),
     )
 
@@ -523,7 +515,7 @@ def worth_section(plan: Plan) -> Content:
     return say(
         conclusion,
         Paragraph(SHAPLEY),
-        Drawing(worth_chart(plan.worth), caption, f"Worth of each sensor in AP: {values}"),
+        Drawing(charts.worth_chart(plan.worth), caption, f"Worth of each sensor in AP: {values}"),
         *table("Worth, and synergy with each other sensor", columns, rows),
     )
 
@@ -548,7 +540,7 @@ def failures_section(plan: Plan, chosen: PlanOption) -> Content:
     left = list_aps((f"without {join_names(each.failed)}", each.judged) for each in plan.failures)
     columns = (*text_columns("Failed"), *JUDGED_COLUMNS, Column("lost", "AP", 3))
     rows = [(join_names(e.failed), *judged_cells(e.judged), intact.ap - e.judged.ap) for e in plan.failures]
-    drawing = Drawing(failure_chart(intact, plan.failures), caption, f"AP left: {left}")
+    drawing = Drawing(charts.failure_chart(intact, plan.failures), caption, f"AP left: {left}")
     return say(conclusion, drawing, *table("What is left, case by case", columns, rows))
 
 
@@ -571,7 +563,7 @@ def order_section(plan: Plan) -> Content:
     rows = [(i, each.sensor, each.price, *judged_cells(each.judged)) for i, each in enumerate(plan.order, 1)]
     return say(
         f"Build {first.sensor} first: for {price} it alone gives {ap_text(first.judged)}{then}.",
-        Drawing(order_chart(plan.order, plan.currency), caption, f"AP after each sensor built: {aps}"),
+        Drawing(charts.order_chart(plan.order, plan.currency), caption, f"AP after each sensor built: {aps}"),
         *table("In this order, after each sensor", columns, rows),
     )
 

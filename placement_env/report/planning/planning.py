@@ -33,19 +33,7 @@ from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.handover.ground import Ground, ground_shares, visible_ground
 from placement_env.handover.mounted import bill_of_materials, format_sensors, link_loads, mounted_site, unused_mounts
 from placement_env.objective import Objective
-from placement_env.report.content import (
-    BreakdownRow,
-    BuildStep,
-    ClassSeen,
-    FailureCase,
-    Judgement,
-    Moment,
-    Plan,
-    Planned,
-    SchemeFigures,
-    SensorWorth,
-    Verdict,
-)
+from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning import sentences
 from placement_env.report.planning.judging import (
@@ -144,11 +132,11 @@ def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray
     return np.concatenate(counts)
 
 
-def _row(name: str, judged: Judgement | None, points: Int64[np.ndarray, " t"]) -> BreakdownRow:
-    return BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
+def _row(name: str, judged: content.Judgement | None, points: Int64[np.ndarray, " t"]) -> content.BreakdownRow:
+    return content.BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
 
 
-def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[BreakdownRow, ...]:
+def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge each group; group_of: group of each box."""
     of_truth, groups = group_of(scored.truths), np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
     hit = scored.hits >= 0
@@ -165,7 +153,7 @@ def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int)
     return tuple(rows)
 
 
-def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
+def by_zone(scored: Scored, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge the middle and the quarters around it, named by the compass."""
     xmin, ymin, xmax, ymax = site.area
     middle, radius = np.array([xmin + xmax, ymin + ymax]) / 2, CENTRE * min(xmax - xmin, ymax - ymin)
@@ -180,7 +168,7 @@ def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
     return by_group(scored, names, group_of, seed)
 
 
-def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[BreakdownRow, ...]:
+def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge by distance to the nearest sensor."""
     places = np.array([sensor.position[:2] for sensor in sensors])
     edges = (0.0, *RANGE_ENDS)
@@ -193,27 +181,27 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[Brea
     return by_group(scored, names, group_of, seed)
 
 
-def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
+def by_approach(scored: Scored, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge by the lane nearest to each vehicle."""
     places = find_approaches(site)
     rows = by_group(scored, places.names, places.locate, seed)
     return tuple(row for row in rows if row.judged is not None)
 
 
-def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
+def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
     """Judge each level of traffic; empty if undivided."""
     each = zip(LEVEL_NAMES[judge.cases.levels], judge.by_level(chosen), judge.levels, strict=False)
     frame, points = scored.truth_frame, scored.points
     return tuple(_row(name, judged, points[np.isin(frame, part)]) for name, judged, part in each)
 
 
-def by_errors(judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
+def by_errors(judge: Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
     """Judge each error profile. Failures and levels are included if they count; no row for one profile."""
     rows = zip(judge.by_errors(chosen).items(), judge.profiles, strict=False)
     return tuple(_row(*row, _count_points(at, chosen)) for row, at in rows)
 
 
-def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS) -> tuple[ClassSeen, ...]:
+def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS) -> tuple[content.ClassSeen, ...]:
     """Coverage of each class: share of its road users in the area with `LEAST` points or more."""
     detected, site = judge.detected, judge.detected.renders.site
     inside, seen = [], []
@@ -225,13 +213,14 @@ def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABE
     of_class, all_seen = np.concatenate(inside), np.concatenate(seen)
     rows = {label: all_seen[of_class == label_index(label)] for label in labels}
     return tuple(
-        ClassSeen(label, len(row), int(LEAST), float(row.mean()) if len(row) else None) for label, row in rows.items()
+        content.ClassSeen(label, len(row), int(LEAST), float(row.mean()) if len(row) else None)
+        for label, row in rows.items()
     )
 
 
 def pick_moments(
     detected: Detected, chosen: tuple[int, ...], *, count: int = MOMENTS, points: int = MOMENT_POINTS, seed: int = 0
-) -> tuple[Moment, ...]:
+) -> tuple[content.Moment, ...]:
     """Pick the first run of `count` frames with most vehicles. points: kept of each cloud, drawn from the seed."""
     found = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
     count = min(count, detected.frames)
@@ -239,13 +228,13 @@ def pick_moments(
     return tuple(_moment(detected, chosen, k, points, seed) for k in range(first, first + count))
 
 
-def _moment(detected: Detected, chosen: tuple[int, ...], k: int, points: int, seed: int) -> Moment:
+def _moment(detected: Detected, chosen: tuple[int, ...], k: int, points: int, seed: int) -> content.Moment:
     truth = detected.outcomes([chosen], [k])[chosen][0].truth[detected.ious.index(detected.iou)]
     objects, scored = detected.renders.objects(k), detected.scored(k)
     hit = np.zeros(len(objects), np.bool_)
     hit[np.flatnonzero(scored)[truth[truth > FALSE_ALARM]]] = True
     clouds = tuple(thin(detected.renders.clouds(k, c), points, [seed, k, c]) for c in chosen)
-    return Moment(clouds, objects, detected.detections(chosen, k), hit, ~scored, truth >= 0, truth == IGNORED)
+    return content.Moment(clouds, objects, detected.detections(chosen, k), hit, ~scored, truth >= 0, truth == IGNORED)
 
 
 def thin(cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]) -> Float32[np.ndarray, "m 3"]:
@@ -276,7 +265,7 @@ class Findings:
     traffic: Sequence[Traffic]
 
 
-def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
+def build_plan(findings: Findings, final: Judge, ground: Ground) -> content.Plan:
     """Put the plan together. final: the detector on the final traffic; ground: that the chosen sensors see."""
     question, choice, objective = findings.question, findings.choice, findings.objective
     candidates, site, seed = objective.candidates, question.site, question.run.seed
@@ -295,7 +284,7 @@ def build_plan(findings: Findings, final: Judge, ground: Ground) -> Plan:
     considered = sorted(
         choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
     )
-    plan = Plan(
+    plan = content.Plan(
         question=question.as_dict(),
         site=site.name,
         detector=detector,
@@ -361,7 +350,9 @@ class ChosenSet:
         rows[:, list(self.members)] = subsets
         return rows
 
-    def _judge(self, subsets: Bool[np.ndarray, "n k"], stage: str, cases: Cases | None = None) -> list[Judgement]:
+    def _judge(
+        self, subsets: Bool[np.ndarray, "n k"], stage: str, cases: Cases | None = None
+    ) -> list[content.Judgement]:
         return self.judge.judge(self.rows(subsets), cases, progress=self.stage(stage))
 
     def _aps(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> Float64[np.ndarray, " n"]:
@@ -370,7 +361,7 @@ class ChosenSet:
             return np.array([each.ap for each in self._judge(subsets, stage)])
         return self.objective.scores(self.rows(subsets)).ap
 
-    def schemes(self) -> tuple[SchemeFigures, ...]:
+    def schemes(self) -> tuple[content.SchemeFigures, ...]:
         """The set under every scheme at every IoU."""
         known, intact, figures = self.judge.detected, self.judge.intact, []
         whole, ious = np.ones((1, len(self.members)), np.bool_), intact.ious
@@ -388,10 +379,10 @@ class ChosenSet:
             kbit = float(np.mean([outcome.bits.mean() for outcome in at.judge.outcomes(self.members)])) / 1000
             for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
                 (judged,) = at._judge(whole, "fusion schemes", replace(intact, iou=iou))
-                figures.append(SchemeFigures(name, iou, judged, kbit))
+                figures.append(content.SchemeFigures(name, iou, judged, kbit))
         return tuple(figures)
 
-    def worth(self) -> tuple[SensorWorth, ...]:
+    def worth(self) -> tuple[content.SensorWorth, ...]:
         """Shapley values and interactions. They are exact by the detector for small sets, else sampled."""
         count = len(self.members)
         if self.small:
@@ -400,7 +391,7 @@ class ChosenSet:
         else:
             worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
         return tuple(
-            SensorWorth(
+            content.SensorWorth(
                 name,
                 float(shapley),
                 {other: float(s) for other, s in zip(self.names, pairs, strict=True) if other != name},
@@ -408,18 +399,18 @@ class ChosenSet:
             for name, shapley, pairs in zip(self.names, worth.shapley, worth.synergy, strict=True)
         )
 
-    def failures(self) -> tuple[FailureCase, ...]:
+    def failures(self) -> tuple[content.FailureCase, ...]:
         """Judge the remaining sensors after one or two failures, the worst first for each number."""
         count, names = len(self.members), np.array(self.names)
-        cases: list[FailureCase] = []
+        cases: list[content.FailureCase] = []
         for failing in range(1, min(3, count)):
             left = Cases(failing=failing).expand(np.ones((1, count), np.bool_))[0][1:]
             judged = zip(left, self._judge(left, "failures"), strict=True)
-            found = [FailureCase(tuple(names[~row].tolist()), each) for row, each in judged]
+            found = [content.FailureCase(tuple(names[~row].tolist()), each) for row, each in judged]
             cases += sorted(found, key=lambda case: case.judged.ap)
         return tuple(cases)
 
-    def order(self) -> tuple[BuildStep, ...]:
+    def order(self) -> tuple[content.BuildStep, ...]:
         """Order of building, each sensor adding most AP. All steps are judged by the detector."""
         built = np.zeros((1, len(self.members)), np.bool_)
         while not built[-1].all():
@@ -430,7 +421,7 @@ class ChosenSet:
         prices = self.objective.price(self.rows(built[1:])).tolist()
         judged = self._judge(built[1:], "order of building")
         steps = zip(added.tolist(), prices, judged, strict=True)
-        return tuple(BuildStep(self.names[i], price, each) for i, price, each in steps)
+        return tuple(content.BuildStep(self.names[i], price, each) for i, price, each in steps)
 
 
 def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
@@ -468,7 +459,7 @@ CONTENT = "plan.json"
 PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)
 
 
-def plan(question: Question) -> Planned:
+def plan(question: Question) -> content.Planned:
     """Answer a question with a plan, which says why if nothing may be built.
 
     The same question has the same plan, byte for byte, whatever the cache and the processes. Raises ValueError and
@@ -510,15 +501,15 @@ def plan(question: Question) -> Planned:
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     answer = build_plan(findings, final, ground)
     moments = pick_moments(final.detected, choice.members, seed=question.run.seed)
-    return Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
+    return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
 
 
-def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates | None = None) -> Planned:
+def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates | None = None) -> content.Planned:
     """Plan where nothing may be built."""
-    verdict = Verdict(False, "No set of sensors can be planned.", reasons)
+    verdict = content.Verdict(False, "No set of sensors can be planned.", reasons)
     names = question.site.name, "", question.cases.threshold, question.setting.fusion.name, question.currency
-    return Planned(
-        Plan(question.as_dict(), *names, verdict, chosen=None), replace(question.site, sensors=()), candidates
+    return content.Planned(
+        content.Plan(question.as_dict(), *names, verdict, chosen=None), replace(question.site, sensors=()), candidates
     )
 
 
@@ -535,7 +526,7 @@ def _most_sensors(question: Question, candidates: Candidates) -> int:
     return max(1, min(asked, by_money))
 
 
-def write_plan(planned: Planned, out: Path) -> list[Path]:
+def write_plan(planned: content.Planned, out: Path) -> list[Path]:
     """Write a plan's files into a folder, made if missing, all or none; return their paths.
 
     Files of `PLAN_FILES` that an earlier plan left there and this one lacks are removed. Raises ImportError without
@@ -554,6 +545,6 @@ def write_plan(planned: Planned, out: Path) -> list[Path]:
     return [out / name for name in names]
 
 
-def format_json(plan: Plan) -> str:
+def format_json(plan: content.Plan) -> str:
     """Format a plan as JSON, the same for the same plan."""
     return json.dumps(replace_infinite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
