@@ -44,7 +44,7 @@ class Observed(NamedTuple):
     sensors: tuple[str, ...] = ()
 
 
-_Weights = tuple[Float64[np.ndarray, " O"], Float64[np.ndarray, " n"]]  # of each object and each set of a site
+_Weights = tuple[Float64[np.ndarray, " _"], Float64[np.ndarray, " _"]]  # of each object and each set of a site
 
 
 def fit(

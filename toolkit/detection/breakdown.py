@@ -79,7 +79,7 @@ def nuscenes_ap(curve: Curve) -> float:
 def by_centre(
     detections: Iterable[Detections],
     truths: Iterable[Objects],
-    counted: Iterable[Bool[np.ndarray, " m"]],
+    counted: Iterable[Bool[np.ndarray, " _"]],
     distance: float,
     label: int,
 ) -> Matched:

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64, ImageRanges
+from toolkit.arrays import Float, Float32, Float64, ImageRanges, Shaped
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor
 
-Amount = float | Float64[np.ndarray, "*shape"]
+Amount = float | Shaped[np.ndarray, "*shape"]
 
 
 class Message(NamedTuple):
@@ -36,7 +36,7 @@ class Codec(Protocol):
     def digest(self) -> str:
         """Name and parameters, the key of cached results."""
 
-    def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
+    def encode_points(self, points: Float[np.ndarray, "n 3"], /) -> Message:
         """Encode a sensor's points in one frame, world frame (m)."""
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
@@ -102,7 +102,7 @@ class PaperCodec(Parameters):
                     f"{name} must be a finite number of bits, 0 or more, got {bits!r}: the paper has 96, 256"
                 )
 
-    def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
+    def encode_points(self, points: Float[np.ndarray, "n 3"], /) -> Message:
         """Return the points as they are."""
         return Message(points, round(len(points) * self.bits_per_point))
 
