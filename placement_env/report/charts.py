@@ -237,7 +237,7 @@ def _write_beside(axes: Axes, row: int, text: str) -> None:
 def ap_label(judged: content.Judgement) -> str:
     """AP and the number of vehicles.
 
-    >>> ap_label(Judgement(0.912, 0.88, 0.94, 0.95, 0.97, 120, 40))
+    >>> ap_label(content.Judgement(0.912, 0.88, 0.94, 0.95, 0.97, 120, 40))
     '0.912, N = 120'
     """
     return f"{judged.ap:.3f}, N = {judged.vehicles}"
