@@ -19,8 +19,6 @@ def check(function: Callable) -> Callable:
 
 
 def _holds_array(hint: object) -> bool:
-    if isinstance(hint, str):
-        return any(f"{kind}" in hint for kind in ("Float", "Int", "Bool", "Shaped", "Num"))
     if isinstance(hint, type) and issubclass(hint, jaxtyping.AbstractArray):
         return True
     return any(map(_holds_array, typing.get_args(hint)))
